@@ -1,0 +1,12 @@
+"""What is measured on attractors and sweeps."""
+
+from typing import TYPE_CHECKING
+
+from dynkit._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from dynkit.analysis.diagram import BifurcationDiagram
+
+__all__ = ["BifurcationDiagram"]
+
+__getattr__, __dir__ = lazy_names(__name__, {"BifurcationDiagram": "dynkit.analysis.diagram"})

@@ -1,0 +1,1 @@
+"""The `dynkit` command: the one place that knows toolkit, systems and analysis."""

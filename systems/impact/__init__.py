@@ -1,0 +1,1 @@
+"""Impact oscillators: linear structures that hit a moving table."""

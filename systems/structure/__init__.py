@@ -1,0 +1,1 @@
+"""Structures from their energies: Lagrangian, matrices, modes."""
