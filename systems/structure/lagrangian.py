@@ -1,0 +1,206 @@
+"""Linear structures that are given by their energies and nothing else."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import cached_property
+from threading import RLock
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
+from dynkit.systems.structure.energies import quadratic_form, symbols
+from dynkit.systems.structure.modes import Modes, modes_of
+from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.validation import Array, positive_integer
+
+if TYPE_CHECKING:
+    import sympy
+
+# Elements per matrix, summed over the derivations that are kept for later: about 160 MB.
+_MOST_KEPT = 4_000_000
+
+
+class LagrangianStructure(ABC):
+    """A linear structure M x'' + C x' + K x = f, given by its energies as SymPy expressions.
+
+    A subclass owes:
+
+    1. `degrees_of_freedom`, a property or a class attribute;
+    2. `kinetic(v)` and `potential(x)`, and `dissipation(v)` where there are losses: each gets a
+    tuple of
+       real SymPy symbols, one per degree of freedom, and returns an expression that is a quadratic
+       form in them. The coordinates are measured from equilibrium. Coefficients are plain numbers:
+       the structure's own parameters, put in;
+    3. immutability: matrices and modes are derived once, when first asked for. A frozen dataclass
+       fits best.
+
+    Equal structures share one derivation per process. Structures are equal when their class is the
+    same and their fields are (for other classes than dataclasses: their attributes); fields that no
+    energy uses are named in `structure_independent`. A structure that holds anything else than
+    numbers, strings, arrays and tuples of them is derived for itself.
+
+    For many bodies make long sums by ``sympy.Add(*terms)``: Python's ``sum`` takes quadratic time.
+
+    Examples
+    --------
+    Two masses with a spring between them, the first one tied to the wall by a softer spring:
+
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Pair(LagrangianStructure):
+    ...     soft: float
+    ...     degrees_of_freedom = 2
+    ...
+    ...     def kinetic(self, v):
+    ...         return (v[0] ** 2 + v[1] ** 2) / 2
+    ...
+    ...     def potential(self, x):
+    ...         return self.soft * x[0] ** 2 / 2 + (x[1] - x[0]) ** 2 / 2
+    >>> Pair(soft=0.5).stiffness
+    array([[ 1.5, -1. ],
+           [-1. ,  1. ]])
+    >>> Pair(soft=0.5).modes.frequencies
+    array([0.46821319, 1.51022396])
+    """
+
+    structure_independent: ClassVar[frozenset[str]] = frozenset()
+    """Names of the fields that do not enter the energies."""
+
+    @property
+    @abstractmethod
+    def degrees_of_freedom(self) -> int:
+        """The number of coordinates, N."""
+
+    @abstractmethod
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        """Kinetic energy, a positive definite quadratic form in the N velocities."""
+
+    @abstractmethod
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        """Potential energy, a positive semidefinite quadratic form in the N coordinates.
+
+        A constant is allowed: it has no effect.
+        """
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:  # noqa: ARG002
+        """Rayleigh's dissipation function D, half the power lost: the damping force is -dD/dv.
+
+        A positive semidefinite quadratic form in the N velocities; none by default.
+        """
+        from sympy import Integer
+
+        return Integer(0)
+
+    @property
+    def mass(self) -> Array:
+        """Mass matrix M, read-only, shape (N, N): second derivatives of the kinetic energy.
+
+        Raises
+        ------
+        ValueError
+            Here, and at every other access to a matrix or the modes: when an energy is not a
+            quadratic form, or not definite as required; names the energy and the offending term.
+        """
+        return self._derivation.mass.dense
+
+    @property
+    def damping_matrix(self) -> Array:
+        """Damping matrix C, read-only, shape (N, N): second derivatives of the dissipation."""
+        return self._derivation.damping.dense
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness matrix K, read-only, shape (N, N): second derivatives of the potential."""
+        return self._derivation.stiffness.dense
+
+    @property
+    def modes(self) -> Modes:
+        """Normal modes, from the energies' exact coefficients and not from rounded matrices.
+
+        A frequency is exactly 0 where the potential energy is singular to double-double rounding:
+        write springs as squares of differences, and rigid-body motions are found as such.
+        """
+        return self._derivation.modes
+
+    @cached_property
+    def _derivation(self) -> _Derivation:
+        return _shared_derivation(self)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in vars(self).items() if name != "_derivation"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Derivation:
+    """What follows from the energies."""
+
+    mass: SymmetricMatrix
+    damping: SymmetricMatrix
+    stiffness: SymmetricMatrix
+
+    @cached_property
+    def modes(self) -> Modes:
+        with _lock:
+            return modes_of(self.mass, self.damping, self.stiffness, exact=True)
+
+
+_lock = RLock()
+_derivations: OrderedDict[Hashable, _Derivation] = OrderedDict()
+
+
+def _shared_derivation(structure: LagrangianStructure) -> _Derivation:
+    key = _key(structure)
+    with _lock:
+        found = _derivations.get(key) if key is not None else None
+        if found is None:
+            found = _derive(structure)
+        if key is not None:
+            _derivations[key] = found
+            _derivations.move_to_end(key)
+            while sum(kept.mass.size**2 for kept in _derivations.values()) > _MOST_KEPT:
+                if len(_derivations) == 1:
+                    break
+                _derivations.popitem(last=False)
+    return found
+
+
+def _derive(structure: LagrangianStructure) -> _Derivation:
+    size = positive_integer("degrees_of_freedom", structure.degrees_of_freedom)
+    v, x = symbols("v", size), symbols("x", size)
+    mass = quadratic_form("kinetic", structure.kinetic(v), v)
+    stiffness = quadratic_form("potential", structure.potential(x), x)
+    damping = quadratic_form("dissipation", structure.dissipation(v), v)
+    check_definite("the mass matrix of kinetic", mass.dense)
+    check_semidefinite("the stiffness matrix of potential", stiffness.dense)
+    check_semidefinite("the damping matrix of dissipation", damping.dense)
+    return _Derivation(mass, damping, stiffness)
+
+
+def _key(structure: LagrangianStructure) -> Hashable | None:
+    """Equal for structures with the same energies; None where that cannot be told."""
+    kind = type(structure)
+    # A dataclass's fields are among its attributes.
+    used = sorted(vars(structure).keys() - kind.structure_independent - {"_derivation"})
+    try:
+        values = tuple((name, _frozen(getattr(structure, name))) for name in used)
+    except TypeError:
+        return None
+    # The functions too: a class whose method is replaced has other energies.
+    return kind, kind.kinetic, kind.potential, kind.dissipation, values
+
+
+def _frozen(value: object) -> Hashable:
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
+        return value
+    if isinstance(value, tuple) and set(map(type, value)) == {float}:
+        return value
+    if isinstance(value, tuple):
+        return tuple(map(_frozen, value))
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return value.dtype.str, value.shape, value.tobytes()
+    raise TypeError

@@ -1,0 +1,248 @@
+"""Normal modes of a structure, with frequencies and decays beyond double precision."""
+
+from dataclasses import dataclass, fields
+from fractions import Fraction
+
+import numpy as np
+
+from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
+from dynkit.systems.structure.double_double import (
+    ROUNDING,
+    DoubleDouble,
+    add,
+    column_dots,
+    power_of_two,
+    scale,
+    square_root,
+)
+from dynkit.systems.structure.refinement import Eigenpairs, refine
+from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.validation import Array, finite_array
+
+# Half an ulp, relative: what rounding to a double costs.
+_HALF_ULP = 2.0**-53
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Modal form q'' + 2 decay q' + frequencies^2 q = 0 of M x'' + C x' + K x = 0, x = matrix q.
+
+    All arrays are read-only. Frequencies and decays are double-double values: the double nearest to
+    the result and what it lacks.
+
+    Parameters
+    ----------
+    frequencies : array, shape (N,)
+        Natural frequencies of the undamped structure, ascending; exactly 0 for rigid-body modes.
+    frequencies_low : array, shape (N,)
+        What `frequencies` lacks.
+    frequencies_error : array, shape (N,)
+        Bound of the error of ``frequencies + frequencies_low`` relative to it; 0 for rigid-body
+        modes. It is about ``1e-31 (frequencies[-1] / frequencies)^2`` or better.
+    decay : array, shape (N,)
+        Half the modal damping: half of the diagonal of ``matrix' C matrix``.
+    decay_low : array, shape (N,)
+        What `decay` lacks.
+    matrix : array, shape (N, N)
+        Modal matrix, one mode per column, mass-normalised: ``matrix' M matrix = 1``. The last row
+        is not negative.
+    proportional : bool
+        Whether the damping leaves the modes uncoupled: with B = matrix' C matrix, every element
+        beside the diagonal is below ``8 sqrt(N) 2^-53 (abs(matrix)' abs(C) abs(matrix))``, what
+        rounding C and the modal matrix to doubles may cause.
+    error : float
+        Estimate of the largest error of `frequencies`, relative, and of the entries of `matrix`,
+        relative to the largest of their column: 1.1e-16, half an ulp, unless the problem is badly
+        conditioned.
+
+    Notes
+    -----
+    Modes whose eigenvalues agree to about 1e-28 of the largest one count as a single eigenspace:
+    their columns are an orthonormal basis of it, and `error` says nothing about which one.
+
+    The reach of double-double arithmetic is the only limit: a ratio of 1e12 between masses, or
+    between stiffnesses, leaves all of double precision. At 1e12 in both at once the lowest
+    frequencies may lose digits, and `error` says so.
+
+    Decays are as accurate as the frequencies when the damping is proportional; else they keep about
+    20 digits relative to the largest of them.
+
+    References
+    ----------
+    L. Meirovitch, Fundamentals of Vibrations (2001), section 7.5 (modal analysis), 7.15 (damping).
+    """
+
+    frequencies: Array
+    frequencies_low: Array
+    frequencies_error: Array
+    decay: Array
+    decay_low: Array
+    matrix: Array
+    proportional: bool
+    error: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @classmethod
+    def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Modes":
+        """The modes of given matrices, whose elements are taken as rounded to doubles.
+
+        Parameters
+        ----------
+        mass, damping, stiffness : array_like, shape (N, N)
+            M, positive definite; C and K, positive semidefinite; all symmetric.
+
+        Returns
+        -------
+        Modes
+            A frequency is exactly 0 where a rounding of the stiffnesses could have made it: where
+            w^2 <= 8 * 2^-53 * abs(phi)' abs(K) abs(phi).
+
+        Raises
+        ------
+        ValueError
+            When a matrix is not square, not symmetric, not finite or not definite as required.
+
+        Examples
+        --------
+        >>> modes = Modes.from_matrices(np.eye(2), np.zeros((2, 2)), [[2.0, -1.0], [-1.0, 1.0]])
+        >>> modes.frequencies  # the golden ratio and its inverse
+        array([0.61803399, 1.61803399])
+        """
+        m = _checked("mass", mass, None)
+        c = _checked("damping", damping, len(m))
+        k = _checked("stiffness", stiffness, len(m))
+        check_definite("mass", m)
+        check_semidefinite("damping", c)
+        check_semidefinite("stiffness", k)
+        return modes_of(*map(SymmetricMatrix.from_dense, (m, c, k)), exact=False)
+
+
+def modes_of(
+    mass: SymmetricMatrix, damping: SymmetricMatrix, stiffness: SymmetricMatrix, *, exact: bool
+) -> Modes:
+    """The modes of checked matrices.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : SymmetricMatrix
+        M, C and K, definite as required.
+    exact : bool
+        Whether K is exact to double-double precision; otherwise it is taken as rounded to doubles.
+        That decides which frequencies are zero.
+    """
+    # Powers of two, so that no square over- or underflows on the way.
+    heavy, stiff = mass.exponent, stiffness.exponent
+    solved = refine(stiffness.scaled(-stiff), mass.scaled(-heavy))
+    squared = _without_rounding_modes(solved, exact=exact)
+    root = square_root(squared)
+    frequencies = power_of_two(root, (stiff - heavy) // 2)
+    positive = squared.high > 0.0
+    relative = np.zeros_like(squared.high)
+    relative[positive] = solved.values_error[positive] / (2.0 * squared.high[positive]) + ROUNDING
+    matrix = _with_tip_outwards(power_of_two(solved.vectors, -heavy // 2))
+    decay, proportional = _decay(mass, damping, stiffness, squared, matrix)
+    return Modes(
+        frequencies=frequencies.high,
+        frequencies_low=frequencies.low,
+        frequencies_error=relative,
+        decay=decay.high,
+        decay_low=decay.low,
+        matrix=matrix.high,
+        proportional=proportional,
+        error=float(_HALF_ULP + max(relative.max(), solved.vectors_error.max())),
+    )
+
+
+def _checked(name: str, value: object, size: int | None) -> Array:
+    matrix = finite_array(name, value, (size, size))
+    if len(matrix) != matrix.shape[1] or not len(matrix):
+        raise ValueError(f"{name} must be a square matrix; got shape {matrix.shape}")
+    unequal = np.argwhere(matrix != matrix.T)
+    if len(unequal):
+        row, column = map(int, unequal[0])
+        pair = f"{matrix[row, column]} at [{row}, {column}] and {matrix[column, row]} across"
+        raise ValueError(f"{name} must be symmetric; got {pair}")
+    return matrix
+
+
+def _without_rounding_modes(solved: Eigenpairs, *, exact: bool) -> DoubleDouble:
+    """The squared frequencies, those that rounding alone keeps from zero set to zero."""
+    level = 0.0 if exact else 8.0 * _HALF_ULP
+    rigid = solved.values.high <= np.maximum(solved.values_error, level * solved.rounding_level)
+    return DoubleDouble(
+        np.where(rigid, 0.0, solved.values.high), np.where(rigid, 0.0, solved.values.low)
+    )
+
+
+def _with_tip_outwards(matrix: DoubleDouble) -> DoubleDouble:
+    """Columns with the sign that makes their last nonzero entry positive."""
+    nonzero = matrix.high[::-1] != 0.0
+    last = len(nonzero) - 1 - np.argmax(nonzero, axis=0)
+    sign = np.sign(matrix.high[last, np.arange(len(last))])
+    return DoubleDouble(matrix.high * sign, matrix.low * sign)
+
+
+def _decay(
+    mass: SymmetricMatrix,
+    damping: SymmetricMatrix,
+    stiffness: SymmetricMatrix,
+    squared: DoubleDouble,
+    matrix: DoubleDouble,
+) -> tuple[DoubleDouble, bool]:
+    """Half the modal damping, and whether there is no coupling.
+
+    The squared frequencies are those of the scaled matrices, as they came out of the refinement.
+    """
+    ratio = _exact_ratio(damping, stiffness)
+    if ratio is not None:
+        exponent = stiffness.exponent - mass.exponent - 1
+        return power_of_two(_times_number(squared, ratio), exponent), True
+    ratio = _exact_ratio(damping, mass)
+    if ratio is not None:
+        ones = DoubleDouble(np.ones_like(squared.high), np.zeros_like(squared.high))
+        return power_of_two(_times_number(ones, ratio), -1), True
+    exponent = damping.exponent
+    scaled = damping.scaled(-exponent)
+    forces = scaled.times(matrix.high)
+    low = scaled.dense @ matrix.low
+    forces = add(forces, DoubleDouble(low, np.zeros_like(low)))
+    diagonal = add(
+        column_dots(matrix.high, forces), column_dots(matrix.low, DoubleDouble(forces.high, low))
+    )
+    size = np.abs(matrix.high)
+    coupling = np.abs(matrix.high.T @ forces.high)
+    np.fill_diagonal(coupling, 0.0)
+    level = 8.0 * np.sqrt(len(size)) * _HALF_ULP * (size.T @ np.abs(scaled.dense) @ size)
+    return power_of_two(diagonal, exponent - 1), bool(np.all(coupling <= level))
+
+
+def _exact_ratio(first: SymmetricMatrix, second: SymmetricMatrix) -> Fraction | None:
+    """The number g where first = g second, element by element and without rounding, or None."""
+    if not len(first.high):
+        return Fraction(0)
+    if not (
+        np.array_equal(first.rows, second.rows) and np.array_equal(first.columns, second.columns)
+    ):
+        return None
+    pairs = set(
+        zip(*(part.tolist() for m in (first, second) for part in (m.high, m.low)), strict=True)
+    )
+    ratio: Fraction | None = None
+    for high, low, other_high, other_low in pairs:
+        found = (Fraction(high) + Fraction(low)) / (Fraction(other_high) + Fraction(other_low))
+        if ratio is not None and found != ratio:
+            return None
+        ratio = found
+    return ratio
+
+
+def _times_number(x: DoubleDouble, number: Fraction) -> DoubleDouble:
+    high = float(number)
+    low = float(number - Fraction(high))
+    first = scale(x, np.full_like(x.high, high))
+    return add(first, scale(x, np.full_like(x.high, low)))

@@ -1,0 +1,286 @@
+"""Eigenpairs of a symmetric problem K x = lambda M x beyond double precision.
+
+One step of refinement from approximate eigenvectors X, with R = 1 - X'MX and S = X'KX (Ogita &
+Aishima):
+
+    lambda_i = s_ii / (1 - r_ii),   x_j <- x_j + sum_i x_i e_ij,
+    e_ij = (s_ij + lambda_j r_ij) / (lambda_j - lambda_i),   e_ii = r_ii / 2.
+
+The numerator is x_i . w_j with the residual w_j = K x_j - lambda_j M x_j. Only the residual
+cancels: it is formed in double-double arithmetic, and everything after it needs few correct digits,
+so that plain matrix products serve. Eigenvalues that the first approximation cannot tell apart are
+separated by a small eigenproblem of their own, whose matrix comes from the same residuals.
+
+References
+----------
+T. Ogita, K. Aishima, Iterative refinement for symmetric eigenvalue decomposition, Japan J. Indust.
+Appl. Math. 35 (2018) 1007-1035, and part II: clustered eigenvalues, 36 (2019) 435-459.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.systems.structure.double_double import (
+    ROUNDING,
+    DoubleDouble,
+    add,
+    column_dots,
+    columns,
+    divide,
+    multiply,
+    negative,
+    square_root,
+    two_sum,
+)
+from dynkit.systems.structure.symmetric import BLOCK, SymmetricMatrix
+from dynkit.validation import Array
+
+# A larger correction is no small one: its pair of modes is not separated yet.
+_SMALL = 2.0**-7
+# The error that is left after a step when no further step is worth its cost.
+_NEGLIGIBLE = 2.0**-66
+_MOST_STEPS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenpairs:
+    """Refined solution of K x = lambda M x, eigenvalues ascending.
+
+    Parameters
+    ----------
+    values : DoubleDouble, shape (N,)
+        The eigenvalues.
+    vectors : DoubleDouble, shape (N, N)
+        The eigenvectors as columns, X'MX = 1.
+    values_error : array, shape (N,)
+        Estimate of the absolute error of `values`.
+    vectors_error : array, shape (N,)
+        Estimate of the error of each column of `vectors`, relative to its largest entry.
+    rounding_level : array, shape (N,)
+        abs(x)' abs(K) abs(x): an eigenvalue far below it hangs on a cancellation of stiffnesses.
+    """
+
+    values: DoubleDouble
+    vectors: DoubleDouble
+    values_error: Array
+    vectors_error: Array
+    rounding_level: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """What one product with K and one with M tell about approximate eigenvectors."""
+
+    values: DoubleDouble  # Rayleigh quotients, (N,)
+    squares: DoubleDouble  # x'Mx, (N,)
+    residuals: Array  # K x - lambda M x, (N, N), rounded from double-double
+    moved: Array  # M x, (N, N), rounded
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One step of refinement, not yet taken."""
+
+    values: DoubleDouble  # Rayleigh quotients, (N,)
+    squares: DoubleDouble  # x'Mx, (N,)
+    gaps: Array  # lambda_j - lambda_i, (N, N)
+    numerators: Array  # x_i . (K x_j - lambda_j M x_j), (N, N)
+    noise: Array  # what rounding leaves uncertain in the numerators, (N, N)
+    corrections: Array  # E without its diagonal, (N, N)
+    values_correction: Array  # second order, (N,)
+    left: Array  # second-order part of the corrections: bounds what the step leaves, (N, N)
+    alike: NDArray[np.bool_]  # pairs whose eigenvalues are one to rounding, (N, N)
+    clusters: list[NDArray[np.intp]]  # modes that the corrections cannot separate
+
+
+def refine(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
+    """Solve K x = lambda M x to nearly double-double accuracy.
+
+    Parameters
+    ----------
+    stiffness, mass : SymmetricMatrix
+        K, and the positive definite M; elements neither huge nor tiny (see `exponent`).
+
+    Returns
+    -------
+    Eigenpairs
+        Modes whose eigenvalues agree to rounding (relative to norm(K)) share an eigenspace; an
+        orthonormal basis of it is returned, and `vectors_error` does not count the choice of that
+        basis.
+    """
+    x = _first_approximation(stiffness, mass)
+    least = np.inf
+    for _ in range(_MOST_STEPS):
+        step = _step(stiffness, mass, x)
+        if not step.clusters:
+            left = float(np.max(step.left))
+            # A step that no longer gains has met the noise of double-double arithmetic.
+            if left <= _NEGLIGIBLE or left > least / 4.0:
+                break
+            least = left
+        x = _corrected(x, step).high
+        for cluster in step.clusters:
+            x[:, cluster] = x[:, cluster] @ _separation(x, mass, cluster, step)
+    return _assembled(stiffness, x, step)
+
+
+def _first_approximation(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Array:
+    # Unit masses on the diagonal first: what is left does not know how unequal the masses are.
+    lengths = np.sqrt(mass.diagonal)
+    scaled = stiffness.dense / lengths[:, None] / lengths
+    if mass.is_diagonal:
+        vectors: Array = np.linalg.eigh(scaled)[1]
+    else:
+        from scipy.linalg import eigh
+
+        vectors = eigh(scaled, mass.dense / lengths[:, None] / lengths)[1]
+    return np.ascontiguousarray(vectors / lengths[:, None])
+
+
+def _residuals(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Residuals:
+    size = len(x)
+    stretched, moved = stiffness.times(x), mass.times(x)
+    squares = DoubleDouble(np.empty(size), np.empty(size))
+    values = DoubleDouble(np.empty(size), np.empty(size))
+    residuals = np.empty((size, size))
+    for start in range(0, size, BLOCK):
+        chosen = slice(start, start + BLOCK)
+        block = np.ascontiguousarray(x[:, chosen])
+        kx, mx = columns(stretched, chosen), columns(moved, chosen)
+        square = column_dots(block, mx)
+        value = divide(column_dots(block, kx), square)
+        residual = add(kx, negative(multiply(mx, DoubleDouble(value.high[None], value.low[None]))))
+        residuals[:, chosen] = residual.high
+        values.high[chosen], values.low[chosen] = value
+        squares.high[chosen], squares.low[chosen] = square
+    return _Residuals(values, squares, residuals, moved.high)
+
+
+def _step(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Step:
+    found = _residuals(stiffness, mass, x)
+    numerators = x.T @ found.residuals
+    noise = _noise(stiffness, mass, x, found)
+    gaps = _gaps(found.values)
+    alike = np.abs(gaps) <= noise / _SMALL
+    np.fill_diagonal(alike, False)
+    separable = ~alike
+    np.fill_diagonal(separable, False)
+    divisors = gaps * found.squares.high[:, None]
+    corrections = np.divide(numerators, divisors, out=np.zeros_like(gaps), where=separable)
+    unsettled = np.where(alike, np.abs(numerators) > noise, np.abs(corrections) > _SMALL)
+    np.fill_diagonal(unsettled, False)
+    unsettled |= unsettled.T
+    corrections[unsettled] = 0.0
+    if alike.any():
+        # Orthogonality is all that can be asked for within an eigenspace.
+        settled = alike & ~unsettled
+        corrections[settled] = -0.5 * (x.T @ found.moved)[settled]
+    second = numerators @ corrections + (corrections + corrections.T) @ numerators
+    left = np.divide(second, divisors, out=np.zeros_like(gaps), where=separable & ~unsettled)
+    return _Step(
+        values=found.values,
+        squares=found.squares,
+        gaps=gaps,
+        numerators=numerators,
+        noise=noise,
+        corrections=corrections + np.where(np.abs(left) <= _SMALL, left, 0.0),
+        values_correction=np.diagonal(second) / found.squares.high,
+        left=np.abs(left),
+        alike=alike,
+        clusters=_groups(unsettled),
+    )
+
+
+def _noise(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array, found: _Residuals) -> Array:
+    """What rounding leaves uncertain in x_i . (K x_j - lambda_j M x_j), shape (N, N)."""
+    size = np.abs(x)
+    forces = np.abs(stiffness.dense) @ size + np.abs(mass.dense) @ size * np.abs(found.values.high)
+    # The products with the residuals are plain ones.
+    lost = (stiffness.widest_row + 8) * ROUNDING * forces + 2.0**-50 * np.abs(found.residuals)
+    noise: Array = size.T @ lost
+    return noise
+
+
+def _gaps(values: DoubleDouble) -> Array:
+    """lambda_j - lambda_i as doubles, shape (N, N), to nearly full relative accuracy."""
+    high = two_sum(values.high[None, :], -values.high[:, None])
+    gaps: Array = high.high + (high.low + (values.low[None, :] - values.low[:, None]))
+    return gaps
+
+
+def _groups(joined: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+    """The connected parts, of two modes and more, of the graph with this adjacency matrix."""
+    groups = []
+    waiting = joined.any(axis=0)
+    while waiting.any():
+        group = np.zeros(len(joined), dtype=np.bool_)
+        group[np.argmax(waiting)] = True
+        while True:
+            larger = group | joined[group].any(axis=0)
+            if np.array_equal(larger, group):
+                break
+            group = larger
+        groups.append(np.flatnonzero(group))
+        waiting &= ~group
+    return groups
+
+
+def _corrected(x: Array, step: _Step) -> DoubleDouble:
+    """The vectors after the step, with x'Mx = 1."""
+    e = step.corrections
+    # Second order of the length; x_i'Mx_j is -(e_ij + e_ji).
+    longer = np.maximum(-np.sum(e * (e + 2.0 * e.T), axis=0), -0.5 * step.squares.high)
+    square = add(step.squares, DoubleDouble(longer, np.zeros_like(longer)))
+    length = square_root(square)
+    moved = two_sum(x, x @ e)
+    inverse = divide(DoubleDouble(np.ones_like(longer), np.zeros_like(longer)), length)
+    return multiply(moved, DoubleDouble(inverse.high[None], inverse.low[None]))
+
+
+def _separation(x: Array, mass: SymmetricMatrix, cluster: NDArray[np.intp], step: _Step) -> Array:
+    """The small eigenproblem of one cluster: its vectors as combinations of the present ones.
+
+    Its matrix is x'(K - shift M)x, whose elements are as small as the cluster is narrow.
+    """
+    from scipy.linalg import eigh
+
+    chosen = x[:, cluster]
+    gram = chosen.T @ mass.times(chosen).high
+    lowest = cluster[np.argmin(step.values.high[cluster])]
+    above = step.gaps[lowest, cluster]
+    matrix = step.numerators[np.ix_(cluster, cluster)] + above * gram
+    vectors: Array = eigh((matrix + matrix.T) / 2.0, (gram + gram.T) / 2.0)[1]
+    return vectors
+
+
+def _assembled(stiffness: SymmetricMatrix, x: Array, step: _Step) -> Eigenpairs:
+    vectors = _corrected(x, step)
+    values = add(
+        step.values, DoubleDouble(step.values_correction, np.zeros_like(step.values_correction))
+    )
+    size = np.abs(vectors.high)
+    level = np.sum(size * (np.abs(stiffness.dense) @ size), axis=0)
+    distant = ~step.alike
+    np.fill_diagonal(distant, False)
+    uncertain = np.divide(
+        step.noise, np.abs(step.gaps), out=np.zeros_like(step.gaps), where=distant
+    )
+    mixed = size @ (uncertain + step.left)
+    vectors_error = np.max(mixed, axis=0) / np.max(size, axis=0)
+    third_order = np.sum(np.abs(step.numerators) * step.left, axis=0)
+    values_error = (stiffness.widest_row + 8) * ROUNDING * level + third_order
+    if step.clusters:
+        # The steps ran out before every mode stood alone.
+        stuck = np.concatenate(step.clusters)
+        vectors_error[stuck] = 1.0
+        values_error[stuck] = np.sum(np.abs(step.numerators[:, stuck]), axis=0)
+    order = np.lexsort((values.low, values.high))
+    return Eigenpairs(
+        values=DoubleDouble(values.high[order], values.low[order]),
+        vectors=DoubleDouble(vectors.high[:, order], vectors.low[:, order]),
+        values_error=values_error[order],
+        vectors_error=vectors_error[order],
+        rounding_level=level[order],
+    )

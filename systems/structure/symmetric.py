@@ -1,0 +1,226 @@
+"""Sparse symmetric matrices whose elements are double-double numbers, and their products."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.systems.structure.double_double import (
+    DoubleDouble,
+    add,
+    quick_two_sum,
+    scale,
+    two_sum,
+)
+from dynkit.validation import Array
+
+# Columns that are worked on together: 1000 x 32 doubles and their companions fit a second-level
+# cache.
+BLOCK = 32
+
+
+class _Layer(NamedTuple):
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    element: DoubleDouble
+
+
+@dataclass(frozen=True, eq=False)
+class SymmetricMatrix:
+    """A symmetric matrix given by its nonzero elements, each the sum of two doubles.
+
+    Parameters
+    ----------
+    size : int
+        The number of rows, N.
+    rows, columns : arrays of int, shape (n,)
+        Places of the nonzero elements, both triangles, ordered by row and then by column.
+    high, low : arrays, shape (n,)
+        The elements are ``high + low``; ``high`` is the nearest double.
+
+    Notes
+    -----
+    A sum of two springs is seldom a double. The low part keeps what its rounding would lose: the
+    soft spring that holds a stiff chain to the wall.
+    """
+
+    size: int
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    high: Array
+    low: Array
+
+    @classmethod
+    def from_fractions(
+        cls, size: int, elements: Mapping[tuple[int, int], Fraction]
+    ) -> "SymmetricMatrix":
+        """The matrix with the given elements on and above the diagonal, each rounded once.
+
+        Raises
+        ------
+        OverflowError
+            When an element is no finite double.
+        """
+        pairs = {}
+        for (row, column), value in elements.items():
+            if value:
+                high = float(value)
+                pairs[row, column] = pairs[column, row] = high, float(value - Fraction(high))
+        places = sorted(pairs)
+        return cls(
+            size,
+            np.array([row for row, _ in places], dtype=np.intp),
+            np.array([column for _, column in places], dtype=np.intp),
+            np.array([pairs[place][0] for place in places], dtype=np.float64),
+            np.array([pairs[place][1] for place in places], dtype=np.float64),
+        )
+
+    @classmethod
+    def from_dense(cls, matrix: Array) -> "SymmetricMatrix":
+        """The nonzero elements of a symmetric array of shape (N, N), taken as exact."""
+        rows, columns = np.nonzero(matrix)
+        high = matrix[rows, columns]
+        return cls(len(matrix), rows, columns, high, np.zeros_like(high))
+
+    @cached_property
+    def dense(self) -> Array:
+        """The matrix as a read-only array of doubles, shape (N, N): correctly rounded."""
+        matrix = np.zeros((self.size, self.size))
+        matrix[self.rows, self.columns] = self.high
+        matrix.flags.writeable = False
+        return matrix
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether there is nothing beside the diagonal."""
+        return bool(np.all(self.rows == self.columns))
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """The diagonal as doubles, shape (N,)."""
+        diagonal = np.zeros(self.size)
+        on_it = self.rows == self.columns
+        diagonal[self.rows[on_it]] = self.high[on_it]
+        return diagonal
+
+    @cached_property
+    def exponent(self) -> int:
+        """An even number e such that the largest element is below 2^e and not far from it."""
+        if not len(self.high):
+            return 0
+        exponent = int(np.frexp(np.max(np.abs(self.high)))[1])
+        return exponent + exponent % 2
+
+    def scaled(self, exponent: int) -> "SymmetricMatrix":
+        """The matrix times a power of two."""
+        return SymmetricMatrix(
+            self.size,
+            self.rows,
+            self.columns,
+            np.ldexp(self.high, exponent),
+            np.ldexp(self.low, exponent),
+        )
+
+    @cached_property
+    def _layers(self) -> list[_Layer]:
+        """The elements sorted into layers with at most one element of each row."""
+        rank = np.arange(len(self.rows)) - np.searchsorted(self.rows, self.rows)
+        layers = []
+        for chosen in (rank == number for number in range(int(rank.max(initial=-1)) + 1)):
+            element = DoubleDouble(self.high[chosen][:, None], self.low[chosen][:, None])
+            layers.append(_Layer(self.rows[chosen], self.columns[chosen], element))
+        return layers
+
+    @property
+    def widest_row(self) -> int:
+        """The largest number of nonzero elements in one row."""
+        return len(self._layers)
+
+    def times(self, x: Array) -> DoubleDouble:
+        """The product with an array of doubles, shape (N, m), to double-double accuracy.
+
+        The error is below ``(widest_row + 4) * ROUNDING * (abs(A) @ abs(x))``, elementwise, or,
+        where the matrix is so full that it is cut into slices for BLAS, the same with the largest
+        elements of the rows of A and of the columns of x.
+        """
+        if len(self.rows) * 8 > self.size**2 and self.size > 64:
+            return self._times_by_slices(x)
+        product = DoubleDouble(np.zeros_like(x), np.zeros_like(x))
+        for start in range(0, x.shape[1], BLOCK):
+            chosen = slice(start, start + BLOCK)
+            block = self._times_by_elements(np.ascontiguousarray(x[:, chosen]))
+            product.high[:, chosen], product.low[:, chosen] = block
+        return product
+
+    def _times_by_elements(self, x: Array) -> DoubleDouble:
+        high, low = np.zeros_like(x), np.zeros_like(x)
+        for rows, places, element in self._layers:
+            term = scale(element, x[places])
+            high[rows], low[rows] = add(DoubleDouble(high[rows], low[rows]), term)
+        return DoubleDouble(high, low)
+
+    def _times_by_slices(self, x: Array) -> DoubleDouble:
+        total = exact_slices_product(self.dense, x)
+        low = np.zeros((self.size, self.size))
+        low[self.rows, self.columns] = self.low
+        return quick_two_sum(total.high, total.low + low @ x)
+
+
+def exact_slices_product(a: Array, b: Array) -> DoubleDouble:
+    """Matrix product to double-double accuracy by plain matrix products (Ozaki's scheme).
+
+    Both factors are cut into slices with so few bits that the products of slices are exact in
+    double precision whatever the order of the sums; those are then added in double-double
+    arithmetic.
+
+    Parameters
+    ----------
+    a : array, shape (k, n)
+    b : array, shape (n, m)
+
+    Returns
+    -------
+    DoubleDouble, shape (k, m)
+        Within about ``n * 2^-104`` times the largest elements of the row of a and the column of b.
+
+    References
+    ----------
+    K. Ozaki, T. Ogita, S. Oishi, S. M. Rump, Error-free transformations of matrix multiplication by
+    using fast routines of matrix multiplication, Numer. Algorithms 59 (2012).
+
+    Examples
+    --------
+    >>> a = np.array([[1.0, 2.0**-70], [0.1, 0.3]])
+    >>> exact_slices_product(a, np.ones((2, 1))).low[0, 0] == 2.0**-70
+    np.True_
+    """
+    bits = int((53 - np.ceil(np.log2(a.shape[1] + 1))) // 2)
+    wanted = -(-110 // (bits - 1)) + 1
+    left = _slices(a, bits, wanted, axis=1)
+    right = _slices(b, bits, wanted, axis=0)
+    total = DoubleDouble(np.zeros((len(a), b.shape[1])), np.zeros((len(a), b.shape[1])))
+    # Smallest products first.
+    for order in range(min(wanted, len(left) + len(right) - 1) - 1, -1, -1):
+        for first in range(max(0, order - len(right) + 1), min(order + 1, len(left))):
+            part = two_sum(total.high, left[first] @ right[order - first])
+            total = quick_two_sum(part.high, part.low + total.low)
+    return total
+
+
+def _slices(a: Array, bits: int, wanted: int, axis: int) -> list[Array]:
+    """Slices whose sum is the array, each a multiple of a power of two times at most 2^bits."""
+    slices: list[Array] = []
+    rest = a
+    while len(slices) < wanted and np.any(rest):
+        largest = np.max(np.abs(rest), axis=axis, keepdims=True)
+        exponent = np.frexp(largest)[1]
+        # Adding this number rounds away everything below its last bit.
+        rounder = np.where(largest > 0.0, np.ldexp(0.75, exponent + 53 - bits), 0.0)
+        part = (rest + rounder) - rounder
+        slices.append(part)
+        rest = rest - part
+    return slices or [np.zeros_like(a)]
