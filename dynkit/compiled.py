@@ -1,0 +1,96 @@
+"""Compilation of the numerical kernels: one decorator, one cache folder for one state of all kernel sources.
+
+Numba's own file cache notices an edit to the file of a compiled function, but not an edit to a function of another file
+that it calls. The cache folder is therefore named after a hash of every kernel source of the package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+REORDERED = {"reassoc", "contract", "nsz"}
+"""Fast-math flags of sums whose error bound holds for any order of the terms."""
+
+
+def _user_cache() -> Path:
+    if configured := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(configured)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _kernel_sources() -> list[Path]:
+    package = Path(__file__).resolve().parent
+    return sorted(
+        {
+            source.resolve()
+            for folder in (package, package / "systems", package / "analysis")
+            for source in folder.rglob("*kernels.py")
+        }
+        | {Path(__file__).resolve()}
+    )
+
+
+@cache
+def cache_folder() -> Path:
+    """Folder of the compiled kernels, named after a hash of their sources.
+
+    The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder, otherwise (not writable) a
+    temporary folder of this process.
+    """
+    digest = hashlib.sha256()
+    for source in _kernel_sources():
+        digest.update(source.name.encode())
+        digest.update(source.read_bytes())
+    folder = _user_cache() / "dynkit" / f"kernels-{digest.hexdigest()[:16]}"
+    return folder if _writable(folder) else Path(tempfile.mkdtemp(prefix="dynkit-kernels-"))
+
+
+def kernel(*, reorder: bool = False, inline: bool = False) -> Callable[[_Function], _Function]:
+    """Compile a kernel on its first call and keep the machine code in `cache_folder`.
+
+    Parameters
+    ----------
+    reorder
+        The sums of this function may be taken in any order and contracted to fused operations. Never for
+        double-double arithmetic.
+    """
+    import numba
+
+    def decorate(function: _Function) -> _Function:
+        previous = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(cache_folder())
+        try:
+            compiled: _Function = numba.njit(
+                cache=True,
+                error_model="numpy",
+                fastmath=REORDERED if reorder else False,
+                forceinline=inline,
+                _nrt=False,
+            )(function)
+        finally:
+            numba.config.CACHE_DIR = previous
+        return compiled
+
+    return decorate

@@ -1,0 +1,156 @@
+"""Preparation of exponential sums for the kernels: bounds of all derivatives and the propagation ladder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LANES = 8
+"""Slots are padded to a multiple of this, so that the compiler can use vector instructions throughout."""
+
+MAXIMUM_RUNGS = 61
+
+
+def padded(count: int) -> int:
+    """Number of slots for `count` terms."""
+    return -(-count // LANES) * LANES
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """The terms of exponential sums over one set of exponents: y_k' = G_k y_k, two numbers each.
+
+    Attributes
+    ----------
+    generator, generator_low
+        (4, n) entries 11, 12, 21, 22 of G and their low parts (double-double).
+    scale
+        (n,) factor s_k such that the norm of (y_1, s_k y_2) never grows; 0 marks two separate real exponentials
+        (G diagonal).
+    """
+
+    generator: Array
+    generator_low: Array
+    scale: Array
+
+    @property
+    def count(self) -> int:
+        return self.scale.size
+
+    @staticmethod
+    def join(*parts: Pairs) -> Pairs:
+        return Pairs(
+            np.concatenate([p.generator for p in parts], axis=1),
+            np.concatenate([p.generator_low for p in parts], axis=1),
+            np.concatenate([p.scale for p in parts]),
+        )
+
+    @staticmethod
+    def rotation(frequency: float) -> Pairs:
+        """One pair (sine, cosine) of the angular frequency `frequency`."""
+        return Pairs(
+            np.array([[0.0], [frequency], [-frequency], [0.0]]), np.zeros((4, 1)), np.ones(1)
+        )
+
+    def derivative_rows(self, row: Array, order: int) -> Array:
+        """(2, n) row that gives the derivative of that order, from the (2, n) row that gives the value."""
+        g = self.generator
+        for _ in range(order):
+            row = np.stack([row[0] * g[0] + row[1] * g[2], row[0] * g[1] + row[1] * g[3]])
+        return row
+
+    def bound(self, row: Array, order: int) -> Array:
+        """(2, n) weights w such that w . abs(y) bounds the derivative of that order at all later times."""
+        row = self.derivative_rows(row, order)
+        together = self.scale > 0.0
+        scale = np.where(together, self.scale, 1.0)
+        norm = np.hypot(row[0], row[1] / scale)
+        return np.stack([np.where(together, norm, abs(row[0])), np.where(together, norm * scale, abs(row[1]))])
+
+    def rates(self) -> Array:
+        """(n,) largest absolute eigenvalue of each G."""
+        g = self.generator
+        half_trace = 0.5 * (g[0] + g[3])
+        determinant = g[0] * g[3] - g[1] * g[2]
+        root = np.sqrt(np.abs(half_trace * half_trace - determinant))
+        real = half_trace * half_trace >= determinant
+        return np.where(real, np.abs(half_trace) + root, np.sqrt(np.abs(determinant)))
+
+
+def rung_sizes(pairs: Pairs) -> tuple[float, int]:
+    """Smallest step (a power of two with every abs(lambda) h <= REACH) and number of rungs."""
+    from dynkit.exponential.kernels import REACH
+
+    rates = pairs.rates()
+    fastest = max(float(rates.max(initial=0.0)), 1e-300)
+    slowest = float(rates[rates > 0.0].min(initial=fastest))
+    smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
+    rungs = int(np.ceil(np.log2(8.0 * np.pi / slowest / smallest))) + 1
+    return float(smallest), min(max(rungs, 2), MAXIMUM_RUNGS)
+
+
+def _pad(rows: Array, slots: int) -> Array:
+    out = np.zeros((*rows.shape[:-1], slots))
+    out[..., : rows.shape[-1]] = rows
+    return out
+
+
+def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[Array, int]:
+    """(rungs, 2, n) weights of the quintic Hermite error on cells of each size, and the largest rung with h^6 throughout.
+
+    The error of a term is at most h^6/46080 sup |f^(6)|, and at most 2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|
+    (the Bernstein coefficients of the polynomial).
+    """
+    h = smallest * 2.0 ** np.arange(rungs)[:, None, None]
+    with np.errstate(over="ignore", invalid="ignore"):
+        smooth = pairs.bound(row, 6) * h**6 / 46080.0
+    cap = 2.0 * pairs.bound(row, 0) + 0.4 * h * pairs.bound(row, 1) + 0.05 * h * h * pairs.bound(row, 2)
+    return np.fmin(smooth, cap), int(np.sum(np.all(smooth <= cap, axis=(1, 2)))) - 1
+
+
+def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
+    """(rungs, 8, slots) propagators over ``smallest * 2**j``."""
+    from dynkit.exponential.kernels import fill_steps
+
+    slots = padded(pairs.count)
+    step = np.zeros((rungs, 8, slots))
+    fill_steps(
+        _pad(pairs.generator, slots), _pad(pairs.generator_low, slots), smallest, 0, pairs.count, step, np.empty((4, 8))
+    )
+    return step
+
+
+def ladder(
+    pairs: Pairs, row: Array, offset: float, smallest: float, step: Array, steady: int, swing: float
+) -> Any:
+    """The exponential sum ``offset + row . y`` as the kernels take it."""
+    from dynkit.exponential.kernels import Ladder
+
+    rungs, _, slots = step.shape
+    rows = _pad(np.concatenate([pairs.derivative_rows(row, order) for order in range(4)]), slots)
+    bounds = np.concatenate([pairs.bound(row, 0), pairs.bound(row, 4)])
+    weights, smooth = cell_bounds(pairs, row, smallest, rungs)
+    cell = np.empty((rungs, 8, slots))
+    for k in range(0, 6, 2):
+        cell[:, k] = rows[k] * step[:, 0] + rows[k + 1] * step[:, 2]
+        cell[:, k + 1] = rows[k] * step[:, 1] + rows[k + 1] * step[:, 3]
+    cell[:, 6:] = _pad(weights, slots)
+    g = _pad(pairs.generator, slots)
+    return Ladder(
+        step,
+        cell,
+        rows,
+        _pad(bounds, slots),
+        g,
+        np.stack([g[0] + g[3], g[0] * g[3] - g[1] * g[2]]),
+        float(offset),
+        float(smallest),
+        smooth,
+        steady,
+        float(swing),
+    )

@@ -1,0 +1,251 @@
+"""Kernels of the impact oscillator: the loop over flights, impacts, chatter, contact and release.
+
+Modal coordinates all the way: an impact adds a multiple of one vector, and nothing is transformed to positions.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.compiled import kernel
+from dynkit.exponential.kernels import (
+    FOUND,
+    LIMIT,
+    NEVER,
+    START,
+    TOUCH,
+    Ladder,
+    Workspace,
+    first_root,
+    start_sums,
+    two_product,
+)
+
+Array = NDArray[np.float64]
+
+FLIGHT, BOUNCED, CONTACT, RELEASED = 0, 1, 2, 3
+"""Phases a run starts or goes on from: gap open, just after an impact, on the table, just released."""
+
+COUNT_REACHED, NO_FURTHER_CONTACT, CONTACT_FOR_EVER, SEARCH_LIMIT, CONTACTS_FULL = 0, 1, 2, 3, 4
+"""Endings of a run."""
+
+# Places in the clock, the scalar part of the state of a run.
+TIME, TIME_LOW, SPEED, PHASE_OF_MOTION, CHATTER_ERROR, CELLS, TOUCHES, CONTACTS, SEED = range(9)
+CLOCK = 9
+
+
+class Mechanics(NamedTuple):
+    """Everything the loop needs of one impact oscillator.
+
+    Attributes
+    ----------
+    gap : exponential sum of the gap in free flight
+    force : exponential sum of the contact force while stuck
+    kick : (2, slots) change of the state by a unit jump of the velocity of the contact mass
+    to_stuck : (2 * stuck slots, 2 * slots + 1) from the free state (and 1) to the stuck one
+    to_free : (2 * slots, 2 * stuck slots + 1) back
+    restitution : coefficient of restitution
+    coupling : largest effect of a unit displacement of the contact mass on another mass
+    tolerance : largest error of the state by which the rest of a chatter is replaced by contact
+    """
+
+    gap: Ladder
+    force: Ladder
+    kick: Array
+    to_stuck: Array
+    to_free: Array
+    restitution: float
+    coupling: float
+    tolerance: float
+
+
+@kernel()
+def _advance_clock(clock, n, smallest, e):
+    """Add ``n * smallest + e`` to the time, in double-double."""
+    step, step_low = two_product(float(n), smallest)
+    for part in (step, e + step_low):
+        total = clock[TIME] + part
+        back = total - clock[TIME]
+        clock[TIME_LOW] += (clock[TIME] - (total - back)) + (part - back)
+        clock[TIME] = total
+    total = clock[TIME] + clock[TIME_LOW]
+    clock[TIME_LOW] -= total - clock[TIME]
+    clock[TIME] = total
+
+
+@kernel()
+def _normalise(states, slot):
+    """Sine and cosine of the table in the start state back to the unit circle."""
+    s = states[START, 0, slot]
+    c = states[START, 1, slot]
+    factor = 1.5 - 0.5 * (s * s + c * c)
+    states[START, 0, slot] = s * factor
+    states[START, 1, slot] = c * factor
+
+
+@kernel(reorder=True)
+def transform(matrix, states, k, out):
+    """Affine change of basis from the state `k` of one set to the start of the other, `out`, modified in place."""
+    m = states.shape[2]
+    n = out.shape[2]
+    for i in range(2 * n):
+        total = matrix[i, 2 * m]
+        for l in range(m):
+            total += matrix[i, l] * states[k, 0, l] + matrix[i, m + l] * states[k, 1, l]
+        out[START, i // n, i % n] = total
+
+
+@kernel()
+def _chatter_completes(mechanics, u, second, third, fourth, error):
+    """Whether the bounces from relative velocity `u` on must accumulate before contact can be lost.
+
+    With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 - r)/4 over 2T.
+    """
+    r = mechanics.restitution
+    a = -second
+    if a <= 0.0 or r >= 1.0 or error > mechanics.tolerance:
+        return False
+    rest = 4.0 * u / (a * (1.0 - r))
+    return (abs(third) + 0.5 * fourth * rest) * rest <= 0.25 * (1.0 - r) * a
+
+
+@kernel()
+def chatter_error(mechanics, u, second):
+    """Impulse on the neighbours that is dropped with the rest of a chatter: coupling times the integral of the gap."""
+    r = mechanics.restitution
+    if u == 0.0:
+        return 0.0
+    return mechanics.coupling * (2.0 / 3.0) * u * u * u / (second * second * (1.0 - r * r * r))
+
+
+@kernel()
+def _perturb(states, clock, noise):
+    """Multiply every number of the state by 1 + noise * xi, xi pseudo-random in [-1, 1] (modified in place)."""
+    seed = np.uint64(clock[SEED])
+    for i in range(states.shape[2]):
+        for row in range(2):
+            seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
+            states[START, row, i] *= 1.0 + noise * (float(seed) / 1073741824.0 - 1.0)
+    seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
+    clock[SPEED] *= 1.0 + noise * (float(seed) / 1073741824.0 - 1.0)
+    clock[SEED] = float(seed)
+
+
+@kernel()
+def contact_phase(mechanics, clock, band_factor, limit, flight, contact):
+    """From the start state of the workspace `flight`, on the table, to the release, which becomes its start state.
+
+    The start state of `contact` becomes the stuck state at the start, the clock is advanced.
+
+    Returns
+    -------
+    outcome of the search for the zero of the contact force
+    """
+    transform(mechanics.to_stuck, flight.states, START, contact.states)
+    outcome, n, e, _, cells = first_root(mechanics.force, 0, 0.0, band_factor, False, limit, contact)
+    clock[CELLS] += cells
+    if outcome == NEVER or outcome == LIMIT:
+        return outcome
+    transform(mechanics.to_free, contact.states, FOUND, flight.states)
+    _normalise(flight.states, mechanics.gap.steady)
+    _advance_clock(clock, n, mechanics.force.smallest, e)
+    return outcome
+
+
+@kernel()
+def run(mechanics, clock, count, noise, band_factor, limit, states, contacts, flight, contact):
+    """Simulate `count` impacts from (``flight.states[START]``, `clock`), which become the state after the last.
+
+    Parameters
+    ----------
+    states
+        (count or 0, 2 * modes + 4), modified in place: the pairs of the modes, sine and cosine of the phase, relative
+        velocity, time, after each impact. With no rows nothing is stored.
+    contacts
+        (k, 3), modified in place: impacts before the contact, its start and its end.
+    noise
+        Relative size of a pseudo-random perturbation after each impact, for error estimates; 0 for none.
+    flight, contact
+        Workspaces of the free and of the stuck structure, modified in place.
+
+    Returns
+    -------
+    impacts, ending
+    """
+    gap = mechanics.gap
+    kick = mechanics.kick
+    y = flight.states
+    modes = gap.steady
+    store = states.shape[0] > 0
+    done = 0
+    while done < count:
+        phase = clock[PHASE_OF_MOTION]
+        u = clock[SPEED]
+        order = 0
+        if phase == RELEASED:
+            order = 3
+        elif phase != FLIGHT:
+            second, third, fourth, _ = start_sums(gap.rows, gap.bound, y, START)
+            sticks = phase == CONTACT
+            order = 1
+            error = 0.0
+            if not sticks:
+                error = chatter_error(mechanics, u, second)
+                if u > 0.0:
+                    sticks = _chatter_completes(mechanics, u, second, third, fourth, error)
+                else:
+                    order = 2
+                    sticks = second < 0.0
+            if sticks:
+                k = int(clock[CONTACTS])
+                if k == contacts.shape[0]:
+                    return done, CONTACTS_FULL
+                contacts[k, 0] = done
+                contacts[k, 1] = clock[TIME]
+                contacts[k, 2] = math.inf
+                if u > 0.0:
+                    contacts[k, 1] -= 2.0 * u / (second * (1.0 - mechanics.restitution))
+                    clock[CHATTER_ERROR] += error
+                outcome = contact_phase(mechanics, clock, band_factor, limit, flight, contact)
+                clock[CONTACTS] += 1.0
+                if outcome == NEVER:
+                    return done, CONTACT_FOR_EVER
+                if outcome == LIMIT:
+                    return done, SEARCH_LIMIT
+                contacts[k, 2] = clock[TIME]
+                clock[SPEED] = 0.0
+                clock[PHASE_OF_MOTION] = RELEASED
+                order = 3
+        outcome, n, e, rate, cells = first_root(gap, order, u, band_factor, True, limit, flight)
+        clock[CELLS] += cells
+        if outcome == NEVER:
+            return done, NO_FURTHER_CONTACT
+        if outcome == LIMIT:
+            return done, SEARCH_LIMIT
+        if outcome == TOUCH:
+            clock[TOUCHES] += 1.0
+        rate = min(rate, 0.0)
+        jump = -(1.0 + mechanics.restitution) * rate
+        for i in range(y.shape[2]):
+            y[START, 0, i] = y[FOUND, 0, i] + kick[0, i] * jump
+            y[START, 1, i] = y[FOUND, 1, i] + kick[1, i] * jump
+        _normalise(y, modes)
+        clock[SPEED] = -mechanics.restitution * rate
+        clock[PHASE_OF_MOTION] = BOUNCED
+        _advance_clock(clock, n, gap.smallest, e)
+        if noise > 0.0:
+            _perturb(y, clock, noise)
+        if store:
+            for i in range(modes):
+                states[done, i] = y[START, 0, i]
+                states[done, modes + i] = y[START, 1, i]
+            states[done, 2 * modes] = y[START, 0, modes]
+            states[done, 2 * modes + 1] = y[START, 1, modes]
+            states[done, 2 * modes + 2] = clock[SPEED]
+            states[done, 2 * modes + 3] = clock[TIME]
+        done += 1
+    return done, COUNT_REACHED
