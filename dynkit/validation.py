@@ -1,0 +1,205 @@
+"""Checks at the door: every argument is checked once, and every refusal reads the same.
+
+The message is always ``<name> must <limit>; got <value>``. Booleans and strings are no numbers, and
+NaN is refused by every check; NumPy's scalars are numbers.
+"""
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def finite_scalar(name: str, value: object) -> float:
+    """Return the value as a float when it is one finite real number.
+
+    Raises
+    ------
+    ValueError
+        For booleans, strings, arrays, complex numbers, NaN and infinities.
+
+    Examples
+    --------
+    >>> finite_scalar("offset", 2)
+    2.0
+    >>> finite_scalar("offset", "2")
+    Traceback (most recent call last):
+    ...
+    ValueError: offset must be a finite number; got '2'
+    """
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if math.isfinite(number):
+            return number
+    raise _refusal(name, "be a finite number", value)
+
+
+def positive(name: str, value: object) -> float:
+    """Return the value as a float when it is finite and greater than zero.
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+
+    Examples
+    --------
+    >>> positive("frequency", 0)
+    Traceback (most recent call last):
+    ...
+    ValueError: frequency must be positive; got 0
+    """
+    number = finite_scalar(name, value)
+    if number <= 0.0:
+        raise _refusal(name, "be positive", value)
+    return number
+
+
+def non_negative(name: str, value: object) -> float:
+    """Return the value as a float when it is finite and not less than zero.
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+
+    Examples
+    --------
+    >>> non_negative("damping", -0.1)
+    Traceback (most recent call last):
+    ...
+    ValueError: damping must not be negative; got -0.1
+    """
+    number = finite_scalar(name, value)
+    if number < 0.0:
+        raise _refusal(name, "not be negative", value)
+    return number
+
+
+def in_interval(name: str, value: object, low: float, high: float) -> float:
+    """Return the value as a float when it lies in the closed interval [low, high].
+
+    Raises
+    ------
+    ValueError
+        When it does not.
+
+    Examples
+    --------
+    >>> in_interval("restitution", 1.2, 0, 1)
+    Traceback (most recent call last):
+    ...
+    ValueError: restitution must lie in [0, 1]; got 1.2
+    """
+    number = finite_scalar(name, value)
+    if not low <= number <= high:
+        raise _refusal(name, f"lie in [{low}, {high}]", value)
+    return number
+
+
+def positive_integer(name: str, value: object) -> int:
+    """Return the value as an int when it is an integer greater than zero; 3.0 is no integer.
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+
+    Examples
+    --------
+    >>> positive_integer("masses", 0)
+    Traceback (most recent call last):
+    ...
+    ValueError: masses must be a positive integer; got 0
+    """
+    return _integer_from(1, name, "be a positive integer", value)
+
+
+def non_negative_integer(name: str, value: object) -> int:
+    """Return the value as an int when it is zero or a positive integer.
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+
+    Examples
+    --------
+    >>> non_negative_integer("transient", -5)
+    Traceback (most recent call last):
+    ...
+    ValueError: transient must be zero or a positive integer; got -5
+    """
+    return _integer_from(0, name, "be zero or a positive integer", value)
+
+
+def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
+    """Return the value as an array of finite floats of the given shape.
+
+    Parameters
+    ----------
+    name : str
+        The argument's name, as the user wrote it.
+    value : array_like
+        An array that already fits is returned as it is, not copied.
+    shape : tuple of int or None
+        The shape that is asked for; None leaves that length free.
+
+    Raises
+    ------
+    ValueError
+        When the shape differs, when it holds no real numbers, or naming the first element that is
+        not finite.
+
+    Examples
+    --------
+    >>> finite_array("state", [0.0, float("nan")], (2,))
+    Traceback (most recent call last):
+    ...
+    ValueError: state[1] must be a finite number; got nan
+    >>> finite_array("state", [0.0, 1.0], (3,))
+    Traceback (most recent call last):
+    ...
+    ValueError: state must have shape (3,); got shape (2,)
+    """
+    array = _real_array(name, value)
+    lengths = array.shape
+    if len(lengths) != len(shape) or any(
+        asked is not None and asked != found for asked, found in zip(shape, lengths, strict=True)
+    ):
+        asked_for = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
+        raise ValueError(f"{name} must have shape {asked_for}; got shape {lengths}")
+    finite = np.isfinite(array)
+    if not finite.all():
+        index = tuple(int(i) for i in np.argwhere(~finite)[0])
+        place = f"{name}[{', '.join(map(str, index))}]" if index else name
+        raise _refusal(place, "be a finite number", float(array[index]))
+    return array
+
+
+def _real_array(name: str, value: object) -> Array:
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        raise _refusal(name, "be an array of real numbers", value) from None
+    if array.dtype.kind not in "iuf" and array.size:
+        raise _refusal(name, "be an array of real numbers", value)
+    return np.asarray(array, dtype=np.float64)
+
+
+def _integer_from(least: int, name: str, limit: str, value: object) -> int:
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
+        return int(value)
+    raise _refusal(name, limit, value)
+
+
+def _refusal(name: str, limit: str, value: object) -> ValueError:
+    # item() prints 0.5 where repr() would print np.float64(0.5)
+    shown = value.item() if isinstance(value, np.generic) else value
+    return ValueError(f"{name} must {limit}; got {shown!r}")
