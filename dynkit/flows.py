@@ -1,0 +1,96 @@
+"""Flows: dynamical systems in continuous time, and their crossings of a section."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+from dynkit.maps import Family
+
+if TYPE_CHECKING:
+    from dynkit.sections import PoincareSection
+    from dynkit.validation import Array
+
+
+class NoCrossing(RuntimeError):
+    """The flow did not cross the section within the time limit."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """Where and when a flow crosses a section.
+
+    Parameters
+    ----------
+    time : float
+        Time since the start; positive.
+    state : (d,) array
+        The flow's state at that time.
+    """
+
+    time: float
+    state: Array
+
+
+class Flow(Family, ABC):
+    """A dynamical system in continuous time, autonomous.
+
+    A system that is driven in time carries its time, or its phase, as one more coordinate of the
+    state; so there is one kind of flow, and no function of it asks for the time.
+
+    A subclass owes:
+
+    1. `dimension`, the number d of the state's coordinates.
+    2. ``velocity(state)``, the (d,) rate of the state.
+    3. ``advance(state, duration)``, the (d,) state after a duration >= 0.
+    4. ``derivative(state, duration)``, the (d, d) derivative of ``advance`` with respect to the
+       state, the duration held fixed.
+    5. ``next_crossing(state, section, time_limit)``, the first time t > 0 at which the section's
+       value passes through zero in the section's direction. A state that lies on the section, to
+       rounding, has not crossed it yet. When no crossing comes by the time limit it raises
+       `NoCrossing`: no search goes on for ever.
+
+    and may offer ``parameters`` and ``replace`` as a map does.
+
+    None of these changes its arguments or the flow, and a state that is not finite, or not of the
+    right shape, is refused with ValueError. Instances are immutable.
+    `dynkit.testing.check_flow` and `check_poincare_map` run a subclass through this contract.
+    """
+
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """The number d of the state's coordinates."""
+
+    @abstractmethod
+    def velocity(self, state: Array) -> Array:
+        """Return the rate of change, (d,), of a state, (d,)."""
+
+    @abstractmethod
+    def advance(self, state: Array, duration: float) -> Array:
+        """Return the state, (d,), a duration >= 0 after a state, (d,)."""
+
+    @abstractmethod
+    def derivative(self, state: Array, duration: float) -> Array:
+        """Return the derivative, (d, d), of the advanced state with respect to the state."""
+
+    @abstractmethod
+    def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
+        """Return the first crossing of the section in its direction, after the start.
+
+        Parameters
+        ----------
+        state : (d,) array
+        section : PoincareSection
+        time_limit : float
+            The longest time to wait; positive.
+
+        Raises
+        ------
+        NoCrossing
+            When there is none within the time limit.
+        ValueError
+            When the state is not finite, or not of that shape.
+        """

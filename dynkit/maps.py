@@ -1,0 +1,185 @@
+"""Maps: dynamical systems in discrete time."""
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, Self, cast, final
+
+import numpy as np
+
+from dynkit.validation import Array, finite_array, non_negative_integer
+
+
+class Family:
+    """What has named numeric parameters, and is changed by `replace`.
+
+    For a frozen dataclass both are given: every field that is a number is a parameter. A class that
+    is no dataclass, and has parameters, overrides both.
+    """
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The numbers that set this object apart in its family, by name."""
+        values = {name: getattr(self, name) for name in _field_names(self)}
+        numbers = int | float | np.integer | np.floating
+        return {
+            name: float(value)
+            for name, value in values.items()
+            if isinstance(value, numbers) and not isinstance(value, bool)
+        }
+
+    def replace(self, **parameters: float) -> Self:
+        """Return the same object with some of its parameters changed.
+
+        Raises
+        ------
+        ValueError
+            When a name is not one of `parameters`, or a value is refused.
+        """
+        for name in parameters:
+            if name not in self.parameters:
+                known = ", ".join(self.parameters) or "none"
+                raise ValueError(f"parameter must be one of: {known}; got {name!r}")
+        if not parameters:
+            return self
+        if not _field_names(self):
+            raise TypeError(f"{type(self).__name__} has parameters, but no `replace` of its own")
+        changed: Self = dataclasses.replace(cast("Any", self), **parameters)
+        return changed
+
+
+class Map(Family, ABC):
+    """A dynamical system in discrete time: a smooth function from states to states.
+
+    A subclass owes:
+
+    1. `dimension`, the number d of the state's coordinates.
+    2. ``__call__(state)``, the next state. The state is (d,) and so is the result, a new array. The
+       call changes nothing: not its argument, and not the map. A state that is not finite, or not
+       of that shape, is refused with ValueError: `dynkit.validation.finite_array` does it.
+    3. ``jacobian(state)``, the exact (d, d) derivative of the call: row i belongs to coordinate i
+       of the result.
+
+    and may offer:
+
+    4. ``difference(a, b)``, when coordinates are angles: a - b, wrapped to the shortest way. Its
+       arguments are (..., d) and broadcast; it is antisymmetric, and zero where a equals b.
+    5. ``parameters`` and ``replace``, when it belongs to a family of maps and is no dataclass; see
+       `Family`.
+
+    Instances are immutable. `dynkit.testing.check_map` runs any subclass through this contract.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Logistic(Map):
+    ...     rate: float
+    ...
+    ...     @property
+    ...     def dimension(self):
+    ...         return 1
+    ...
+    ...     def __call__(self, state):
+    ...         x = finite_array("state", state, (1,))
+    ...         return self.rate * x * (1.0 - x)
+    ...
+    ...     def jacobian(self, state):
+    ...         (x,) = finite_array("state", state, (1,))
+    ...         return np.array([[self.rate * (1.0 - 2.0 * x)]])
+    >>> logistic = Logistic(rate=4.0)
+    >>> logistic.iterate([0.25], 2)
+    array([[0.25],
+           [0.75],
+           [0.75]])
+    >>> logistic.replace(rate=2.0).parameters
+    {'rate': 2.0}
+    """
+
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """The number d of the state's coordinates."""
+
+    @abstractmethod
+    def __call__(self, state: Array) -> Array:
+        """Return the next state.
+
+        Parameters
+        ----------
+        state : (d,) array
+
+        Returns
+        -------
+        (d,) array
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite, or not of that shape.
+        """
+
+    @abstractmethod
+    def jacobian(self, state: Array) -> Array:
+        """Return the derivative of the next state with respect to the state.
+
+        Parameters
+        ----------
+        state : (d,) array
+
+        Returns
+        -------
+        (d, d) array
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite, or not of that shape.
+        """
+
+    def difference(self, a: Array, b: Array) -> Array:
+        """Return a - b; a map with angles wraps them to the shortest way.
+
+        Parameters
+        ----------
+        a, b : (..., d) arrays
+            States, or rows of states, that broadcast.
+
+        Returns
+        -------
+        (..., d) array
+        """
+        return np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+
+    @final
+    def iterate(self, state: Array, n: int) -> Array:
+        """Return a state and its next n iterates.
+
+        Parameters
+        ----------
+        state : (d,) array
+        n : int
+            How many iterates; zero or more.
+
+        Returns
+        -------
+        (n + 1, d) array
+            The first row is the state itself, row i + 1 the map of row i.
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite or not of that shape, or n is not a count.
+        """
+        count = non_negative_integer("n", n)
+        states = np.empty((count + 1, self.dimension))
+        states[0] = finite_array("state", state, (self.dimension,))
+        for i in range(count):
+            states[i + 1] = self(states[i])
+        return states
+
+
+def _field_names(instance: object) -> tuple[str, ...]:
+    if not dataclasses.is_dataclass(instance):
+        return ()
+    return tuple(entry.name for entry in dataclasses.fields(instance))

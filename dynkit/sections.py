@@ -1,0 +1,267 @@
+"""Poincare sections, and the map that a flow makes on one."""
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self, final
+
+import numpy as np
+
+from dynkit.flows import Crossing, Flow
+from dynkit.maps import Map
+from dynkit.validation import Array, finite_array, finite_scalar, positive
+
+
+class TangentCrossing(RuntimeError):
+    """The flow touches the section without passing through: the map has no derivative there."""
+
+
+class PoincareSection(ABC):
+    """A surface in the state space of a flow, crossed in one direction, with a chart.
+
+    A subclass owes:
+
+    1. `dimension`, the number d of coordinates of the surrounding state space.
+    2. `direction`, +1 where crossings count that raise the value, -1 where they lower it.
+    3. ``value(state)``, a smooth number that is zero on the surface and nowhere near it.
+    4. ``gradient(state)``, its exact (d,) derivative.
+    5. ``reduce(state)``, the (d - 1,) coordinates of a state on the surface, and
+       ``lift(reduced)``, the (d,) state on the surface that has these coordinates: inverse to one
+       another. ``reduce`` is smooth, and defined, beside the surface too.
+    6. ``reduce_derivative(state)``, (d - 1, d), and ``lift_derivative(reduced)``, (d, d - 1).
+
+    None of these changes its argument, and what is not finite, or not of the right shape, is
+    refused with ValueError. Instances are immutable. `dynkit.testing.check_section` runs any
+    subclass through this contract.
+    """
+
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """The number d of coordinates of the surrounding state space."""
+
+    @property
+    @abstractmethod
+    def direction(self) -> int:
+        """+1 where crossings count that raise the value, -1 where they lower it."""
+
+    @abstractmethod
+    def value(self, state: Array) -> float:
+        """Return the number whose zeros are the surface, at a state, (d,)."""
+
+    @abstractmethod
+    def gradient(self, state: Array) -> Array:
+        """Return the derivative, (d,), of the value at a state, (d,)."""
+
+    @abstractmethod
+    def reduce(self, state: Array) -> Array:
+        """Return the coordinates on the surface, (d - 1,), of a state, (d,)."""
+
+    @abstractmethod
+    def lift(self, reduced: Array) -> Array:
+        """Return the state, (d,), that has the given coordinates on the surface, (d - 1,)."""
+
+    @abstractmethod
+    def reduce_derivative(self, state: Array) -> Array:
+        """Return the derivative, (d - 1, d), of `reduce` at a state, (d,)."""
+
+    @abstractmethod
+    def lift_derivative(self, reduced: Array) -> Array:
+        """Return the derivative, (d, d - 1), of `lift` at coordinates on the surface, (d - 1,)."""
+
+
+@final
+class Hyperplane(PoincareSection):
+    """The plane ``normal . state = offset``, with an orthonormal chart.
+
+    The value is the signed distance to the plane. For a plane across a coordinate axis the chart
+    is the list of the other coordinates.
+
+    Parameters
+    ----------
+    normal : (d,) array
+        Normal of the plane, of any length but zero; d >= 2.
+    offset : float
+    direction : {+1, -1}
+        +1 counts crossings along the normal, -1 against it.
+
+    Raises
+    ------
+    ValueError
+        When the normal is zero, or anything is not finite or not of that shape.
+
+    Examples
+    --------
+    >>> plane = Hyperplane(normal=[0.0, 0.0, 2.0], offset=54.0)
+    >>> plane.value([1.0, 2.0, 30.0])
+    3.0
+    >>> plane.reduce([1.0, 2.0, 27.0]), plane.lift([1.0, 2.0])
+    (array([1., 2.]), array([ 1.,  2., 27.]))
+    """
+
+    def __init__(self, normal: Array, offset: float = 0.0, direction: int = 1) -> None:
+        given = finite_array("normal", normal, (None,))
+        if given.size < 2:
+            raise ValueError(f"normal must have 2 or more coordinates; got {given.size}")
+        if not given.any():
+            raise ValueError(f"normal must not be zero; got {given.tolist()}")
+        if isinstance(direction, bool) or direction not in (1, -1):
+            raise ValueError(f"direction must be +1 or -1; got {direction!r}")
+        # scaled first: the squares of a very long or very short normal would overflow or vanish
+        size = float(np.abs(given).max())
+        length = float(np.linalg.norm(given / size))
+        self._unit = given / size / length
+        self._distance = finite_scalar("offset", offset) / size / length
+        self._direction = int(direction)
+        self._chart = _orthonormal_complement(self._unit)
+        for array in (self._unit, self._chart):
+            array.setflags(write=False)
+
+    @property
+    def dimension(self) -> int:
+        return int(self._unit.size)
+
+    @property
+    def direction(self) -> int:
+        return self._direction
+
+    def value(self, state: Array) -> float:
+        return float(self._unit @ self._checked(state)) - self._distance
+
+    def gradient(self, state: Array) -> Array:
+        self._checked(state)
+        return self._unit.copy()
+
+    def reduce(self, state: Array) -> Array:
+        return np.asarray(self._chart @ self._checked(state))
+
+    def lift(self, reduced: Array) -> Array:
+        coordinates = finite_array("reduced", reduced, (self.dimension - 1,))
+        return np.asarray(coordinates @ self._chart + self._distance * self._unit)
+
+    def reduce_derivative(self, state: Array) -> Array:
+        self._checked(state)
+        return self._chart.copy()
+
+    def lift_derivative(self, reduced: Array) -> Array:
+        finite_array("reduced", reduced, (self.dimension - 1,))
+        return self._chart.T.copy()
+
+    def __repr__(self) -> str:
+        return f"Hyperplane({self._unit.tolist()}, {self._distance}, {self._direction:+d})"
+
+    def _checked(self, state: Array) -> Array:
+        return finite_array("state", state, (self.dimension,))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoincareMap(Map):
+    """The map from one crossing of a section to the next: a flow and a section.
+
+    Its states are the coordinates that the section gives its points, d - 1 of them for a flow of
+    dimension d.
+
+    Parameters
+    ----------
+    flow : Flow
+    section : PoincareSection
+        Of the flow's dimension.
+    time_limit : float
+        The longest time to wait for a crossing. A call that gets none by then raises `NoCrossing`.
+
+    Raises
+    ------
+    ValueError
+        When the dimensions differ or the time limit is not positive.
+
+    References
+    ----------
+    T. S. Parker and L. O. Chua, Practical Numerical Algorithms for Chaotic Systems, Springer 1989,
+    section 2.2 (the map), appendix D (its derivative).
+    """
+
+    flow: Flow
+    section: PoincareSection
+    time_limit: float
+
+    def __post_init__(self) -> None:
+        if self.section.dimension != self.flow.dimension:
+            raise ValueError(
+                f"section must have the flow's dimension {self.flow.dimension}; "
+                f"got {self.section.dimension}"
+            )
+        object.__setattr__(self, "time_limit", positive("time_limit", self.time_limit))
+
+    @property
+    def dimension(self) -> int:
+        return self.flow.dimension - 1
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The parameters of the flow."""
+        return self.flow.parameters
+
+    def replace(self, **parameters: float) -> Self:
+        return dataclasses.replace(self, flow=self.flow.replace(**parameters))
+
+    def crossing(self, state: Array) -> Crossing:
+        """Return time and full state, (d,), of the next crossing from a point of the section.
+
+        Parameters
+        ----------
+        state : (d - 1,) array
+
+        Raises
+        ------
+        NoCrossing
+            When the flow does not cross the section within the time limit.
+        ValueError
+            When the state is not finite, or not of that shape.
+        """
+        start = self.section.lift(finite_array("state", state, (self.dimension,)))
+        return self.flow.next_crossing(start, self.section, self.time_limit)
+
+    def __call__(self, state: Array) -> Array:
+        return self.section.reduce(self.crossing(state).state)
+
+    def return_time(self, state: Array) -> float:
+        """Return the time from a point of the section, (d - 1,), to the next crossing."""
+        return self.crossing(state).time
+
+    def jacobian(self, state: Array) -> Array:
+        """Return the derivative, (d - 1, d - 1), with the hit time's own change accounted for.
+
+        Raises
+        ------
+        TangentCrossing
+            When the flow is tangent to the section at the crossing.
+        NoCrossing, ValueError
+            As the call itself.
+        """
+        hit = self.crossing(state)
+        velocity = self.flow.velocity(hit.state)
+        gradient = self.section.gradient(hit.state)
+        rate = float(gradient @ velocity)
+        if rate == 0.0:
+            raise TangentCrossing(f"the flow is tangent to the section at {hit.state.tolist()}")
+        transport = self.flow.derivative(
+            self.section.lift(state), hit.time
+        ) @ self.section.lift_derivative(state)
+        # Parker and Chua, appendix D: the hit time moves by -(gradient . dx) / rate
+        on_section = transport - np.outer(velocity, gradient @ transport) / rate
+        return np.asarray(self.section.reduce_derivative(hit.state) @ on_section)
+
+
+def _orthonormal_complement(unit: Array) -> Array:
+    """Rows, (d - 1, d), that complete a unit vector to an orthonormal basis.
+
+    They are the rows, but one, of the Householder reflection that takes the vector to an axis
+    (Golub and Van Loan, Matrix Computations, 4th ed., section 5.1).
+    """
+    axis = int(np.argmax(np.abs(unit)))
+    mirror = unit.copy()
+    mirror[axis] += np.copysign(1.0, unit[axis])
+    reflection = np.eye(unit.size) - np.outer(mirror, mirror) * (2.0 / float(mirror @ mirror))
+    return np.delete(reflection, axis, axis=0)
