@@ -1,0 +1,182 @@
+import re
+
+import numpy as np
+import pytest
+
+from dynkit.attractors import MapAttractor
+from dynkit.labels import OrbitKind
+from dynkit.maps import Map
+from dynkit.sections import Hyperplane, PoincareMap
+from dynkit.validation import Array
+from tests.example_systems import CircleRotation, DampedRotation, Henon, Logistic
+
+GOLDEN_TURN = np.pi * (np.sqrt(5.0) - 1.0)
+
+
+def logistic(rate: float, transient: int = 700, iterations: int = 100) -> MapAttractor:
+    return MapAttractor(Logistic(rate), np.array([0.3]), transient, iterations)
+
+
+def henon(transient: int = 700, iterations: int = 100) -> MapAttractor:
+    return MapAttractor(Henon(), np.array([0.1, 0.1]), transient, iterations)
+
+
+# Period doublings of the logistic map: P(2) from 3, P(4) from 1 + sqrt(6) = 3.44949; P(3) from
+# 1 + sqrt(8) = 3.82843 (S. H. Strogatz, Nonlinear Dynamics and Chaos, 1994, section 10.2 to 10.4).
+@pytest.mark.parametrize(
+    ("rate", "label"),
+    [
+        (2.8, "P(1)"),
+        (2.99, "P(1)"),
+        (3.001, "P(2)"),
+        (3.2, "P(2)"),
+        (3.449, "P(2)"),
+        (3.4496, "P(4)"),
+        (3.5, "P(4)"),
+        (3.8285, "P(3)"),
+        (3.83, "P(3)"),
+        (3.8282, "chaotic"),
+        (4.0, "chaotic"),
+    ],
+)
+def test_the_logistic_map_has_its_known_label(rate: float, label: str) -> None:
+    assert str(logistic(rate).label) == label
+
+
+def test_at_the_period_doubling_itself_the_motion_is_unsettled() -> None:
+    assert logistic(3.0).label.kind is OrbitKind.UNSETTLED
+
+
+@pytest.mark.parametrize(("a", "label"), [(0.3, "P(1)"), (0.9, "P(2)"), (1.0, "P(4)")])
+def test_the_henon_map_has_its_known_periods(a: float, label: str) -> None:
+    # period doublings at 3 (1 - b)^2 / 4 = 0.3675 and (1 - b)^2 + (1 + b)^2 / 4 = 0.9125, b = 0.3
+    attractor = MapAttractor(Henon(a), np.array([0.1, 0.1]), 700, 100)
+    assert str(attractor.label) == label
+
+
+def test_the_henon_attractor_is_chaotic() -> None:
+    assert henon().label.kind is OrbitKind.CHAOTIC
+
+
+def test_a_quasi_periodic_rotation_is_unsettled() -> None:
+    rotation = MapAttractor(CircleRotation(GOLDEN_TURN), np.array([0.1, 1.0]), 100, 100)
+    assert rotation.label.kind is OrbitKind.UNSETTLED
+
+
+def test_a_rational_rotation_recurs_across_the_end_of_its_angle() -> None:
+    rotation = MapAttractor(CircleRotation(2.0 * np.pi * 3 / 7), np.array([0.0, 1.0]), 100, 100)
+    assert str(rotation.label) == "P(7)"
+
+
+def test_a_superstable_orbit_is_periodic() -> None:
+    # at rate 2 the fixed point 1/2 is the maximum
+    assert str(logistic(2.0).label) == "P(1)"
+
+
+def test_a_poincare_map_has_attractors_too() -> None:
+    section = Hyperplane(np.array([0.0, 1.0, 0.0]))
+    system = PoincareMap(DampedRotation(damping=0.0), section, time_limit=10.0)
+    attractor = MapAttractor(system, np.array([1.0, 1.0]), transient=20, iterations=40)
+    assert str(attractor.label) == "P(1)"
+
+
+def test_states_are_the_iterates_after_the_transient() -> None:
+    expected = Henon().iterate(np.array([0.1, 0.1]), 29)[20:]
+    assert henon(20, 10).states.tolist() == expected.tolist()
+
+
+def test_the_label_is_worked_out_once() -> None:
+    attractor = henon()
+    assert attractor.label is attractor.label
+
+
+def test_the_error_of_a_stable_orbit_is_of_rounding_size() -> None:
+    assert 0.0 < logistic(3.2).error < 1e-14
+
+
+def test_the_error_in_chaos_is_of_the_size_of_the_attractor() -> None:
+    assert 0.5 < logistic(4.0).error < 1.0
+
+
+def test_the_error_bounds_what_rounding_does_before_chaos_takes_over() -> None:
+    # against x_n = sin^2(2^n theta), the closed form at rate 4
+    attractor = logistic(4.0, transient=0, iterations=30)
+    theta = np.arcsin(np.sqrt(0.3))
+    # 2^n theta is exact, and its rounding is that of theta itself
+    exact = np.sin(2.0 ** np.arange(30) * theta) ** 2
+    off = np.abs(attractor.states[:, 0] - exact).max()
+    assert off / 30.0 < attractor.error < 30.0 * off
+
+
+def test_the_error_is_infinite_when_a_twin_runs_away() -> None:
+    # at the edge of the basin rounding decides
+    attractor = MapAttractor(Edge(), np.array([1.0]), transient=0, iterations=200)
+    assert attractor.error == np.inf
+
+
+class Edge(Map):
+    """A fixed point at 1 from which all else leaves, upwards for ever."""
+
+    @property
+    def dimension(self) -> int:
+        return 1
+
+    def __call__(self, state: Array) -> Array:
+        if abs(state[0] - 1.0) > 0.5:
+            raise ValueError("state must lie in [0.5, 1.5]")
+        return 1.0 + 3.0 * (state - 1.0)
+
+    def jacobian(self, state: Array) -> Array:
+        return np.array([[3.0]])
+
+
+def test_the_time_series_goes_on_beyond_what_was_kept() -> None:
+    expected = henon(20, 60).states[[0, 55, 3]]
+    assert henon(20, 10).time_series(np.array([0, 55, 3])).tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize(("time", "shown"), [(-1.0, "-1.0"), (0.5, "0.5")])
+def test_a_time_series_refuses_times_between_iterates(time: float, shown: str) -> None:
+    message = f"times[1] must be zero or a positive integer; got {shown}"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        henon(0, 5).time_series(np.array([0.0, time]))
+
+
+def test_a_section_holds_the_states_just_beyond_it() -> None:
+    attractor = henon()
+    points = attractor.section(Hyperplane(np.array([1.0, 0.0])))
+    x = attractor.states[:, 0]
+    expected = attractor.states[1:][(x[1:] >= 0.0) & (x[:-1] < 0.0)]
+    assert points.tolist() == expected.tolist()
+
+
+def test_a_section_of_the_other_direction_holds_the_states_below() -> None:
+    points = henon().section(Hyperplane(np.array([1.0, 0.0]), direction=-1))
+    assert len(points) > 0
+    assert (points[:, 0] <= 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("start", "transient", "iterations", "message"),
+    [
+        ([0.1, np.nan], 1, 1, "start[1] must be a finite number; got nan"),
+        ([0.1], 1, 1, "start must have shape (2,); got shape (1,)"),
+        ([0.1, 0.1], -1, 1, "transient must be zero or a positive integer; got -1"),
+        ([0.1, 0.1], 1, 0, "iterations must be a positive integer; got 0"),
+    ],
+)
+def test_bad_arguments_are_refused(
+    start: list[float], transient: int, iterations: int, message: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        MapAttractor(Henon(), np.array(start), transient, iterations)
+
+
+def test_a_motion_that_runs_away_is_refused() -> None:
+    message = "start must lead to a motion that stays finite; got [5.0, 5.0]"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        MapAttractor(Henon(), np.array([5.0, 5.0]), 100, 10)
+
+
+def test_the_cost_counts_iterates() -> None:
+    assert henon(20, 10).cost.counts == {"iterates": 29}
