@@ -126,6 +126,8 @@ def element_values(
     """
     alone = isinstance(value, int | float | np.generic)
     array = finite_array(name, value, () if alone else (count,)).ravel()
+    if not len(array):
+        raise ValueError(f"{name} must hold at least one number; got none")
     wrong = array < 0.0 if zero else array <= 0.0
     if wrong.any():
         place = int(np.argmax(wrong))

@@ -131,7 +131,7 @@ class _Reader:
         if expression.is_Add:
             return _sum(self.polynomial(part) for part in expression.args)
         if expression.is_Mul:
-            return _product(self.polynomial(part) for part in expression.args)
+            return product(self.polynomial(part) for part in expression.args)
         if not expression.free_symbols:
             return _constant(expression)
         if expression.is_Pow and expression.exp.is_Number:
@@ -145,21 +145,23 @@ class _Reader:
 
     def _power(self, expression: Any) -> _Polynomial:
         base, exponent = expression.args
-        if exponent not in range(1, _HIGHEST_DEGREE + 1):
-            if exponent.is_integer is False or exponent < 0:
-                raise _RefusedError(f"holds {_shown(expression)}, which is not a polynomial")
+        times = _constant(exponent)[()]
+        if times.denominator != 1 or times < 0:
+            raise _RefusedError(f"holds {_shown(expression)}, which is not a polynomial")
+        if times > _HIGHEST_DEGREE:
             raise _RefusedError(f"holds {_shown(expression)}, which is of too high a degree")
-        return _product([self.polynomial(base)] * int(exponent))
+        return product([self.polynomial(base)] * int(times))
 
 
 def _constant(number: Any) -> _Polynomial:
     """The number as a fraction: exact for rationals and floats, else to many digits."""
+    given = number
     if not number.is_Number:
         number = number.evalf(_DIGITS)
     if number.is_infinite or (number.is_Number and number.is_finite is not True):
-        raise _RefusedError(f"has the coefficient {number}, which is not finite")
+        raise _RefusedError(f"has the coefficient {_shown(given)}, which is not finite")
     if not number.is_Number:
-        raise _RefusedError(f"has the coefficient {_shown(number)}, which is not a real number")
+        raise _RefusedError(f"has the coefficient {_shown(given)}, which is not a real number")
     if number.is_Rational:
         return {(): Fraction(int(number.p), int(number.q))}
     sign, mantissa, exponent, _ = number._mpf_
@@ -175,18 +177,19 @@ def _sum(parts: Iterable[_Polynomial]) -> _Polynomial:
     return total
 
 
-def _product(parts: Iterable[_Polynomial]) -> _Polynomial:
-    product: _Polynomial = {(): Fraction(1)}
+def product(parts: Iterable[_Polynomial]) -> _Polynomial:
+    """The expanded product of polynomials: the only step whose cost depends on their lengths."""
+    found: _Polynomial = {(): Fraction(1)}
     for part in parts:
         total: _Polynomial = {}
-        for left, first in product.items():
+        for left, first in found.items():
             for right, second in part.items():
                 monomial = tuple(sorted(left + right))
                 if len(monomial) > _HIGHEST_DEGREE:
                     raise _RefusedError(f"is of degree {len(monomial)}")
                 total[monomial] = total.get(monomial, Fraction(0)) + first * second
-        product = total
-    return product
+        found = total
+    return found
 
 
 def _refusal(energy: str, arguments: tuple[sympy.Symbol, ...], fault: str) -> ValueError:

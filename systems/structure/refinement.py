@@ -111,9 +111,9 @@ def refine(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
         basis.
     """
     x = _first_approximation(stiffness, mass)
+    step = _step(stiffness, mass, x)
     least = np.inf
     for _ in range(_MOST_STEPS):
-        step = _step(stiffness, mass, x)
         if not step.clusters:
             left = float(np.max(step.left))
             # A step that no longer gains has met the noise of double-double arithmetic.
@@ -123,6 +123,7 @@ def refine(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
         x = _corrected(x, step).high
         for cluster in step.clusters:
             x[:, cluster] = x[:, cluster] @ _separation(x, mass, cluster, step)
+        step = _step(stiffness, mass, x)
     return _assembled(stiffness, x, step)
 
 

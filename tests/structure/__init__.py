@@ -1,0 +1,1 @@
+"""Tests of structures: energies, matrices, modes."""

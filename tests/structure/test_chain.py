@@ -1,0 +1,70 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynkit.systems.structure.chain import Chain
+from dynkit.validation import Array
+
+SIZES = st.floats(1e-12, 1e12)
+LINKS = st.just(0.0) | SIZES
+
+
+def assembled(strengths: tuple[float, ...]) -> Array:
+    """The tridiagonal matrix of a chain of springs or dashpots."""
+    k = np.array(strengths)
+    following = np.append(k[1:], 0.0)
+    return np.diag(k + following) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+
+
+@given(st.integers(1, 6).flatmap(lambda n: st.tuples(*[st.tuples(SIZES, LINKS, LINKS)] * n)))
+def test_matrices_are_bit_for_bit_those_assembled_directly(
+    elements: tuple[tuple[float, float, float], ...],
+) -> None:
+    masses, springs, dashpots = zip(*elements, strict=True)
+    chain = Chain(masses, springs, dashpots)
+    assert np.array_equal(chain.mass, np.diag(masses))
+    assert np.array_equal(chain.stiffness, assembled(springs))
+    assert np.array_equal(chain.damping_matrix, assembled(dashpots))
+
+
+@pytest.mark.parametrize("size", [1, 2, 10, 1000])
+def test_the_uniform_chain_has_the_paper_matrix(size: int) -> None:
+    chain = Chain(size, dashpots=0.1)
+    assert np.array_equal(chain.stiffness, assembled((1.0,) * size))
+    assert np.array_equal(chain.damping_matrix, 0.1 * assembled((1.0,) * size))
+
+
+def test_a_count_means_unit_masses() -> None:
+    assert Chain(3) == Chain([1.0, 1.0, 1.0], [1.0] * 3, 0)
+
+
+def test_chains_are_hashable() -> None:
+    assert len({Chain(3), Chain(3, 1.0), Chain(4)}) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"masses": 0}, "masses must be a positive integer; got 0"),
+        ({"masses": 10.0}, r"masses must be a positive integer; got 10\.0"),
+        ({"masses": True}, "masses must be a positive integer; got True"),
+        ({"masses": []}, "masses must hold at least one number; got none"),
+        ({"masses": [1.0, 0.0]}, r"masses\[1\] must be positive; got 0\.0"),
+        ({"masses": [1.0, float("nan")]}, r"masses\[1\] must be a finite number; got nan"),
+        ({"masses": "ten"}, "masses must be"),
+        ({"masses": None}, "masses must be"),
+        ({"masses": [[1.0]]}, r"masses must have shape \(any,\); got shape \(1, 1\)"),
+        ({"masses": 2, "springs": -1}, r"springs must not be negative; got -1\.0"),
+        ({"masses": 2, "springs": [1, 1, 1]}, r"springs must have shape \(2,\)"),
+        ({"masses": 2, "springs": float("inf")}, "springs must be a finite number; got inf"),
+        ({"masses": 2, "dashpots": [0, -0.1]}, r"dashpots\[1\] must not be negative; got -0\.1"),
+        ({"masses": 2, "dashpots": "0.1"}, "dashpots must be"),
+        ({"masses": 2, "dashpots": True}, "dashpots must be an array of real numbers; got True"),
+    ],
+)
+def test_impossible_chains_are_refused(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Chain(**arguments)
