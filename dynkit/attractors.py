@@ -144,15 +144,19 @@ class MapAttractor(Attractor):
     def states(self) -> Array:
         return self._states
 
-    @cached_property
+    @property
     def label(self) -> OrbitLabel:
+        return self._label
+
+    @cached_property
+    def _label(self) -> OrbitLabel:
         return label_orbit(_MapOrbit(self._system, self._states), kept=len(self._states))
 
     @property
     def cost(self) -> Cost:
         return self._cost
 
-    @cached_property
+    @property
     def error(self) -> float:
         """The largest distance, over the states kept, to a twin run that was disturbed throughout.
 
@@ -163,6 +167,10 @@ class MapAttractor(Attractor):
         It is infinite when the twin runs away, and says nothing about errors inside one call of the
         map that exceed rounding.
         """
+        return self._error
+
+    @cached_property
+    def _error(self) -> float:
         signs = np.random.default_rng(0)
         twin = self._start.copy()
         largest = 0.0

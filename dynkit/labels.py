@@ -14,10 +14,9 @@ _Indices: TypeAlias = NDArray[np.intp]
 
 # A period is believed when the window holds it this many times: two full repetitions.
 _REPETITIONS = 3
-# Recurrence this good, relative, is rounding: no orbit is split or merged below it.
-_SPLIT = 1e-10
-# Distances below this, relative, say nothing about a decay.
-_ROUNDING = 1e-13
+# No orbit is split in two when it recurs this well, relative; below the second, distances are
+# rounding and say nothing about a decay.
+_SPLIT, _ROUNDING = 1e-10, 1e-13
 # A decay is fitted to so many recurrences at least: three in each half, for their errors.
 _FIT = 6
 # A decay is extrapolated when it was seen over so many recurrences, and fell by a factor 3,
@@ -67,8 +66,6 @@ class OrbitLabel:
     --------
     >>> str(OrbitLabel(OrbitKind.PERIODIC, 5, 2, 1e-6, 3e-14, 100))
     'P(5,2)'
-    >>> str(OrbitLabel(OrbitKind.STICKING, None, 2, 1e-6, 8e-7, 800))
-    'P(inf,2)'
     >>> str(OrbitLabel(OrbitKind.PERIODIC, 4, None, 1e-6, 0.0, 100))
     'P(4)'
     """
@@ -121,9 +118,11 @@ class OrbitSource(Protocol):
 
         Fewer states than asked for say that the motion came to rest, and no more will come.
         """
+        ...
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b, (..., d), for states or releases; angles wrapped to the shortest way."""
+        ...
 
     def growth(self, steps: int) -> Array:
         """Return how nearby states part over the next steps states: log growth, block by block.
@@ -131,6 +130,7 @@ class OrbitSource(Protocol):
         The blocks follow one another, are of equal length, and are as many as makes sense: 64 and
         more. It does not change what `more` returns next.
         """
+        ...
 
 
 def label_orbit(
@@ -192,7 +192,7 @@ def label_orbit(
                 if _parts_exponentially(source.growth(steps), steps):
                     return OrbitLabel(OrbitKind.CHAOTIC, None, None, tolerance, nearest, spent)
         request = min(max(seen, _REPETITIONS), limit - spent)
-        ends = 2 * request < seen or request <= 0
+        ends = 2 * request < seen
         if period is None and ends:
             period = orbit.settling(_NEAR_AT_LAST)
         if period is not None:
@@ -259,9 +259,9 @@ class _Recurrences:
 
     def steps(self, n: int) -> Array:
         """The largest distance over n, for each period of n states but the first, in time order."""
-        distance = self.distances(slice(n, None), slice(None, -n))
-        whole = len(distance) // n
-        return np.asarray(distance[len(distance) - whole * n :].reshape(whole, n).max(axis=1))
+        begin = self.count % n
+        distance = self.distances(slice(begin + n, None), slice(begin, -n))
+        return np.asarray(distance.reshape(-1, n).max(axis=1))
 
     def recurrent(self, tolerance: float) -> int | None:
         """The period n that recurs throughout the window, or None when it is not certain."""

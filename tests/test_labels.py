@@ -46,11 +46,11 @@ class Synthetic:
         )
 
     def difference(self, a: Array, b: Array) -> Array:
-        return a - b
+        return np.subtract(a, b)
 
     def growth(self, steps: int) -> Array:
         noise = np.random.default_rng(3).normal(scale=0.3, size=steps)
-        return self.growth_rate + noise - noise.mean()
+        return np.asarray(self.growth_rate + noise - noise.mean())
 
 
 def cycle(n: int, dimension: int = 4, seed: int = 0) -> StateAt:
@@ -193,6 +193,23 @@ def test_the_looks_stay_within_the_budget() -> None:
 
 def test_the_kept_states_are_always_looked_at() -> None:
     assert label_orbit(Synthetic(cycle(1)), kept=50, budget=10).impacts == 1
+
+
+@pytest.mark.parametrize("kept", [1, 2, 3, 17, 1000])
+def test_the_number_of_kept_states_does_not_matter(kept: int) -> None:
+    assert str(label_orbit(Synthetic(cycle(5), regular_times(5, 2)), kept=kept)) == "P(5,2)"
+
+
+def test_sticking_that_dies_out_is_forgotten() -> None:
+    class Passing(Synthetic):
+        def more(self, count: int) -> Window:
+            window = super().more(count)
+            if self.given > 100:
+                return window
+            assert window.times is not None
+            return Window(window.states, window.times, window.states[:1], window.times[:1])
+
+    assert str(label_orbit(Passing(cycle(3), regular_times(3, 2)))) == "P(3,2)"
 
 
 def test_a_source_that_ends_is_at_rest() -> None:
