@@ -127,8 +127,8 @@ class OrbitSource(Protocol):
     def growth(self, steps: int) -> Array:
         """Return how nearby states part over the next steps states: log growth, block by block.
 
-        The blocks follow one another, are of equal length, and are as many as makes sense: 64 and
-        more. It does not change what `more` returns next.
+        The blocks follow one another and are all of one length, in every call; 64 or more to a
+        call. It does not change what `more` returns next.
         """
         ...
 
@@ -151,11 +151,10 @@ def label_orbit(
       of its decay is below 1 by five standard errors, is the same in both halves of the window, and
       the extrapolated orbit is within 100 tolerances (1e-2 when the budget ends).
     - From 800 states on, a motion that neither recurs nor settles is chaotic when nearby states
-      part exponentially: when the mean growth less three standard errors is positive, and amounts
+      part exponentially: when their mean growth less three standard errors is positive, and amounts
       to more than that of the square of time.
 
-    `chaotic` speaks of the states looked at: chaos that dies out later is still called so.
-    Quasi-periodic motion is `unsettled`.
+    `chaotic` speaks of the states looked at, not of later. Quasi-periodic motion is `unsettled`.
 
     Parameters
     ----------
@@ -176,10 +175,10 @@ def label_orbit(
     limit = positive_integer("budget", budget)
     tolerance = positive("tolerance", tolerance)
     seen = spent = 0
+    growth: list[Array] = []
     while True:
         window = source.more(request)
-        seen += len(window.states)
-        spent += len(window.states)
+        seen, spent = seen + len(window.states), spent + len(window.states)
         if len(window.states) < request:
             return OrbitLabel(OrbitKind.AT_REST, None, None, tolerance, np.inf, spent)
         orbit = _recurrences(window, source)
@@ -189,7 +188,8 @@ def label_orbit(
             steps = min(seen, (limit - spent) // 2)
             if steps >= _CHAOS_AFTER:
                 spent += 2 * steps
-                if _parts_exponentially(source.growth(steps), steps):
+                growth.append(source.growth(steps))
+                if _parts_exponentially(growth, spent):
                     return OrbitLabel(OrbitKind.CHAOTIC, None, None, tolerance, nearest, spent)
         request = min(max(seen, _REPETITIONS), limit - spent)
         ends = 2 * request < seen
@@ -389,12 +389,12 @@ def _proper_divisors(n: int) -> list[int]:
     return [k for k in range(1, n // 2 + 1) if n % k == 0]
 
 
-def _parts_exponentially(growth: Array, steps: int) -> bool:
-    # the first quarter turns the disturbance into the direction that grows
-    blocks = growth[len(growth) // 4 :]
+def _parts_exponentially(growth: list[Array], time: int) -> bool:
+    # the first quarter of each run turns the disturbance into the direction that grows
+    blocks = np.concatenate([run[len(run) // 4 :] for run in growth])
     if len(blocks) < 2 * _BATCHES or not np.isfinite(blocks).all():
         return False
     means = np.array([batch.mean() for batch in np.array_split(blocks, _BATCHES)])
     sure = means.mean() - 3.0 * means.std(ddof=1) / np.sqrt(_BATCHES)
     # disturbances that grow as a power of time, up to the square, are no chaos
-    return bool(sure > 0.0 and sure * len(blocks) > 2.0 * np.log(steps))
+    return bool(sure * len(blocks) > 2.0 * np.log(time))

@@ -179,7 +179,7 @@ class PoincareMap(Map):
     References
     ----------
     T. S. Parker and L. O. Chua, Practical Numerical Algorithms for Chaotic Systems, Springer 1989,
-    section 2.2 (the map), appendix D (its derivative).
+    chapter 2 (the map) and appendix D (its derivative).
     """
 
     flow: Flow

@@ -48,6 +48,28 @@ class Henon(Map):
 
 
 @dataclass(frozen=True)
+class DelayedLogistic(Map):
+    """Its fixed point loses stability at rate 2 to an invariant circle (Neimark-Sacker).
+
+    D. G. Aronson, M. A. Chory, G. R. Hall, R. P. McGehee, Commun. Math. Phys. 83 (1982) 303-354.
+    """
+
+    rate: float
+
+    @property
+    def dimension(self) -> int:
+        return 2
+
+    def __call__(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,))
+        return np.array([self.rate * x * (1.0 - y), x])
+
+    def jacobian(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,))
+        return np.array([[self.rate * (1.0 - y), -self.rate * x], [1.0, 0.0]])
+
+
+@dataclass(frozen=True)
 class CircleRotation(Map):
     """An angle that grows by the same turn each time, and a coordinate that dies out."""
 
