@@ -170,8 +170,12 @@ def propagate(step, j, states, k, to):
     for i in range(states.shape[2]):
         a = states[k, 0, i]
         b = states[k, 1, i]
-        states[to, 0, i] = (step[j, 4, i] * a + step[j, 5, i] * b) + step[j, 0, i] * a + step[j, 1, i] * b
-        states[to, 1, i] = (step[j, 6, i] * a + step[j, 7, i] * b) + step[j, 2, i] * a + step[j, 3, i] * b
+        states[to, 0, i] = (
+            (step[j, 4, i] * a + step[j, 5, i] * b) + step[j, 0, i] * a + step[j, 1, i] * b
+        )
+        states[to, 1, i] = (
+            (step[j, 6, i] * a + step[j, 7, i] * b) + step[j, 2, i] * a + step[j, 3, i] * b
+        )
 
 
 @kernel(reorder=True, inline=True)
@@ -473,7 +477,9 @@ def _quintic_minimum(h, value, rate, second, new_value, new_rate, new_second):
     left = min(value, min(value + 0.2 * h * rate, value + h * (0.4 * rate + 0.05 * h * second)))
     right = min(
         new_value,
-        min(new_value - 0.2 * h * new_rate, new_value - h * (0.4 * new_rate - 0.05 * h * new_second)),
+        min(
+            new_value - 0.2 * h * new_rate, new_value - h * (0.4 * new_rate - 0.05 * h * new_second)
+        ),
     )
     return min(left, right)
 
@@ -551,7 +557,9 @@ def first_root(ladder, order, rate, band_factor, touches, limit, work):
         # f/s = rate + f'' s/2 + f^(3) s^2/6 within fourth s^3/24: positive on the whole first cell?
         h = smallest * (1 << top)
         for trial in range(top, -1, -1):
-            error = (fourth * h * h / 24.0 + band_factor * EPSILON * (abs(second) + abs(third) * h)) * h
+            error = (
+                fourth * h * h / 24.0 + band_factor * EPSILON * (abs(second) + abs(third) * h)
+            ) * h
             if (
                 min(rate, rate + min(0.25 * second * h, h * (0.5 * second + third * h / 6.0)))
                 > error
@@ -592,7 +600,16 @@ def first_root(ladder, order, rate, band_factor, touches, limit, work):
                 if j < top and low > 32.0 * error:
                     j += 1
                 if cells & 15 == 0 and (
-                    _tail(ladder.rows, ladder.bound, offset, ladder.steady, ladder.swing, states, current) > band
+                    _tail(
+                        ladder.rows,
+                        ladder.bound,
+                        offset,
+                        ladder.steady,
+                        ladder.swing,
+                        states,
+                        current,
+                    )
+                    > band
                 ):
                     return NEVER, n, 0.0, 0.0, cells
                 continue

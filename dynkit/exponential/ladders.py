@@ -70,7 +70,9 @@ class Pairs:
         together = self.scale > 0.0
         scale = np.where(together, self.scale, 1.0)
         norm = np.hypot(row[0], row[1] / scale)
-        return np.stack([np.where(together, norm, abs(row[0])), np.where(together, norm * scale, abs(row[1]))])
+        return np.stack(
+            [np.where(together, norm, abs(row[0])), np.where(together, norm * scale, abs(row[1]))]
+        )
 
     def rates(self) -> Array:
         """(n,) largest absolute eigenvalue of each G."""
@@ -109,7 +111,11 @@ def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[
     h = smallest * 2.0 ** np.arange(rungs)[:, None, None]
     with np.errstate(over="ignore", invalid="ignore"):
         smooth = pairs.bound(row, 6) * h**6 / 46080.0
-    cap = 2.0 * pairs.bound(row, 0) + 0.4 * h * pairs.bound(row, 1) + 0.05 * h * h * pairs.bound(row, 2)
+    cap = (
+        2.0 * pairs.bound(row, 0)
+        + 0.4 * h * pairs.bound(row, 1)
+        + 0.05 * h * h * pairs.bound(row, 2)
+    )
     return np.fmin(smooth, cap), int(np.sum(np.all(smooth <= cap, axis=(1, 2)))) - 1
 
 
@@ -120,7 +126,13 @@ def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
     slots = padded(pairs.count)
     step = np.zeros((rungs, 8, slots))
     fill_steps(
-        _pad(pairs.generator, slots), _pad(pairs.generator_low, slots), smallest, 0, pairs.count, step, np.empty((4, 8))
+        _pad(pairs.generator, slots),
+        _pad(pairs.generator_low, slots),
+        smallest,
+        0,
+        pairs.count,
+        step,
+        np.empty((4, 8)),
     )
     return step
 

@@ -21,21 +21,25 @@ from dynkit.exponential.kernels import (
     Ladder,
     Workspace,
     first_root,
+    propagate_steps,
+    shift,
     start_sums,
     two_product,
 )
 
 Array = NDArray[np.float64]
 
-FLIGHT, BOUNCED, CONTACT, RELEASED = 0, 1, 2, 3
-"""Phases a run starts or goes on from: gap open, just after an impact, on the table, just released."""
+FLIGHT, BOUNCED, RELEASED = 0, 1, 2
+"""Where a run starts or goes on: gap open, on the table with a relative velocity >= 0, just released by it."""
 
 COUNT_REACHED, NO_FURTHER_CONTACT, CONTACT_FOR_EVER, SEARCH_LIMIT, CONTACTS_FULL = 0, 1, 2, 3, 4
 """Endings of a run."""
 
 # Places in the clock, the scalar part of the state of a run.
-TIME, TIME_LOW, SPEED, PHASE_OF_MOTION, CHATTER_ERROR, CELLS, TOUCHES, CONTACTS, SEED = range(9)
-CLOCK = 9
+TIME, TIME_LOW, SPEED, PHASE_OF_MOTION, CHATTER_ERROR, IMPACTS, CELLS, TOUCHES, CONTACTS, SEED = (
+    range(10)
+)
+CLOCK = 10
 
 
 class Mechanics(NamedTuple):
@@ -123,13 +127,14 @@ def chatter_error(mechanics, u, second):
 
 
 @kernel()
-def _perturb(states, clock, noise):
-    """Multiply every number of the state by 1 + noise * xi, xi pseudo-random in [-1, 1] (modified in place)."""
+def _perturb(states, clock, noise, shift):
+    """Add (noise * number + shift) * xi to every number of the state, xi pseudo-random in [-1, 1] (modified in place)."""
     seed = np.uint64(clock[SEED])
     for i in range(states.shape[2]):
         for row in range(2):
             seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
-            states[START, row, i] *= 1.0 + noise * (float(seed) / 1073741824.0 - 1.0)
+            xi = float(seed) / 1073741824.0 - 1.0
+            states[START, row, i] += (noise * states[START, row, i] + shift) * xi
     seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
     clock[SPEED] *= 1.0 + noise * (float(seed) / 1073741824.0 - 1.0)
     clock[SEED] = float(seed)
@@ -146,7 +151,9 @@ def contact_phase(mechanics, clock, band_factor, limit, flight, contact):
     outcome of the search for the zero of the contact force
     """
     transform(mechanics.to_stuck, flight.states, START, contact.states)
-    outcome, n, e, _, cells = first_root(mechanics.force, 0, 0.0, band_factor, False, limit, contact)
+    outcome, n, e, _, cells = first_root(
+        mechanics.force, 0, 0.0, band_factor, False, limit, contact
+    )
     clock[CELLS] += cells
     if outcome == NEVER or outcome == LIMIT:
         return outcome
@@ -190,26 +197,25 @@ def run(mechanics, clock, count, noise, band_factor, limit, states, contacts, fl
             order = 3
         elif phase != FLIGHT:
             second, third, fourth, _ = start_sums(gap.rows, gap.bound, y, START)
-            sticks = phase == CONTACT
-            order = 1
-            error = 0.0
-            if not sticks:
-                error = chatter_error(mechanics, u, second)
-                if u > 0.0:
-                    sticks = _chatter_completes(mechanics, u, second, third, fourth, error)
-                else:
-                    order = 2
-                    sticks = second < 0.0
+            error = chatter_error(mechanics, u, second)
+            if u > 0.0:
+                order = 1
+                sticks = _chatter_completes(mechanics, u, second, third, fourth, error)
+            else:
+                order = 2
+                sticks = second < 0.0
             if sticks:
                 k = int(clock[CONTACTS])
                 if k == contacts.shape[0]:
                     return done, CONTACTS_FULL
-                contacts[k, 0] = done
+                contacts[k, 0] = clock[IMPACTS]
                 contacts[k, 1] = clock[TIME]
                 contacts[k, 2] = math.inf
                 if u > 0.0:
                     contacts[k, 1] -= 2.0 * u / (second * (1.0 - mechanics.restitution))
                     clock[CHATTER_ERROR] += error
+                    if noise > 0.0:
+                        _perturb(y, clock, 0.0, error)
                 outcome = contact_phase(mechanics, clock, band_factor, limit, flight, contact)
                 clock[CONTACTS] += 1.0
                 if outcome == NEVER:
@@ -238,7 +244,7 @@ def run(mechanics, clock, count, noise, band_factor, limit, states, contacts, fl
         clock[PHASE_OF_MOTION] = BOUNCED
         _advance_clock(clock, n, gap.smallest, e)
         if noise > 0.0:
-            _perturb(y, clock, noise)
+            _perturb(y, clock, noise, 0.0)
         if store:
             for i in range(modes):
                 states[done, i] = y[START, 0, i]
@@ -248,4 +254,38 @@ def run(mechanics, clock, count, noise, band_factor, limit, states, contacts, fl
             states[done, 2 * modes + 2] = clock[SPEED]
             states[done, 2 * modes + 3] = clock[TIME]
         done += 1
+        clock[IMPACTS] += 1.0
     return done, COUNT_REACHED
+
+
+@kernel()
+def sample(ladder, starts, which, durations, work, out):
+    """States after given durations from given starts; `out` and `work` are modified in place.
+
+    Parameters
+    ----------
+    starts
+        (k, 2, slots)
+    which, durations
+        (m,) start and time of each sample.
+    out
+        (m, 2, slots)
+    """
+    states = work.states
+    for m in range(which.shape[0]):
+        for i in range(starts.shape[2]):
+            states[START, 0, i] = starts[which[m], 0, i]
+            states[START, 1, i] = starts[which[m], 1, i]
+        n = int(durations[m] / ladder.smallest)
+        k = propagate_steps(ladder.step, n, states, 0)
+        shift(
+            ladder.generator,
+            ladder.characteristic,
+            durations[m] - n * ladder.smallest,
+            states,
+            k,
+            FOUND,
+        )
+        for i in range(starts.shape[2]):
+            out[m, 0, i] = states[FOUND, 0, i]
+            out[m, 1, i] = states[FOUND, 1, i]

@@ -1,0 +1,158 @@
+"""Attractors of impact oscillators."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.attractors import Attractor
+from dynkit.labels import OrbitLabel, Window, label_orbit
+from dynkit.results import Cost
+from dynkit.sections import PoincareSection
+from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.runs import Run
+from dynkit.systems.impact.state import ImpactState
+from dynkit.validation import Array, finite_array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+TWO_PI = 2.0 * math.pi
+
+
+@final
+class ImpactAttractor(Attractor):
+    """The motion of an impact oscillator after a transient, made by `ImpactOscillator.attractor`.
+
+    Attributes
+    ----------
+    record : ImpactRecord
+        The impacts that were kept; its time counts from the last impact that was skipped.
+    final : ImpactState
+        The state after the last impact.
+    """
+
+    def __init__(
+        self, system: ImpactOscillator, transient: int, record: ImpactRecord, before: Run | None
+    ) -> None:
+        self._system = system
+        self._transient = transient
+        self._before = before
+        self.record = record
+
+    @property
+    def system(self) -> ImpactOscillator:
+        return self._system
+
+    @property
+    def transient(self) -> int:
+        return self._transient
+
+    @property
+    def final(self) -> ImpactState:
+        return self.record.final
+
+    @cached_property
+    def states(self) -> Array:
+        """Section coordinates of the kept impacts, (n, 2N): see `ImpactOscillator`."""
+        states = self.record.states
+        states.setflags(write=False)
+        return states
+
+    @property
+    def cost(self) -> Cost:
+        cost = self.record.cost
+        if self._before is not None:
+            cost = ImpactRecord(self._system, self._before).cost + cost
+        return cost
+
+    @cached_property
+    def error(self) -> float:
+        """Estimate of the largest error of the kept states, as the record's, from the start of the transient on."""
+        if self._before is None:
+            return float(self.record.error.max(initial=0.0))
+        whole = self._system.simulate(
+            impacts=self._transient + max(len(self.record), 1), start=self._before.start
+        )
+        return float(whole.error.max(initial=0.0))
+
+    @cached_property
+    def label(self) -> OrbitLabel:
+        return label_orbit(_ImpactOrbit(self.record), kept=max(len(self.record), 1))
+
+    def time_series(self, times: Array) -> Array:
+        """Positions and velocities, (k, 2N), at times from the last skipped impact on."""
+        asked = finite_array("times", times, (None,))
+        latest = float(asked.max(initial=0.0))
+        record = self.record
+        count = len(record)
+        while record.ending.name == "COUNT_REACHED" and record.time[-1] < latest:
+            count *= 2
+            record = self._system.simulate(impacts=count, start=record.start)
+        return np.concatenate(record.sample(asked), axis=1)
+
+    def section(self, section: PoincareSection) -> Array:
+        values = [section.direction * section.value(state) for state in self.states]
+        side = np.array(values) >= 0.0
+        return self.states[1:][side[1:] & ~side[:-1]]
+
+
+class _ImpactOrbit:
+    """The motion of an impact oscillator as `label_orbit` follows it."""
+
+    def __init__(self, record: ImpactRecord) -> None:
+        self.system = record.system
+        self.record: ImpactRecord = record
+        self.fresh = True
+        self.clock = 0.0
+
+    def more(self, count: int) -> Window:
+        if not self.fresh:
+            self.clock += float(self.record.time[-1])
+            self.record = self.system.simulate(impacts=count, start=self.record.final)
+        self.fresh = False
+        record = self.record
+        period = TWO_PI / self.system.frequency
+        releases = release_times = None
+        ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
+        # The next impact after each release, which is a function of it, stands for it.
+        after = np.searchsorted(record.time, ends)
+        after = after[after < len(record)]
+        if len(after):
+            releases = record.states[after, :-1]
+            release_times = (self.clock + record.time[after]) / period
+        return Window(
+            record.states[:, :-1], (self.clock + record.time) / period, releases, release_times
+        )
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return np.asarray(a - b)
+
+    def growth(self, steps: int) -> Array:
+        """Log growth of a disturbance of 1e-8, put back to that size after every 10 impacts, per block of 10."""
+        size, block = 1e-8, 10
+        blocks = max(steps // block, 1)
+        state = self.record.final
+        here = self.system.section_state(state)
+        scale = np.maximum(abs(self.record.states).max(axis=0), 1e-3)
+        gap = np.sqrt(np.arange(2.0, 2.0 + here.size)) * scale
+        gap *= size / np.linalg.norm(gap / scale)
+        logs = np.empty(blocks)
+        for i in range(blocks):
+            twin = here + gap
+            twin[-2] = abs(twin[-2])
+            run = self.system._run(self.system.impact_state(here), block, store=False)
+            other = self.system._run(self.system.impact_state(twin), block, store=False)
+            if run.impacts < block or other.impacts < block:
+                return np.full(blocks, -np.inf)
+            here = self.system.section_state(run.final)
+            gap = self.system.difference(self.system.section_state(other.final), here)
+            length = float(np.linalg.norm(gap / scale))
+            if length == 0.0:
+                return np.full(blocks, -np.inf)
+            logs[i] = math.log(length / size)
+            gap *= size / length
+        return logs

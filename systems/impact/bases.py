@@ -1,0 +1,221 @@
+"""Bases in which a linear structure falls into pairs of numbers that evolve by themselves."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from typing import final
+
+import numpy as np
+
+from dynkit.exponential.ladders import Pairs
+from dynkit.systems.structure.modes import Modes
+from dynkit.validation import Array
+
+# Beyond this damping ratio the two real exponentials of a mode are kept apart; below, through critical damping, a mode is
+# displacement and velocity.
+SEPARATE = 1.1
+
+
+class Basis(ABC):
+    """Coordinates y (2, n) of a linear structure with n degrees of freedom.
+
+    A subclass owes `pairs`, how each pair evolves, the positions, velocities and energies of coordinates, and the
+    coordinates of positions and velocities.
+    """
+
+    pairs: Pairs
+
+    @abstractmethod
+    def positions(self, y: Array) -> Array:
+        """Positions (..., n) from coordinates (..., 2, n)."""
+
+    @abstractmethod
+    def velocities(self, y: Array) -> Array:
+        """Velocities (..., n) from coordinates (..., 2, n)."""
+
+    @abstractmethod
+    def coordinates(self, position: Array, velocity: Array) -> Array:
+        """Coordinates (..., 2, n) from positions and velocities (..., n)."""
+
+    @abstractmethod
+    def energies(self, y: Array) -> Array:
+        """Kinetic plus potential energy (...) from coordinates (..., 2, n)."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NormalModes(Basis):
+    """Normal modes of a structure whose damping leaves them uncoupled.
+
+    A mode is (q, q'), or its two real exponentials where it is clearly overdamped: (q, q') = mixing y.
+
+    Attributes
+    ----------
+    pairs : Pairs
+    matrix : (N, N) modal matrix
+    projector : (N, N) its inverse, ``matrix' M``
+    mixing, unmixing : (2, 2, N), or None where every mode is (q, q')
+    stiffness : (N,) squares of the frequencies
+    """
+
+    pairs: Pairs
+    matrix: Array
+    projector: Array
+    mixing: Array | None
+    unmixing: Array | None
+    stiffness: Array
+
+    @staticmethod
+    def of(modes: Modes, mass: Array) -> NormalModes:
+        generator, low, scale, mixing = _mode_pairs(modes)
+        unmixing = None
+        if mixing is not None:
+            determinant = mixing[0, 0] * mixing[1, 1] - mixing[0, 1] * mixing[1, 0]
+            unmixing = (
+                np.array([[mixing[1, 1], -mixing[0, 1]], [-mixing[1, 0], mixing[0, 0]]])
+                / determinant
+            )
+        return NormalModes(
+            Pairs(generator, low, scale),
+            modes.matrix,
+            modes.matrix.T @ mass,
+            mixing,
+            unmixing,
+            modes.frequencies**2,
+        )
+
+    def _modal(self, y: Array) -> tuple[Array, Array]:
+        q, p = y[..., 0, :], y[..., 1, :]
+        if self.mixing is None:
+            return q, p
+        b = self.mixing
+        return b[0, 0] * q + b[0, 1] * p, b[1, 0] * q + b[1, 1] * p
+
+    def positions(self, y: Array) -> Array:
+        return np.asarray(self._modal(y)[0] @ self.matrix.T)
+
+    def velocities(self, y: Array) -> Array:
+        return np.asarray(self._modal(y)[1] @ self.matrix.T)
+
+    def coordinates(self, position: Array, velocity: Array) -> Array:
+        q, p = position @ self.projector.T, velocity @ self.projector.T
+        if self.unmixing is not None:
+            b = self.unmixing
+            q, p = b[0, 0] * q + b[0, 1] * p, b[1, 0] * q + b[1, 1] * p
+        return np.stack([q, p], axis=-2)
+
+    def energies(self, y: Array) -> Array:
+        q, p = self._modal(y)
+        return np.asarray(0.5 * ((p * p).sum(axis=-1) + (q * q) @ self.stiffness))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ComplexModes(Basis):
+    """Complex modes of a structure whose damping couples the normal modes.
+
+    Attributes
+    ----------
+    pairs : Pairs
+    position_matrix, velocity_matrix : (N, 2 N) from the coordinates, both rows of pairs one after the other
+    inverse : (2 N, 2 N) from positions and velocities
+    mass, stiffness : (N, N)
+    """
+
+    pairs: Pairs
+    position_matrix: Array
+    velocity_matrix: Array
+    inverse: Array
+    mass: Array
+    stiffness: Array
+
+    @staticmethod
+    def of(mass: Array, damping: Array, stiffness: Array) -> ComplexModes:
+        """Raises ValueError where the state matrix is so nearly defective that half of the digits would be lost."""
+        n = len(mass)
+        inverse_mass = np.linalg.inv(mass)
+        state_matrix = np.block(
+            [[np.zeros((n, n)), np.eye(n)], [-inverse_mass @ stiffness, -inverse_mass @ damping]]
+        )
+        rates, vectors = np.linalg.eig(state_matrix)
+        oscillating = np.flatnonzero(rates.imag > 0.0)
+        real = np.flatnonzero(rates.imag == 0.0)
+        real = real[np.argsort(-rates[real].real)]
+        first, second = real[: len(real) // 2], real[len(real) // 2 :]
+        columns_1 = np.concatenate([vectors[:, oscillating].real, vectors[:, first].real], axis=1)
+        columns_2 = np.concatenate([-vectors[:, oscillating].imag, vectors[:, second].real], axis=1)
+        matrix = np.concatenate([columns_1, columns_2], axis=1)
+        condition = float(np.linalg.cond(matrix))
+        if condition > 1e8:
+            raise ValueError(
+                "dashpots must not make the state matrix nearly defective (condition of its modes up to 1e8); "
+                f"got {condition:.1e}"
+            )
+        generator = np.zeros((4, n))
+        k = len(oscillating)
+        generator[0, :k] = generator[3, :k] = rates[oscillating].real
+        generator[1, :k] = -rates[oscillating].imag
+        generator[2, :k] = rates[oscillating].imag
+        generator[0, k:] = rates[first].real
+        generator[3, k:] = rates[second].real
+        scale = np.concatenate([np.ones(k), np.zeros(n - k)])
+        return ComplexModes(
+            Pairs(generator, np.zeros((4, n)), scale),
+            matrix[:n],
+            matrix[n:],
+            np.linalg.inv(matrix),
+            mass,
+            stiffness,
+        )
+
+    def positions(self, y: Array) -> Array:
+        return np.asarray(y.reshape(*y.shape[:-2], -1) @ self.position_matrix.T)
+
+    def velocities(self, y: Array) -> Array:
+        return np.asarray(y.reshape(*y.shape[:-2], -1) @ self.velocity_matrix.T)
+
+    def coordinates(self, position: Array, velocity: Array) -> Array:
+        y = np.concatenate([position, velocity], axis=-1) @ self.inverse.T
+        return np.asarray(y.reshape(*y.shape[:-1], 2, -1))
+
+    def energies(self, y: Array) -> Array:
+        x, v = self.positions(y), self.velocities(y)
+        return np.asarray(
+            0.5 * (((v @ self.mass) * v).sum(-1) + ((x @ self.stiffness) * x).sum(-1))
+        )
+
+
+def basis_of(modes: Modes, mass: Array, damping: Array, stiffness: Array) -> Basis:
+    """Normal modes where the damping allows, complex ones elsewhere."""
+    if modes.proportional:
+        return NormalModes.of(modes, mass)
+    return ComplexModes.of(mass, damping, stiffness)
+
+
+def _mode_pairs(modes: Modes) -> tuple[Array, Array, Array, Array | None]:
+    """Generators (high and low part), scales and mixing of the modes, from their double-double parameters."""
+    n = modes.frequencies.size
+    generator, low = np.zeros((4, n)), np.zeros((4, n))
+    scale = np.zeros(n)
+    mixing = np.zeros((2, 2, n))
+    mixing[0, 0] = mixing[1, 1] = 1.0
+    separate = modes.decay > SEPARATE * modes.frequencies
+    with localcontext() as context:
+        context.prec = 50
+        for k in range(n):
+            w = Decimal(float(modes.frequencies[k])) + Decimal(float(modes.frequencies_low[k]))
+            sigma = Decimal(float(modes.decay[k])) + Decimal(float(modes.decay_low[k]))
+            if separate[k]:
+                fast = sigma + (sigma * sigma - w * w).sqrt()
+                slow = w * w / fast
+                entries = {0: -slow, 3: -fast}
+                mixing[:, :, k] = [[1.0, 1.0], [-float(slow), -float(fast)]]
+            else:
+                entries = {1: Decimal(1), 2: -w * w, 3: -2 * sigma}
+                scale[k] = 1.0 / float(w) if w else 0.0
+            for i, entry in entries.items():
+                generator[i, k] = float(entry)
+                low[i, k] = float(entry - Decimal(float(entry)))
+    return generator, low, scale, mixing if separate.any() else None

@@ -1,0 +1,150 @@
+"""One run of the kernels: buffers in, plain arrays out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.systems.impact.state import ImpactState, Motion
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+MOST_CELLS = 1_000_000
+"""Cells after which the search for the next event gives up, with an ending that says so."""
+
+_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What the kernel returned.
+
+    Attributes
+    ----------
+    start, final : ImpactState
+    states : (impacts, 2N + 4) coordinates, sine and cosine of the phase, relative velocity, time; no rows when not asked
+        for
+    contacts : (k, 3) impacts before the contact, its start, its end (infinite for ever)
+    impacts : number of impacts
+    ending : number of an ending of the kernels
+    chatter_error, cells, touches, seconds : what it lost and cost
+    """
+
+    start: ImpactState
+    final: ImpactState
+    states: Array
+    contacts: Array
+    impacts: int
+    ending: int
+    chatter_error: float
+    cells: int
+    touches: int
+    seconds: float
+
+
+def workspace(slots: int) -> Any:
+    """Buffers of a search."""
+    from dynkit.exponential.kernels import DEGREE, Workspace
+
+    return Workspace(np.zeros((6, 2, slots)), np.zeros(DEGREE + 1))
+
+
+def band_factor(slots: int) -> float:
+    """Rounding band in units of 2^-52 times the sum of amplitudes: each of `slots` products and their sum."""
+    return 8.0 + slots
+
+
+def run(
+    oscillator: ImpactOscillator,
+    start: ImpactState,
+    count: int,
+    *,
+    store: bool,
+    noise: float,
+    seed: int,
+) -> Run:
+    """Simulate `count` impacts from a state of this oscillator."""
+    from dynkit.systems.impact import kernels
+
+    began = time.perf_counter()
+    n = oscillator.degrees_of_freedom
+    slots = oscillator._gap.step.shape[2]
+    flight = workspace(slots)
+    flight.states[kernels.START] = start._coordinates
+    clock = np.zeros(kernels.CLOCK)
+    clock[kernels.SPEED] = start.relative_velocity
+    clock[kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
+    clock[kernels.SEED] = seed
+    states = np.empty((count if store else 0, 2 * n + 4))
+    contacts = np.empty((0, 3))
+    if "_contact" in vars(oscillator):
+        contacts = np.empty((16, 3))
+    done = 0
+    while True:
+        mechanics, contact = _mechanics(oscillator, with_contact=len(contacts) > 0)
+        impacts, ending = kernels.run(
+            mechanics,
+            clock,
+            count - done,
+            noise,
+            band_factor(slots),
+            MOST_CELLS,
+            states[done:],
+            contacts,
+            flight,
+            contact,
+        )
+        used = int(clock[kernels.CONTACTS])
+        done += impacts
+        if ending != kernels.CONTACTS_FULL:
+            break
+        contacts = np.concatenate([contacts, np.empty((max(16, len(contacts)), 3))])
+    return Run(
+        start,
+        oscillator._state_of(
+            flight.states[kernels.START],
+            clock[kernels.SPEED],
+            _MOTIONS[int(clock[kernels.PHASE_OF_MOTION])],
+        ),
+        states[:done],
+        contacts[:used],
+        done,
+        ending,
+        float(clock[kernels.CHATTER_ERROR]),
+        int(clock[kernels.CELLS]),
+        int(clock[kernels.TOUCHES]),
+        time.perf_counter() - began,
+    )
+
+
+def _mechanics(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, Any]:
+    """What the kernels take, and a workspace for contact; without contact its place is held by empty arrays."""
+    from dynkit.systems.impact import kernels
+
+    structure, gap = oscillator._structure, oscillator._gap
+    kick = np.zeros((2, gap.step.shape[2]))
+    kick[:, : structure.size] = structure.free.coordinates(
+        np.zeros(structure.size), structure.kick_velocity
+    )
+    if with_contact:
+        parts = oscillator._contact
+        force, to_stuck, to_free = parts.force, parts.to_stuck, parts.to_free
+    else:
+        force, to_stuck, to_free = gap, np.empty((0, 0)), np.empty((0, 0))
+    mechanics = kernels.Mechanics(
+        gap,
+        force,
+        kick,
+        to_stuck,
+        to_free,
+        oscillator.restitution,
+        structure.coupling,
+        oscillator.chatter_tolerance,
+    )
+    return mechanics, workspace(force.step.shape[2])
