@@ -1,0 +1,7 @@
+"""Slow, obvious, independent references that the tests compare the toolkit with.
+
+Nothing here imports dynkit. ``oscillators`` and ``first_root`` work in interval arithmetic (every
+answer is proved), ``verify`` checks very many claimed roots at once, ``impact_chain`` simulates the
+chain of Cusumano & Bai (1993) to 50 digits, ``brute_force`` steps it with a fixed small step, and
+``solve_ivp_peer`` integrates it as a user of SciPy would.
+"""
