@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tests.reference.brute_force import BruteForceChain
 from tests.reference.first_root import FirstRoot, evaluate, first_root
 from tests.reference.impact_chain import ReferenceChain
-from tests.reference.solve_ivp_peer import Method, simulate
+from tests.reference.solve_ivp_peer import Method, missed_impacts, simulate
 from tests.reference.values import PAPER_CHAIN, regenerate
 from tests.reference.verify import Verification, verify_first_root
 
@@ -440,3 +440,26 @@ def test_solve_ivp_counts_a_motion_that_stops_short() -> None:
         impacts=3,
     )
     assert not run.completed
+
+
+def test_missed_impacts_are_counted() -> None:
+    assert missed_impacts(np.array([1.0, 3.0]), np.array([1.0, 2.0, 3.00001])) == 1
+
+
+def test_solve_ivp_misses_a_grazing_impact() -> None:
+    # One undamped mass on a table at rest, 1e-9 above the lowest point of its swing.
+    run = simulate(
+        np.ones(1),
+        np.ones(1),
+        damping=0.0,
+        restitution=0.8,
+        amplitude=0.0,
+        offset=-1.0 + 1e-9,
+        frequency=1.0,
+        position=np.array([1.0]),
+        velocity=np.array([0.0]),
+        impacts=1,
+        flight_limit=6.0,
+    )
+    reference = np.array([acos(-1.0 + 1e-9)])
+    assert missed_impacts(run.time, reference) == 1
