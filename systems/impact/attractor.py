@@ -12,7 +12,7 @@ from dynkit.attractors import Attractor
 from dynkit.labels import OrbitLabel, Window, label_orbit
 from dynkit.results import Cost
 from dynkit.sections import PoincareSection
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import ImpactState
 from dynkit.validation import Array, finite_array
@@ -55,6 +55,16 @@ class ImpactAttractor(Attractor):
     def final(self) -> ImpactState:
         return self.record.final
 
+    @property
+    def ending(self) -> Ending:
+        """Why the simulation ended; fewer impacts than asked for when it ended by itself."""
+        return self.record.ending
+
+    def observable(self, name: str) -> Array:
+        """Return one of the system's `observables` at the kept impacts, (n,)."""
+        values: Array = getattr(self.record, name)
+        return values
+
     @cached_property
     def states(self) -> Array:
         """Section coordinates of the kept impacts, (n, 2N): see `ImpactOscillator`."""
@@ -82,6 +92,11 @@ class ImpactAttractor(Attractor):
     @cached_property
     def label(self) -> OrbitLabel:
         return label_orbit(_ImpactOrbit(self.record), kept=max(len(self.record), 1))
+
+    def label_within(self, budget: int) -> OrbitLabel:
+        """Return the label as far as so many impacts tell; the kept ones are always looked at."""
+        kept = max(len(self.record), 1)
+        return label_orbit(_ImpactOrbit(self.record), kept=kept, budget=budget)
 
     def time_series(self, times: Array) -> Array:
         """Positions and velocities, (k, 2N), at times from the last skipped impact on."""

@@ -83,6 +83,9 @@ class ImpactOscillator(LagrangianStructure, Map):
         "chatter_tolerance",
     }
 
+    observables: ClassVar[tuple[str, ...]] = ("relative_velocity", "phase", "energy", "time")
+    """What a sweep can keep of every impact: names of arrays of the record."""
+
     def __post_init__(self) -> None:
         self._set("frequency", positive("frequency", self.frequency))
         self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
@@ -118,6 +121,13 @@ class ImpactOscillator(LagrangianStructure, Map):
             if name not in known:
                 raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
         return dataclasses.replace(self, **parameters)
+
+    @property
+    def identity(self) -> Mapping[str, object]:
+        """Everything that the motion depends on, by name: fields, and matrices of the energies."""
+        fields = {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
+        matrices = ("mass", "damping_matrix", "stiffness")
+        return {**fields, **{name: getattr(self, name) for name in matrices}}
 
     @property
     def natural_frequencies(self) -> Array:
@@ -223,6 +233,8 @@ class ImpactOscillator(LagrangianStructure, Map):
         """
         if start is None:
             return self.state()
+        if not isinstance(start, ImpactState):
+            raise ValueError(f"start must be an ImpactState; got {start!r}")
         if start._system is self or start._system == self:
             return start
         n = self.degrees_of_freedom
@@ -240,6 +252,34 @@ class ImpactOscillator(LagrangianStructure, Map):
             x[-1] = table
             v[-1] = self.amplitude * self.frequency * cosine + start.relative_velocity
         return self._make_state(x, v, sine, cosine, start.relative_velocity, start.motion)
+
+    def pack_state(self, state: ImpactState) -> Array:
+        """Return numbers, one array, from which `unpack_state` makes the same state, bit for bit.
+
+        A state of an oscillator with other parameters becomes one of this oscillator first, as in
+        `simulate`.
+
+        Raises
+        ------
+        ValueError
+            When it is no state of this structure, or below the table.
+        """
+        own = self._entered(state)
+        motion = tuple(Motion).index(own.motion)
+        return np.concatenate([[motion, own.relative_velocity], own._coordinates.ravel()])
+
+    def unpack_state(self, packed: Array) -> ImpactState:
+        """Return the state of this oscillator that `pack_state` turned into numbers.
+
+        Raises
+        ------
+        ValueError
+            When they are not finite, or not as many as a state of this oscillator has.
+        """
+        slots = self._gap.step.shape[2]
+        numbers = finite_array("packed", packed, (2 + 2 * slots,))
+        motion = tuple(Motion)[int(numbers[0])]
+        return self._state_of(numbers[2:].reshape(2, slots), float(numbers[1]), motion)
 
     # --- simulation ---------------------------------------------------------------------------------------------------
 
