@@ -1,7 +1,8 @@
-"""Compilation of the numerical kernels: one decorator, one cache folder for one state of all kernel sources.
+"""Compilation of the numerical kernels, with a cache folder for each state of their sources.
 
-Numba's own file cache notices an edit to the file of a compiled function, but not an edit to a function of another file
-that it calls. The cache folder is therefore named after a hash of every kernel source of the package.
+Numba's own file cache notices an edit to the file of a compiled function, but not an edit to a
+function of another file that it calls. The cache folder is therefore named after a hash of every
+kernel source of the package.
 """
 
 from __future__ import annotations
@@ -56,8 +57,8 @@ def _kernel_sources() -> list[Path]:
 def cache_folder() -> Path:
     """Folder of the compiled kernels, named after a hash of their sources.
 
-    The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder, otherwise (not writable) a
-    temporary folder of this process.
+    The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder, otherwise
+    (not writable) a temporary folder of this process.
     """
     digest = hashlib.sha256()
     for source in _kernel_sources():
@@ -73,24 +74,29 @@ def kernel(*, reorder: bool = False, inline: bool = False) -> Callable[[_Functio
     Parameters
     ----------
     reorder
-        The sums of this function may be taken in any order and contracted to fused operations. Never for
-        double-double arithmetic.
+        The sums of this function may be taken in any order and contracted to fused operations.
+        Never for double-double arithmetic.
     """
     import numba
 
+    # The runtime's reference counting takes longer than the loops over a few slots; without it
+    # kernels cannot allocate, so they work in the buffers that they are given.
+    options: dict[str, Any] = {
+        "cache": True,
+        "error_model": "numpy",
+        "fastmath": REORDERED if reorder else False,
+        "forceinline": inline,
+        "_nrt": False,
+    }
+    settings: Any = numba.config
+
     def decorate(function: _Function) -> _Function:
-        previous = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(cache_folder())
+        previous = settings.CACHE_DIR
+        settings.CACHE_DIR = str(cache_folder())
         try:
-            compiled: _Function = numba.njit(
-                cache=True,
-                error_model="numpy",
-                fastmath=REORDERED if reorder else False,
-                forceinline=inline,
-                _nrt=False,
-            )(function)
+            compiled: _Function = numba.njit(**options)(function)
         finally:
-            numba.config.CACHE_DIR = previous
+            settings.CACHE_DIR = previous
         return compiled
 
     return decorate

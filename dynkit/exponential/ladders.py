@@ -1,19 +1,22 @@
-"""Preparation of exponential sums for the kernels: bounds of all derivatives and the propagation ladder."""
+"""Preparation of exponential sums for the kernels: bounds and the propagation ladder."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal, localcontext
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dynkit.validation import Array
 
 LANES = 8
-"""Slots are padded to a multiple of this, so that the compiler can use vector instructions throughout."""
+"""Slots are padded to a multiple of this, for vector instructions throughout."""
 
 MAXIMUM_RUNGS = 61
+
+SEPARATE = 1.1
+"""Beyond this damping ratio the two real exponentials of an oscillator are kept apart."""
 
 
 def padded(count: int) -> int:
@@ -30,8 +33,8 @@ class Pairs:
     generator, generator_low
         (4, n) entries 11, 12, 21, 22 of G and their low parts (double-double).
     scale
-        (n,) factor s_k such that the norm of (y_1, s_k y_2) never grows; 0 marks two separate real exponentials
-        (G diagonal).
+        (n,) factor s_k such that the norm of (y_1, s_k y_2) never grows; 0 marks two separate real
+        exponentials (G diagonal).
     """
 
     generator: Array
@@ -40,15 +43,54 @@ class Pairs:
 
     @property
     def count(self) -> int:
+        """Number of pairs."""
         return self.scale.size
 
     @staticmethod
     def join(*parts: Pairs) -> Pairs:
+        """All pairs of the parts, one after the other."""
         return Pairs(
             np.concatenate([p.generator for p in parts], axis=1),
             np.concatenate([p.generator_low for p in parts], axis=1),
             np.concatenate([p.scale for p in parts]),
         )
+
+    @staticmethod
+    def oscillators(
+        frequency: Array, frequency_low: Array, decay: Array, decay_low: Array
+    ) -> tuple[Pairs, Array | None]:
+        """Pairs of q'' + 2 decay q' + frequency^2 q = 0, both given as double-double.
+
+        Returns
+        -------
+        pairs
+            (q, q') through critical damping, two real exponentials beyond it.
+        mixing
+            (2, 2, n) matrices that give (q, q') from the pairs; None when all of them are 1.
+        """
+        n = frequency.size
+        generator, low = np.zeros((4, n)), np.zeros((4, n))
+        scale = np.zeros(n)
+        mixing = np.zeros((2, 2, n))
+        mixing[0, 0] = mixing[1, 1] = 1.0
+        separate = decay > SEPARATE * frequency
+        with localcontext() as context:
+            context.prec = 50
+            for k in range(n):
+                w = Decimal(float(frequency[k])) + Decimal(float(frequency_low[k]))
+                sigma = Decimal(float(decay[k])) + Decimal(float(decay_low[k]))
+                if separate[k]:
+                    fast = sigma + (sigma * sigma - w * w).sqrt()
+                    slow = w * w / fast
+                    entries = {0: -slow, 3: -fast}
+                    mixing[:, :, k] = [[1.0, 1.0], [-float(slow), -float(fast)]]
+                else:
+                    entries = {1: Decimal(1), 2: -w * w, 3: -2 * sigma}
+                    scale[k] = 1.0 / float(w)
+                for i, entry in entries.items():
+                    generator[i, k] = float(entry)
+                    low[i, k] = float(entry - Decimal(float(entry)))
+        return Pairs(generator, low, scale), mixing if separate.any() else None
 
     @staticmethod
     def rotation(frequency: float) -> Pairs:
@@ -58,14 +100,14 @@ class Pairs:
         )
 
     def derivative_rows(self, row: Array, order: int) -> Array:
-        """(2, n) row that gives the derivative of that order, from the (2, n) row that gives the value."""
+        """Row (2, n) of the derivative of that order, from the row (2, n) of the value."""
         g = self.generator
         for _ in range(order):
             row = np.stack([row[0] * g[0] + row[1] * g[2], row[0] * g[1] + row[1] * g[3]])
         return row
 
     def bound(self, row: Array, order: int) -> Array:
-        """(2, n) weights w such that w . abs(y) bounds the derivative of that order at all later times."""
+        """Weights (2, n) of abs(y) that bound the derivative of that order at all later times."""
         row = self.derivative_rows(row, order)
         together = self.scale > 0.0
         scale = np.where(together, self.scale, 1.0)
@@ -81,12 +123,12 @@ class Pairs:
         determinant = g[0] * g[3] - g[1] * g[2]
         root = np.sqrt(np.abs(half_trace * half_trace - determinant))
         real = half_trace * half_trace >= determinant
-        return np.where(real, np.abs(half_trace) + root, np.sqrt(np.abs(determinant)))
+        return np.asarray(np.where(real, np.abs(half_trace) + root, np.sqrt(np.abs(determinant))))
 
 
 def rung_sizes(pairs: Pairs) -> tuple[float, int]:
     """Smallest step (a power of two with every abs(lambda) h <= REACH) and number of rungs."""
-    from dynkit.exponential.kernels import REACH
+    from dynkit.exponential.evaluation_kernels import REACH
 
     rates = pairs.rates()
     fastest = max(float(rates.max(initial=0.0)), 1e-300)
@@ -103,10 +145,10 @@ def _pad(rows: Array, slots: int) -> Array:
 
 
 def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[Array, int]:
-    """(rungs, 2, n) weights of the quintic Hermite error on cells of each size, and the largest rung with h^6 throughout.
+    """Weights (rungs, 2, n) of the quintic Hermite error, and the last rung with h^6 throughout.
 
-    The error of a term is at most h^6/46080 sup |f^(6)|, and at most 2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|
-    (the Bernstein coefficients of the polynomial).
+    The error of a term is at most h^6/46080 sup |f^(6)|, and at most 2 sup |f| + 2/5 h sup |f'| +
+    h^2/20 sup |f''| (the Bernstein coefficients of the polynomial).
     """
     h = smallest * 2.0 ** np.arange(rungs)[:, None, None]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -121,7 +163,7 @@ def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[
 
 def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
     """(rungs, 8, slots) propagators over ``smallest * 2**j``."""
-    from dynkit.exponential.kernels import fill_steps
+    from dynkit.exponential.double_double_kernels import fill_steps
 
     slots = padded(pairs.count)
     step = np.zeros((rungs, 8, slots))
@@ -141,7 +183,7 @@ def ladder(
     pairs: Pairs, row: Array, offset: float, smallest: float, step: Array, steady: int, swing: float
 ) -> Any:
     """The exponential sum ``offset + row . y`` as the kernels take it."""
-    from dynkit.exponential.kernels import Ladder
+    from dynkit.exponential.evaluation_kernels import Ladder
 
     rungs, _, slots = step.shape
     rows = _pad(np.concatenate([pairs.derivative_rows(row, order) for order in range(4)]), slots)

@@ -81,7 +81,7 @@ class ImpactAttractor(Attractor):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the kept states, as the record's, from the start of the transient on."""
+        """Estimate of the largest error of the kept states, that of the transient included."""
         if self._before is None:
             return float(self.record.error.max(initial=0.0))
         whole = self._system.simulate(
@@ -147,7 +147,7 @@ class _ImpactOrbit:
         return np.asarray(a - b)
 
     def growth(self, steps: int) -> Array:
-        """Log growth of a disturbance of 1e-8, put back to that size after every 10 impacts, per block of 10."""
+        """Log growth of a disturbance of 1e-8, per block of 10 impacts, renewed after each."""
         size, block = 1e-8, 10
         blocks = max(steps // block, 1)
         state = self.record.final

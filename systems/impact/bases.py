@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from decimal import Decimal, localcontext
 from typing import final
 
 import numpy as np
@@ -13,16 +12,12 @@ from dynkit.exponential.ladders import Pairs
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
-# Beyond this damping ratio the two real exponentials of a mode are kept apart; below, through critical damping, a mode is
-# displacement and velocity.
-SEPARATE = 1.1
-
 
 class Basis(ABC):
     """Coordinates y (2, n) of a linear structure with n degrees of freedom.
 
-    A subclass owes `pairs`, how each pair evolves, the positions, velocities and energies of coordinates, and the
-    coordinates of positions and velocities.
+    A subclass owes `pairs`, how each pair evolves, the positions, velocities and energies of
+    coordinates, and the coordinates of positions and velocities.
     """
 
     pairs: Pairs
@@ -49,7 +44,8 @@ class Basis(ABC):
 class NormalModes(Basis):
     """Normal modes of a structure whose damping leaves them uncoupled.
 
-    A mode is (q, q'), or its two real exponentials where it is clearly overdamped: (q, q') = mixing y.
+    A mode is (q, q'), or its two real exponentials where it is clearly overdamped: (q, q') = mixing
+    y.
 
     Attributes
     ----------
@@ -69,7 +65,9 @@ class NormalModes(Basis):
 
     @staticmethod
     def of(modes: Modes, mass: Array) -> NormalModes:
-        generator, low, scale, mixing = _mode_pairs(modes)
+        pairs, mixing = Pairs.oscillators(
+            modes.frequencies, modes.frequencies_low, modes.decay, modes.decay_low
+        )
         unmixing = None
         if mixing is not None:
             determinant = mixing[0, 0] * mixing[1, 1] - mixing[0, 1] * mixing[1, 0]
@@ -78,7 +76,7 @@ class NormalModes(Basis):
                 / determinant
             )
         return NormalModes(
-            Pairs(generator, low, scale),
+            pairs,
             modes.matrix,
             modes.matrix.T @ mass,
             mixing,
@@ -119,7 +117,8 @@ class ComplexModes(Basis):
     Attributes
     ----------
     pairs : Pairs
-    position_matrix, velocity_matrix : (N, 2 N) from the coordinates, both rows of pairs one after the other
+    position_matrix, velocity_matrix : (N, 2 N) from the coordinates, both rows of pairs one after
+        the other
     inverse : (2 N, 2 N) from positions and velocities
     mass, stiffness : (N, N)
     """
@@ -133,7 +132,7 @@ class ComplexModes(Basis):
 
     @staticmethod
     def of(mass: Array, damping: Array, stiffness: Array) -> ComplexModes:
-        """Raises ValueError where the state matrix is so nearly defective that half of the digits would be lost."""
+        """Diagonalise; ValueError where the state matrix is nearly defective."""
         n = len(mass)
         inverse_mass = np.linalg.inv(mass)
         state_matrix = np.block(
@@ -150,8 +149,8 @@ class ComplexModes(Basis):
         condition = float(np.linalg.cond(matrix))
         if condition > 1e8:
             raise ValueError(
-                "dashpots must not make the state matrix nearly defective (condition of its modes up to 1e8); "
-                f"got {condition:.1e}"
+                "dashpots must not make the state matrix nearly defective: its modes may have a "
+                f"condition number up to 1e8; got {condition:.1e}"
             )
         generator = np.zeros((4, n))
         k = len(oscillating)
@@ -192,30 +191,3 @@ def basis_of(modes: Modes, mass: Array, damping: Array, stiffness: Array) -> Bas
     if modes.proportional:
         return NormalModes.of(modes, mass)
     return ComplexModes.of(mass, damping, stiffness)
-
-
-def _mode_pairs(modes: Modes) -> tuple[Array, Array, Array, Array | None]:
-    """Generators (high and low part), scales and mixing of the modes, from their double-double parameters."""
-    n = modes.frequencies.size
-    generator, low = np.zeros((4, n)), np.zeros((4, n))
-    scale = np.zeros(n)
-    mixing = np.zeros((2, 2, n))
-    mixing[0, 0] = mixing[1, 1] = 1.0
-    separate = modes.decay > SEPARATE * modes.frequencies
-    with localcontext() as context:
-        context.prec = 50
-        for k in range(n):
-            w = Decimal(float(modes.frequencies[k])) + Decimal(float(modes.frequencies_low[k]))
-            sigma = Decimal(float(modes.decay[k])) + Decimal(float(modes.decay_low[k]))
-            if separate[k]:
-                fast = sigma + (sigma * sigma - w * w).sqrt()
-                slow = w * w / fast
-                entries = {0: -slow, 3: -fast}
-                mixing[:, :, k] = [[1.0, 1.0], [-float(slow), -float(fast)]]
-            else:
-                entries = {1: Decimal(1), 2: -w * w, 3: -2 * sigma}
-                scale[k] = 1.0 / float(w) if w else 0.0
-            for i, entry in entries.items():
-                generator[i, k] = float(entry)
-                low[i, k] = float(entry - Decimal(float(entry)))
-    return generator, low, scale, mixing if separate.any() else None

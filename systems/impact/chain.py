@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactChain(ImpactOscillator):
-    """N masses in a line, the first tied to a wall, the last free to hit a vibrating table (Cusumano & Bai 1993).
+    """N masses in a line, the first tied to a wall, the last free to hit a vibrating table.
 
-    A new structure is a subclass with other energies: override `kinetic`, `potential`, `dissipation`.
+    A new structure is a subclass with other energies: override `kinetic`, `potential`,
+    `dissipation`.
 
     Parameters
     ----------
@@ -28,8 +29,8 @@ class ImpactChain(ImpactOscillator):
     springs : float or array_like, shape (N,)
         Spring constants, positive; the first spring holds mass 1 to the wall.
     damping : float or array_like, shape (N,)
-        One number: every dashpot constant is this times its spring constant. An array: the dashpot constants themselves.
-        Not negative.
+        One number: every dashpot constant is this times its spring constant. An array: the dashpot
+        constants themselves. Not negative.
     frequency, restitution, amplitude, offset, chatter_tolerance : float
         As for `ImpactOscillator`.
 

@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 
 def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array:
-    """Derivative (2N, 2N) of the next impact's section coordinates with respect to those of a state on the table.
+    """Derivative (2N, 2N) of the impact map in section coordinates.
 
-    The chain of: section coordinates to free ones; contact until the force vanishes, where there is one; flight until
-    the gap vanishes; the impact law. The rest of a chatter that is replaced by contact forgets the relative velocity.
+    The chain of: section coordinates to free ones; contact until the force vanishes, where there is
+    one; flight until the gap vanishes; the impact law. The rest of a chatter that is replaced by
+    contact forgets the relative velocity.
     """
     run = oscillator._run(state, 1, store=True)
     if run.impacts < 1:
@@ -67,7 +68,7 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
 
 
 def _lift(oscillator: ImpactOscillator, phase: float) -> Array:
-    """Derivative (2 slots, 2N) of the free coordinates, table included, with respect to the section coordinates."""
+    """Derivative (2 slots, 2N) of the free coordinates, table included, by the section ones."""
     structure, table = oscillator._structure, oscillator._table
     n, slots = structure.size, oscillator._gap.step.shape[2]
     sine, cosine = math.sin(phase), math.cos(phase)
@@ -84,7 +85,7 @@ def _lift(oscillator: ImpactOscillator, phase: float) -> Array:
 
 
 def _flow(ladder: Any, y: Array, duration: float) -> tuple[Array, Array]:
-    """The state after a duration, and the derivative (2 slots, 2 slots) with respect to the state before."""
+    """The state after a duration, and its derivative (2 slots, 2 slots) by the state before."""
     slots = y.shape[1]
     starts = np.zeros((3, 2, slots))
     starts[0], starts[1, 0], starts[2, 1] = y, 1.0, 1.0

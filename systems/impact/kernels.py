@@ -1,6 +1,7 @@
 """Kernels of the impact oscillator: the loop over flights, impacts, chatter, contact and release.
 
-Modal coordinates all the way: an impact adds a multiple of one vector, and nothing is transformed to positions.
+Modal coordinates all the way: an impact adds a multiple of one vector, and nothing is transformed
+to positions.
 """
 
 from __future__ import annotations
@@ -12,25 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.compiled import kernel
-from dynkit.exponential.kernels import (
+from dynkit.exponential.double_double_kernels import two_product
+from dynkit.exponential.evaluation_kernels import (
     FOUND,
-    LIMIT,
-    NEVER,
     START,
-    TOUCH,
     Ladder,
     Workspace,
-    first_root,
     propagate_steps,
     shift,
     start_sums,
-    two_product,
 )
+from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, TOUCH
+from dynkit.exponential.search_kernels import first_root
+from dynkit.validation import Array
 
-Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 FLIGHT, BOUNCED, RELEASED = 0, 1, 2
-"""Where a run starts or goes on: gap open, on the table with a relative velocity >= 0, just released by it."""
+"""Where a run starts or goes on: gap open, on the table (u >= 0), just released by it."""
 
 COUNT_REACHED, NO_FURTHER_CONTACT, CONTACT_FOR_EVER, SEARCH_LIMIT, CONTACTS_FULL = 0, 1, 2, 3, 4
 """Endings of a run."""
@@ -68,7 +68,7 @@ class Mechanics(NamedTuple):
 
 
 @kernel()
-def _advance_clock(clock, n, smallest, e):
+def _advance_clock(clock: Array, n: int, smallest: float, e: float) -> None:
     """Add ``n * smallest + e`` to the time, in double-double."""
     step, step_low = two_product(float(n), smallest)
     for part in (step, e + step_low):
@@ -82,7 +82,7 @@ def _advance_clock(clock, n, smallest, e):
 
 
 @kernel()
-def _normalise(states, slot):
+def _normalise(states: Array, slot: int) -> None:
     """Sine and cosine of the table in the start state back to the unit circle."""
     s = states[START, 0, slot]
     c = states[START, 1, slot]
@@ -92,22 +92,25 @@ def _normalise(states, slot):
 
 
 @kernel(reorder=True)
-def transform(matrix, states, k, out):
-    """Affine change of basis from the state `k` of one set to the start of the other, `out`, modified in place."""
+def transform(matrix: Array, states: Array, k: int, out: Array) -> None:
+    """Affine change of basis from state `k` to the start of `out`, which is modified in place."""
     m = states.shape[2]
     n = out.shape[2]
     for i in range(2 * n):
         total = matrix[i, 2 * m]
-        for l in range(m):
-            total += matrix[i, l] * states[k, 0, l] + matrix[i, m + l] * states[k, 1, l]
+        for j in range(m):
+            total += matrix[i, j] * states[k, 0, j] + matrix[i, m + j] * states[k, 1, j]
         out[START, i // n, i % n] = total
 
 
 @kernel()
-def _chatter_completes(mechanics, u, second, third, fourth, error):
+def _chatter_completes(
+    mechanics: Mechanics, u: float, second: float, third: float, fourth: float, error: float
+) -> bool:
     """Whether the bounces from relative velocity `u` on must accumulate before contact can be lost.
 
-    With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 - r)/4 over 2T.
+    With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 -
+    r)/4 over 2T.
     """
     r = mechanics.restitution
     a = -second
@@ -118,8 +121,8 @@ def _chatter_completes(mechanics, u, second, third, fourth, error):
 
 
 @kernel()
-def chatter_error(mechanics, u, second):
-    """Impulse on the neighbours that is dropped with the rest of a chatter: coupling times the integral of the gap."""
+def chatter_error(mechanics: Mechanics, u: float, second: float) -> float:
+    """Impulse on the neighbours that is dropped with the rest of a chatter."""
     r = mechanics.restitution
     if u == 0.0:
         return 0.0
@@ -127,22 +130,29 @@ def chatter_error(mechanics, u, second):
 
 
 @kernel()
-def _perturb(states, clock, noise, shift):
-    """Add (noise * number + shift) * xi to every number of the state, xi pseudo-random in [-1, 1] (modified in place)."""
+def _perturb(states: Array, clock: Array, noise: float, extra: float) -> None:
+    """Add (noise * number + extra) * xi to the state, xi pseudo-random in [-1, 1]."""
     seed = np.uint64(clock[SEED])
     for i in range(states.shape[2]):
         for row in range(2):
             seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
             xi = float(seed) / 1073741824.0 - 1.0
-            states[START, row, i] += (noise * states[START, row, i] + shift) * xi
+            states[START, row, i] += (noise * states[START, row, i] + extra) * xi
     seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
     clock[SPEED] *= 1.0 + noise * (float(seed) / 1073741824.0 - 1.0)
     clock[SEED] = float(seed)
 
 
 @kernel()
-def contact_phase(mechanics, clock, band_factor, limit, flight, contact):
-    """From the start state of the workspace `flight`, on the table, to the release, which becomes its start state.
+def contact_phase(
+    mechanics: Mechanics,
+    clock: Array,
+    band_factor: float,
+    limit: int,
+    flight: Workspace,
+    contact: Workspace,
+) -> int:
+    """From the start state of `flight`, on the table, to the release, its new start state.
 
     The start state of `contact` becomes the stuck state at the start, the clock is advanced.
 
@@ -155,7 +165,7 @@ def contact_phase(mechanics, clock, band_factor, limit, flight, contact):
         mechanics.force, 0, 0.0, band_factor, False, limit, contact
     )
     clock[CELLS] += cells
-    if outcome == NEVER or outcome == LIMIT:
+    if outcome in (NEVER, LIMIT):
         return outcome
     transform(mechanics.to_free, contact.states, FOUND, flight.states)
     _normalise(flight.states, mechanics.gap.steady)
@@ -164,18 +174,30 @@ def contact_phase(mechanics, clock, band_factor, limit, flight, contact):
 
 
 @kernel()
-def run(mechanics, clock, count, noise, band_factor, limit, states, contacts, flight, contact):
-    """Simulate `count` impacts from (``flight.states[START]``, `clock`), which become the state after the last.
+def run(
+    mechanics: Mechanics,
+    clock: Array,
+    count: int,
+    noise: float,
+    band_factor: float,
+    limit: int,
+    states: Array,
+    contacts: Array,
+    flight: Workspace,
+    contact: Workspace,
+) -> tuple[int, int]:
+    """Simulate `count` impacts from (``flight.states[START]``, `clock`), modified in place.
 
     Parameters
     ----------
     states
-        (count or 0, 2 * modes + 4), modified in place: the pairs of the modes, sine and cosine of the phase, relative
-        velocity, time, after each impact. With no rows nothing is stored.
+        (count or 0, 2 * modes + 4), modified in place: the pairs of the modes, sine and cosine of
+        the phase, relative velocity, time, after each impact. With no rows nothing is stored.
     contacts
         (k, 3), modified in place: impacts before the contact, its start and its end.
     noise
-        Relative size of a pseudo-random perturbation after each impact, for error estimates; 0 for none.
+        Relative size of a pseudo-random perturbation after each impact, for error estimates; 0 for
+        none.
     flight, contact
         Workspaces of the free and of the stuck structure, modified in place.
 
@@ -259,7 +281,9 @@ def run(mechanics, clock, count, noise, band_factor, limit, states, contacts, fl
 
 
 @kernel()
-def sample(ladder, starts, which, durations, work, out):
+def sample(
+    ladder: Ladder, starts: Array, which: Indices, durations: Array, work: Workspace, out: Array
+) -> None:
     """States after given durations from given starts; `out` and `work` are modified in place.
 
     Parameters

@@ -28,7 +28,7 @@ class Structure:
     def __init__(self, modes: Modes, mass: Array, damping: Array, stiffness: Array) -> None:
         if not modes.frequencies[0] > 0.0:
             raise ValueError(
-                "springs must tie the structure to the wall; got a structure that can move as a rigid body"
+                "springs must tie the structure to the wall; got one that can move as a rigid body"
             )
         self.mass = mass
         self.damping = damping
@@ -62,7 +62,7 @@ class Structure:
 
     @cached_property
     def coupling(self) -> float:
-        """Largest acceleration, or velocity, of another coordinate by a unit displacement of the contact coordinate."""
+        """Largest effect of a unit displacement of the contact coordinate on another."""
         n = self.size - 1
         if n == 0:
             return 0.0
@@ -208,7 +208,7 @@ class Contact:
 
 
 def _driven_motion(structure: Structure, table: Table) -> tuple[Any, Array]:
-    """Complex shape (N,) of the harmonic motion with the contact coordinate on the table, and the rest position (N,)."""
+    """Complex shape (N,) of the harmonic motion on the table, and the rest position (N,)."""
     n = structure.size - 1
     shape = np.zeros(n + 1, dtype=complex)
     rest = np.zeros(n + 1)
@@ -223,8 +223,8 @@ def _driven_motion(structure: Structure, table: Table) -> tuple[Any, Array]:
         response = basis.stiffness - w * w + 2j * w * decay
         if not np.all(response):
             raise ValueError(
-                "frequency must not equal an undamped natural frequency of the structure held at the contact; "
-                f"got {w}"
+                "frequency must not equal an undamped natural frequency of the structure held at "
+                f"the contact; got {w}"
             )
         shape[:n] = basis.matrix @ ((basis.matrix.T @ load) / response)
         rest[:n] = -basis.matrix @ ((basis.matrix.T @ k[:n, n]) / basis.stiffness) * table.offset

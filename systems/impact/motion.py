@@ -1,4 +1,4 @@
-"""The motion between impacts: free flight, the rest of a chatter, contact, and flight after release."""
+"""The motion between impacts: flight, the rest of a chatter, contact, flight after release."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> Array:
     in_contact = since < length
     released = (during >= 0) & ~in_contact
 
-    # Flights after a release start from the released state, all others from the state after the impact.
+    # Flights after a release start from the released state, all others from the state after the
+    # impact.
     ended = np.isfinite(run.contacts[:, 2])
     ends = np.flatnonzero(ended)
     at_release = transformed(
@@ -63,6 +64,7 @@ def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> Array:
 
 
 def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
+    """States (m, 2, slots) at given durations from some of the starts (k, 2, slots)."""
     from dynkit.systems.impact.kernels import sample
 
     out = np.empty((len(durations), *starts.shape[1:]))
@@ -71,6 +73,7 @@ def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
 
 
 def transformed(matrix: Array, states: Array) -> Array:
+    """States (k, 2, slots) in the other basis, by a matrix of the kernels' `Mechanics`."""
     flat = states.reshape(len(states), -1)
     return np.asarray((flat @ matrix[:, :-1].T + matrix[:, -1]).reshape(len(states), 2, -1))
 
@@ -78,7 +81,7 @@ def transformed(matrix: Array, states: Array) -> Array:
 def _add_bounces(
     oscillator: ImpactOscillator, run: Run, out: Array, during: Any, since: Array, in_contact: Any
 ) -> None:
-    """Add the bounces that were replaced by contact: parabolas of which each is restitution^2 as high as the last."""
+    """Add the bounces that were replaced by contact: ever smaller parabolas."""
     r, structure = oscillator.restitution, oscillator._structure
     n = structure.size
     before = run.contacts[:, 0].astype(np.intp)

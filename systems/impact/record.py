@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 TWO_PI = 2.0 * math.pi
 
-# Twin runs for the error, the size of their disturbances in units of 2^-52, and the factor on the distance they reach.
+# Twin runs for the error, the size of their disturbances in units of 2^-52, and the factor on the
+# distance they reach.
 _TWINS, _DISTURBANCE, _SAFETY = 3, 8.0, 4.0
 
 
@@ -37,13 +38,15 @@ class Ending(Enum):
 class ImpactRecord:
     """The impacts of one simulation, and the motion between them.
 
-    All quantities are dimensionless. Arrays are worked out when asked for, from 2N + 4 stored numbers per impact.
+    All quantities are dimensionless. Arrays are worked out when asked for, from 2N + 4 stored
+    numbers per impact.
 
     Attributes
     ----------
     system : ImpactOscillator
     start, final : ImpactState
-        Where it began, and the state after the last event; simulating on from it continues the same motion bit for bit.
+        Where it began, and the state after the last event; simulating on from it continues the same
+        motion bit for bit.
     ending : Ending
     time : (n,) array
         Times of the impacts, from the start.
@@ -62,7 +65,8 @@ class ImpactRecord:
     chatter_error : float
         Sum of what was changed, to leading order, by replacing the rests of chatters by contact.
     cost : Cost
-        Seconds; impacts, cells (of the search for roots), contacts, touches (impacts at a double root).
+        Seconds; impacts, cells (of the search for roots), contacts, touches (impacts at a double
+        root).
     error : (n,) array
         Estimate of the error of `states`; see there.
     """
@@ -89,7 +93,8 @@ class ImpactRecord:
         return self._run.impacts
 
     def __repr__(self) -> str:
-        return f"<ImpactRecord: {len(self)} impacts, {len(self.sticking)} contacts; {self.ending.value}>"
+        events = f"{len(self)} impacts, {len(self.sticking)} contacts"
+        return f"<ImpactRecord: {events}; {self.ending.value}>"
 
     @property
     def time(self) -> Array:
@@ -149,14 +154,16 @@ class ImpactRecord:
     def error(self) -> Array:
         """Estimate of the largest error of the section coordinates of each impact, (n,).
 
-        The run is repeated three times with pseudo-random disturbances of 8 * 2^-52 of every number after every impact,
-        many times what rounding does, and of the size of the dropped rests of chatters. The estimate is four times the
-        largest distance reached so far. On a stable motion it stays near 1e-14; in chaos it grows to the size of the
-        attractor, and says when single states have become meaningless. Where a twin has fewer impacts it is infinite.
+        The run is repeated three times with pseudo-random disturbances of 8 * 2^-52 of every number
+        after every impact, many times what rounding does, and of the size of the dropped rests of
+        chatters. The estimate is four times the largest distance reached so far. On a stable motion
+        it stays near 1e-14; in chaos it grows to the size of the attractor, and says when single
+        states have become meaningless. Where a twin has fewer impacts it is infinite.
 
         References
         ----------
-        J. Vignes, Mathematics and Computers in Simulation 35 (1993) 233-261 (stochastic arithmetic).
+        J. Vignes, Mathematics and Computers in Simulation 35 (1993) 233-261 (stochastic
+        arithmetic).
         """
         worst = np.zeros(len(self))
         for seed in range(1, _TWINS + 1):
@@ -175,13 +182,14 @@ class ImpactRecord:
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times, exact between impacts and while stuck.
 
-        At the time of an impact the state just after it is given. In the rest of a chatter that was replaced by contact
-        the contact mass follows the bounces to leading order.
+        At the time of an impact the state just after it is given. In the rest of a chatter that was
+        replaced by contact the contact mass follows the bounces to leading order.
 
         Parameters
         ----------
         times : (k,) array_like
-            Times from the start, in any order, not beyond the last impact (any time when the simulation ended by itself).
+            Times from the start, in any order, not beyond the last impact (any time when the
+            simulation ended by itself).
 
         Returns
         -------

@@ -28,7 +28,8 @@ class Run:
     Attributes
     ----------
     start, final : ImpactState
-    states : (impacts, 2N + 4) coordinates, sine and cosine of the phase, relative velocity, time; no rows when not asked
+    states : (impacts, 2N + 4) coordinates, sine and cosine of the phase, relative velocity, time;
+        no rows when not asked
         for
     contacts : (k, 3) impacts before the contact, its start, its end (infinite for ever)
     impacts : number of impacts
@@ -50,13 +51,13 @@ class Run:
 
 def workspace(slots: int) -> Any:
     """Buffers of a search."""
-    from dynkit.exponential.kernels import DEGREE, Workspace
+    from dynkit.exponential.evaluation_kernels import DEGREE, STATES, Workspace
 
-    return Workspace(np.zeros((6, 2, slots)), np.zeros(DEGREE + 1))
+    return Workspace(np.zeros((STATES, 2, slots)), np.zeros(DEGREE + 1))
 
 
 def band_factor(slots: int) -> float:
-    """Rounding band in units of 2^-52 times the sum of amplitudes: each of `slots` products and their sum."""
+    """Rounding band in units of 2^-52 times the sum of amplitudes."""
     return 8.0 + slots
 
 
@@ -70,13 +71,14 @@ def run(
     seed: int,
 ) -> Run:
     """Simulate `count` impacts from a state of this oscillator."""
+    from dynkit.exponential.evaluation_kernels import START
     from dynkit.systems.impact import kernels
 
     began = time.perf_counter()
     n = oscillator.degrees_of_freedom
     slots = oscillator._gap.step.shape[2]
     flight = workspace(slots)
-    flight.states[kernels.START] = start._coordinates
+    flight.states[START] = start._coordinates
     clock = np.zeros(kernels.CLOCK)
     clock[kernels.SPEED] = start.relative_velocity
     clock[kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
@@ -108,7 +110,7 @@ def run(
     return Run(
         start,
         oscillator._state_of(
-            flight.states[kernels.START],
+            flight.states[START],
             clock[kernels.SPEED],
             _MOTIONS[int(clock[kernels.PHASE_OF_MOTION])],
         ),
@@ -124,7 +126,7 @@ def run(
 
 
 def _mechanics(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, Any]:
-    """What the kernels take, and a workspace for contact; without contact its place is held by empty arrays."""
+    """What the kernels take, and a workspace for contact; empty arrays where there is none."""
     from dynkit.systems.impact import kernels
 
     structure, gap = oscillator._structure, oscillator._gap

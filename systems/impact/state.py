@@ -23,7 +23,7 @@ class Motion(Enum):
 @final
 @dataclass(frozen=True, eq=False)
 class ImpactState:
-    """Positions, velocities and phase of an impact oscillator; made by `ImpactOscillator.state` or taken from a record.
+    """Positions, velocities and phase of an impact oscillator, from its `state` or a record.
 
     A simulation that starts from a record's final state goes on bit for bit.
 
@@ -33,8 +33,8 @@ class ImpactState:
     phase : float
         Phase of the table in [0, 2 pi).
     relative_velocity : float
-        Contact velocity less the table's; exact after an impact, where the difference of the two velocities would
-        have lost digits.
+        Contact velocity less the table's; exact after an impact, where the difference of the two
+        velocities would have lost digits.
     motion : Motion
     """
 

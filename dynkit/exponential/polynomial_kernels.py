@@ -1,0 +1,129 @@
+"""Certified first root of a polynomial."""
+
+from __future__ import annotations
+
+import math
+
+from dynkit.compiled import kernel
+from dynkit.exponential.evaluation_kernels import DEGREE, EPSILON
+from dynkit.validation import Array
+
+ROOT, TOUCH, NEVER, LIMIT = 0, 1, 2, 3
+"""Outcomes: sign change, double root within rounding, no root any more, step limit reached."""
+
+
+@kernel(reorder=True, inline=True)
+def _polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
+    """Value and derivative at `e` of the polynomial c[first] + c[first + 1] e + ..."""
+    value = c[DEGREE]
+    rate = 0.0
+    for j in range(DEGREE - 1, first - 1, -1):
+        rate = rate * e + value
+        value = value * e + c[j]
+    return value, rate
+
+
+@kernel()
+def _polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int, float, float]:
+    """Newton's iteration inside a bracket of one sign change, from positive to negative."""
+    for _ in range(80):
+        value, rate = _polynomial(c, first, e)
+        if value > 0.0:
+            low = e
+        elif value < 0.0:
+            high = e
+        trial = e - value / rate if rate < 0.0 else low
+        if not low < trial < high:
+            if value == 0.0 or not low < 0.5 * (low + high) < high:
+                break
+            trial = 0.5 * (low + high)
+            e = trial
+            continue
+        change = trial - e
+        # The next change would be about (curvature / rate) change^2 / 2.
+        second = 2.0 * abs(c[first + 2]) + 6.0 * abs(c[first + 3]) * e
+        if second * change * change <= -EPSILON * rate * trial:
+            e = trial
+            break
+        e = trial
+    value, rate = _polynomial(c, first, e)
+    return ROOT, e, rate
+
+
+@kernel()
+def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[int, float, float]:
+    """From a point within the band down to a crossing or to a minimum within the band."""
+    low = e
+    high = e
+    move = 1e-3 * end
+    value, rate = _polynomial(c, first, e)
+    if value < -band:
+        return _polish(c, first, e, 0.0, e)
+    while rate < 0.0 and high < end:
+        high = min(high + move, end)
+        value, rate = _polynomial(c, first, high)
+        if value < -band:
+            return _polish(c, first, low, low, high)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            break
+        value, rate = _polynomial(c, first, middle)
+        if value < -band:
+            return _polish(c, first, e, e, middle)
+        if rate < 0.0:
+            low = middle
+        else:
+            high = middle
+    return TOUCH, low, 0.0
+
+
+@kernel()
+def polynomial_first_root(
+    c: Array, first: int, end: float, band: float
+) -> tuple[int, float, float]:
+    """First root in (0, `end`] of c[first] + c[first + 1] e + ..., positive at 0.
+
+    From a point x on the left, the root of p(x) + p'(x) e - M e^2/2 with M >= |p''| cannot lie
+    beyond a root of p.
+
+    Returns
+    -------
+    outcome : ROOT, TOUCH (a minimum within +-band of zero) or NEVER (above -band on the whole
+        interval)
+    e : place of the root or of the touching minimum
+    slope : derivative there
+    """
+    slope = c[first + 1]
+    curvature = 0.0
+    power = 1.0
+    for j in range(first + 2, DEGREE + 1):
+        m = j - first
+        curvature += m * (m - 1) * abs(c[j]) * power
+        power *= end
+        slope += m * max(c[j], 0.0) * power
+    if slope < 0.0:
+        # The polynomial falls all the way.
+        value, rate = _polynomial(c, first, end)
+        if value > band:
+            return NEVER, end, 0.0
+        if value < -band:
+            discriminant = c[first + 1] * c[first + 1] - 4.0 * c[first] * c[first + 2]
+            guess = 2.0 * c[first] / (math.sqrt(max(discriminant, 0.0)) - c[first + 1])
+            return _polish(c, first, min(guess, end), 0.0, end)
+    e = 0.0
+    for _ in range(400):
+        value, rate = _polynomial(c, first, e)
+        if value <= band:
+            break
+        if curvature <= 0.0:
+            if rate >= 0.0:
+                return NEVER, end, 0.0
+            e -= value / rate
+        elif rate < 0.0:
+            e += 2.0 * value / (math.sqrt(rate * rate + 2.0 * curvature * value) - rate)
+        else:
+            e += (rate + math.sqrt(rate * rate + 2.0 * curvature * value)) / curvature
+        if e > end:
+            return NEVER, end, 0.0
+    return _downhill(c, first, e, end, band)
