@@ -1,0 +1,121 @@
+"""Chatter: how fast the flights of a sticking event shorten."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.validation import Array, finite_array, non_negative_integer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ChatterRatios:
+    """Ratios of successive flight times in a sticking event, which tend to the restitution.
+
+    The event is the longest run of flights of which each is shorter than the one before.
+
+    Parameters
+    ----------
+    flight_times : (n,) array_like
+        Times between one impact and the next. Differences of times that count from one start lose
+        a digit whenever a flight shortens tenfold, and tell nothing once it is shorter than the
+        rounding of the time; flights that were measured one by one do not.
+
+    Raises
+    ------
+    ValueError
+        When a flight time is not finite or negative, or when no two successive flights shorten.
+
+    References
+    ----------
+    J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, equation 13, figure 3.
+
+    Examples
+    --------
+    A ball that bounces on a floor, after one that was thrown higher each time:
+
+    >>> chatter = ChatterRatios([0.5, 1.0, 2.0, 1.6, 1.28, 1.024])
+    >>> chatter.begin, chatter.ratios.round(12).tolist()
+    (2, [0.8, 0.8, 0.8])
+    >>> chatter.deviation(0.8, first=1, last=3) < 1e-15
+    True
+    """
+
+    flight_times: Array
+
+    def __post_init__(self) -> None:
+        times = finite_array("flight_times", self.flight_times, (None,)).copy()
+        for i in np.flatnonzero(times < 0.0)[:1].tolist():
+            raise ValueError(f"flight_times[{i}] must not be negative; got {float(times[i])}")
+        if not (np.diff(times) < 0.0).any():
+            raise ValueError("flight_times must hold two successive flights that shorten")
+        times.setflags(write=False)
+        object.__setattr__(self, "flight_times", times)
+
+    @cached_property
+    def _run(self) -> tuple[int, int]:
+        shorter = np.concatenate([[False], np.diff(self.flight_times) < 0.0, [False]])
+        edges = np.flatnonzero(~shorter)
+        longest = int(np.argmax(np.diff(edges)))
+        return int(edges[longest]), int(edges[longest + 1])
+
+    @property
+    def begin(self) -> int:
+        """Index of the first flight of the event."""
+        return self._run[0]
+
+    @property
+    def flights(self) -> Array:
+        """Flight times of the event, (m,)."""
+        return self.flight_times[slice(*self._run)]
+
+    @property
+    def ratios(self) -> Array:
+        """Each flight time of the event over the one before, (m - 1,)."""
+        return np.asarray(self.flights[1:] / self.flights[:-1])
+
+    @property
+    def bounces(self) -> Array:
+        """Bounce numbers, (m - 1,), of the ratios; 1 stands for the event's first two flights."""
+        return np.arange(1.0, len(self.flights))
+
+    def deviation(self, limit: float, *, first: int, last: int) -> float:
+        """Return the largest distance of a ratio from the limit, over these bounce numbers.
+
+        Raises
+        ------
+        ValueError
+            When the event has fewer bounces, or none are asked for.
+        """
+        low, high = non_negative_integer("first", first), non_negative_integer("last", last)
+        if not 1 <= low <= high:
+            raise ValueError(f"first must lie in [1, last = {high}]; got {low}")
+        if high > len(self.ratios):
+            raise ValueError(
+                f"last must not exceed the event's {len(self.ratios)} bounces; got {high}"
+            )
+        return float(abs(self.ratios[low - 1 : high] - limit).max())
+
+    def plot(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
+        """Draw the ratios against the bounce number.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        label : str, optional
+            For a legend.
+        """
+        axes = shown_axes(ax)
+        axes.plot(self.bounces, self.ratios, markersize=1.6, label=label, **DOTS)
+        axes.set_xlabel("bounce number $n$")
+        axes.set_ylabel(r"ratio of flight times $\Delta t_{n+1} / \Delta t_n$")
+        return axes

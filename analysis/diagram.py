@@ -1,0 +1,210 @@
+"""Bifurcation diagrams: an observable of the attractor against a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import groupby
+from types import MappingProxyType
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.validation import Array, finite_array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.sweeps import Sweep
+
+
+@final
+@dataclass(frozen=True)
+class LabelInterval:
+    """Successive values of a sweep whose orbits have one label.
+
+    Parameters
+    ----------
+    label : str
+    low, high : float
+        Smallest and largest of the values.
+    count : int
+        How many values.
+    """
+
+    label: str
+    low: float
+    high: float
+    count: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BifurcationDiagram:
+    r"""What orbits show, against the parameter that was swept.
+
+    Parameters
+    ----------
+    parameter : str
+        Name of the parameter.
+    values : (k,) array_like
+        Its values, in the order of the sweep.
+    observables : mapping of str to (k, n) array_like
+        For each observable the numbers found at each value; NaN where there are fewer than n.
+    labels : sequence of str or OrbitLabel, optional
+        One for each value; none when empty.
+    symbols : mapping of str to str, optional
+        How the parameter and the observables are written beside their names on the axes, in
+        matplotlib's mathematical notation without the dollar signs.
+
+    Raises
+    ------
+    ValueError
+        When a value is not finite, lengths differ, or there is no observable.
+
+    Examples
+    --------
+    >>> diagram = BifurcationDiagram(
+    ...     "frequency",
+    ...     [0.8, 0.9, 1.0, 1.1],
+    ...     {"relative_velocity": [[0.2, 0.4], [0.3, 0.3], [0.3, 0.3], [0.1, 0.5]]},
+    ...     labels=["P(2,1)", "P(1,1)", "P(1,1)", "P(2,1)"],
+    ...     symbols={"frequency": r"\omega", "relative_velocity": "u"},
+    ... )
+    >>> diagram.intervals[1]
+    LabelInterval(label='P(1,1)', low=0.9, high=1.0, count=2)
+    >>> diagram.plot().get_ylabel()
+    'relative velocity $u$'
+    """
+
+    parameter: str
+    values: Array
+    observables: Mapping[str, Array]
+    labels: Sequence[object] = ()
+    symbols: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        values = finite_array("values", self.values, (None,)).copy()
+        if not self.observables:
+            raise ValueError("observables must hold at least one; got none")
+        observables = {
+            name: _observed(name, numbers, len(values))
+            for name, numbers in self.observables.items()
+        }
+        if len(self.labels) not in (0, len(values)):
+            raise ValueError(
+                f"labels must be one for each of {len(values)} values; got {len(self.labels)}"
+            )
+        for array in (values, *observables.values()):
+            array.setflags(write=False)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "observables", MappingProxyType(observables))
+        object.__setattr__(self, "symbols", MappingProxyType(dict(self.symbols)))
+
+    @classmethod
+    def of(
+        cls, sweep: Sweep, *, labelled: bool = True, symbols: Mapping[str, str] | None = None
+    ) -> BifurcationDiagram:
+        """Return the diagram of a sweep with all its observables.
+
+        Parameters
+        ----------
+        sweep : Sweep
+        labelled : bool
+            Whether to take the labels, which may first have to be decided.
+        symbols : mapping of str to str, optional
+            As for the class.
+        """
+        return cls(
+            sweep.parameter,
+            sweep.values,
+            {name: sweep.observable(name) for name in sweep.observables},
+            labels=sweep.labels if labelled else (),
+            symbols=symbols or {},
+        )
+
+    @cached_property
+    def intervals(self) -> tuple[LabelInterval, ...]:
+        """Intervals of constant label, in the order of the sweep; none without labels."""
+        names = [str(label) for label in self.labels]
+        found = []
+        for name, group in groupby(range(len(names)), key=names.__getitem__):
+            members = self.values[list(group)]
+            found.append(
+                LabelInterval(name, float(members.min()), float(members.max()), len(members))
+            )
+        return tuple(found)
+
+    def points(self, observable: str) -> tuple[Array, Array]:
+        """Return what is drawn: parameter and observable, (p,) each, without what is NaN.
+
+        Raises
+        ------
+        ValueError
+            When there is no such observable.
+        """
+        if observable not in self.observables:
+            raise ValueError(
+                f"observable must be one of: {', '.join(self.observables)}; got {observable!r}"
+            )
+        numbers = self.observables[observable]
+        across = np.repeat(self.values, numbers.shape[1])
+        there = ~np.isnan(numbers.ravel())
+        return across[there], numbers.ravel()[there]
+
+    def plot(
+        self, ax: Axes | None = None, *, observable: str | None = None, size: float = 0.7
+    ) -> Axes:
+        """Draw an observable against the parameter, with the labels above where there is room.
+
+        A bar above the axes changes between light and dark with every change of label. The dots
+        are one picture, also in files that are otherwise made of lines: such files stay small.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        observable : str, optional
+            Which one; by default the first.
+        size : float
+            Diameter of a dot, in points.
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        ValueError
+            When there is no such observable.
+        """
+        name = next(iter(self.observables)) if observable is None else observable
+        across, up = self.points(name)
+        axes = shown_axes(ax)
+        axes.plot(across, up, markersize=size, rasterized=True, **DOTS)
+        axes.set_xlabel(self._title(self.parameter))
+        axes.set_ylabel(self._title(name))
+        if np.ptp(self.values) > 0.0:
+            axes.set_xlim(self.values.min(), self.values.max())
+        if self.intervals:
+            from dynkit.analysis.annotation import write_intervals
+
+            write_intervals(axes, self.intervals)
+        return axes
+
+    def _title(self, name: str) -> str:
+        words = name.replace("_", " ")
+        return f"{words} ${self.symbols[name]}$" if name in self.symbols else words
+
+
+def _observed(name: str, numbers: object, count: int) -> Array:
+    array = np.array(numbers, dtype=np.float64)
+    if array.ndim != 2 or len(array) != count:
+        raise ValueError(
+            f"observables[{name!r}] must have shape ({count}, any); got shape {array.shape}"
+        )
+    if np.isinf(array).any():
+        raise ValueError(f"observables[{name!r}] must be finite or NaN; got an infinity")
+    return array
