@@ -152,6 +152,11 @@ class MapAttractor(Attractor):
     def _label(self) -> OrbitLabel:
         return label_orbit(_MapOrbit(self._system, self._states), kept=len(self._states))
 
+    def label_within(self, budget: int) -> OrbitLabel:
+        """Return the label as far as so many states tell; the kept ones are always looked at."""
+        orbit = _MapOrbit(self._system, self._states)
+        return label_orbit(orbit, kept=len(self._states), budget=budget)
+
     @property
     def cost(self) -> Cost:
         return self._cost
