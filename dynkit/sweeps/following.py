@@ -1,0 +1,199 @@
+"""The iteration of a following sweep: what is to be done, its points, and what was found so far."""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.maps import Map
+from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, sweepable
+from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a sweep is to do, checked by `plan_of`.
+
+    Parameters
+    ----------
+    family : Sweepable or None
+        None for a sweep that was loaded without its system.
+    kind : str
+        The class of the system, as the user knows it.
+    parameter : str
+    values : (k,) array, read-only
+    transient, keep : int
+    observables : tuple of str
+    start : array
+        The packed first state; empty for the system's own.
+    """
+
+    family: Sweepable | None
+    kind: str
+    parameter: str
+    values: Array
+    transient: int
+    keep: int
+    observables: tuple[str, ...]
+    start: Array
+
+    def system(self, place: int) -> Sweepable:
+        """Return the system at one of the values."""
+        if self.family is None:
+            raise ValueError("system must be given to load a sweep that is to simulate; got None")
+        return self.family.replace(**{self.parameter: float(self.values[place])})
+
+    def motion(self, system: Sweepable, start: Any) -> SweptAttractor:
+        """Simulate at the value that the system has."""
+        return system.attractor(transient=self.transient, impacts=self.keep, start=start)
+
+    def start_at(self, place: int, finals: Array) -> Any:
+        """Return the state from which a value starts, from the packed final ones."""
+        if place > 0:
+            return self.system(place - 1).unpack_state(finals[place - 1])
+        return self.system(0).unpack_state(self.start) if len(self.start) else None
+
+
+def plan_of(
+    system: Sweepable | Map,
+    parameter: str,
+    values: object,
+    *,
+    transient: int,
+    keep: int,
+    observables: Sequence[str] | None,
+    start: object,
+) -> Plan:
+    """Check everything that can be checked without simulating.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+    """
+    family = sweepable(system)
+    if parameter not in family.parameters:
+        known = ", ".join(family.parameters) or "none"
+        raise ValueError(f"parameter must be one of: {known}; got {parameter!r}")
+    array = finite_array("values", values, (None,)).copy()
+    array.setflags(write=False)
+    if not len(array):
+        raise ValueError("values must hold at least one number; got none")
+    skipped = non_negative_integer("transient", transient)
+    kept = positive_integer("keep", keep)
+    names = _known_names(family.observables, observables)
+    for place, value in enumerate(array.tolist()):
+        try:
+            family.replace(**{parameter: value})
+        except ValueError as refusal:
+            raise ValueError(f"{refusal} in values[{place}]") from refusal
+    packed = np.empty(0)
+    if start is not None:
+        packed = family.replace(**{parameter: float(array[0])}).pack_state(start)
+    elif isinstance(family, SweptMap):
+        raise ValueError(f"start must be a state of the map, ({family.map.dimension},); got None")
+    return Plan(family, kind_of(system), parameter, array, skipped, kept, names, packed)
+
+
+def kind_of(system: object) -> str:
+    """Return the full name of the system's class."""
+    return f"{type(system).__module__}.{type(system).__qualname__}"
+
+
+def _known_names(known: Sequence[str], asked: Sequence[str] | None) -> tuple[str, ...]:
+    if asked is None:
+        return (known[0],)
+    if isinstance(asked, str) or not len(asked):
+        raise ValueError(f"observables must be a sequence of names; got {asked!r}")
+    for name in asked:
+        if name not in known:
+            raise ValueError(f"observables must be among {', '.join(known)}; got {name!r}")
+    return tuple(dict.fromkeys(asked))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The motion at one value of a sweep, its packed final state, and the seconds it took."""
+
+    place: int
+    motion: SweptAttractor
+    packed: Array
+    seconds: float
+
+
+@final
+@dataclass(eq=False)
+class Findings:
+    """What a sweep has found: of k rows the first `finished`, filled in place.
+
+    What an observable has not got, because a motion ended early, is NaN.
+    """
+
+    observables: dict[str, Array]
+    finals: Array
+    counts: NDArray[np.int64]
+    ending_codes: NDArray[np.int64]
+    endings: list[str] = field(default_factory=list)
+    finished: int = 0
+    seconds: float = 0.0
+    work: dict[str, int] = field(default_factory=dict)
+
+    @staticmethod
+    def none_yet(plan: Plan) -> "Findings":
+        """Room for all rows."""
+        k = len(plan.values)
+        return Findings(
+            {name: np.full((k, plan.keep), np.nan) for name in plan.observables},
+            np.empty((k, 0)),
+            np.zeros(k, dtype=np.int64),
+            np.zeros(k, dtype=np.int64),
+        )
+
+    def add(self, point: Point) -> None:
+        """Add the next row; an interrupt on the way leaves the rows before it as they were."""
+        row, motion = point.place, point.motion
+        if not self.finals.size:
+            self.finals = np.empty((len(self.counts), len(point.packed)))
+        self.finals[row] = point.packed
+        for name, rows in self.observables.items():
+            found = motion.observable(name)
+            rows[row, : len(found)] = found
+            self.counts[row] = len(found)
+        text = str(motion.ending.value)
+        if text not in self.endings:
+            self.endings.append(text)
+        self.ending_codes[row] = self.endings.index(text)
+        work = dict(self.work)
+        for name, count in motion.cost.counts.items():
+            work[name] = work.get(name, 0) + count
+        self.work, self.seconds, self.finished = work, self.seconds + point.seconds, row + 1
+
+
+def follow(plan: Plan, findings: Findings) -> Iterator[Point]:
+    """Simulate value by value from the first one that is not finished, each from the last state.
+
+    Raises
+    ------
+    ValueError
+        When a system refuses a start or a value only now; the message says where.
+    """
+    first = findings.finished
+    began = time.perf_counter()
+    start = plan.start_at(first, findings.finals)
+    for place in range(first, len(plan.values)):
+        try:
+            system = plan.system(place)
+            motion = plan.motion(system, start)
+        except ValueError as refusal:
+            where = f"{plan.parameter} {float(plan.values[place])}"
+            raise ValueError(f"{refusal}, at {where}") from refusal
+        start = motion.final
+        packed = system.pack_state(start)
+        ended = time.perf_counter()
+        yield Point(place, motion, packed, ended - began)
+        began = time.perf_counter()

@@ -1,0 +1,173 @@
+"""The result of a following sweep."""
+
+import dataclasses
+import os
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit import store
+from dynkit.attractors import Attractor
+from dynkit.labels import OrbitLabel
+from dynkit.maps import Map
+from dynkit.results import Cost
+from dynkit.sweeps.archive import entries_of, findings_of, outline_of, read_sweep, refuse_other
+from dynkit.sweeps.following import Findings, Plan, kind_of
+from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, as_attractor, sweepable
+from dynkit.validation import Array
+
+
+@final
+class Sweep:
+    """What a following sweep found, made by `dynkit.sweep`.
+
+    It holds the observables that were asked for and one state per value. What more is asked for is
+    simulated again from these states, bit for bit the same motion.
+    """
+
+    def __init__(self, plan: Plan, findings: Findings) -> None:
+        self._plan = plan
+        self._findings = findings
+        self._labels: dict[int, OrbitLabel] = {}
+        for array in (findings.finals, findings.counts, *findings.observables.values()):
+            array.setflags(write=False)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: Sweepable | Map | None = None) -> "Sweep":
+        """Open the store of a finished sweep; nothing is written, and nothing simulated.
+
+        Parameters
+        ----------
+        path : path
+        system : Map or Sweepable, optional
+            The system that was swept, at any value of the parameter; needed for `attractor`,
+            `label`, `labels` and `error`.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of a sweep, when the sweep is not
+            finished, or was made with another system.
+        """
+        file = store.place(path)
+        archive = read_sweep(file)
+        plan = outline_of(archive)
+        if system is not None:
+            plan = dataclasses.replace(plan, family=sweepable(system), kind=kind_of(system))
+            refuse_other(file, plan, entries_of(plan), archive)
+        findings = findings_of(plan, archive)
+        if findings.finished < len(plan.values):
+            raise ValueError(
+                f"store must hold a finished sweep; got {findings.finished} of "
+                f"{len(plan.values)} values in {file}"
+            )
+        return cls(plan, findings)
+
+    @property
+    def parameter(self) -> str:
+        """Name of the parameter."""
+        return self._plan.parameter
+
+    @property
+    def values(self) -> Array:
+        """Values of the parameter, (k,), read-only."""
+        return self._plan.values
+
+    @property
+    def transient(self) -> int:
+        """States skipped at each value."""
+        return self._plan.transient
+
+    @property
+    def keep(self) -> int:
+        """States asked for at each value."""
+        return self._plan.keep
+
+    @property
+    def observables(self) -> tuple[str, ...]:
+        """Names of what was kept of a state."""
+        return self._plan.observables
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """States kept at each value, (k,): fewer than `keep` where the motion ended early."""
+        return self._findings.counts
+
+    @cached_property
+    def endings(self) -> tuple[str, ...]:
+        """Why the simulation ended at each value, k texts."""
+        return tuple(self._findings.endings[code] for code in self._findings.ending_codes.tolist())
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds of all sessions, storing left out, and counted work; labels are not in it."""
+        return Cost(self._findings.seconds, self._findings.work)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __repr__(self) -> str:
+        first, last = float(self.values[0]), float(self.values[-1])
+        return f"<Sweep: {len(self)} values of {self.parameter} from {first:g} to {last:g}>"
+
+    def observable(self, name: str) -> Array:
+        """Return an observable at the kept states, (k, keep), read-only.
+
+        Where a motion ended early, row i is NaN from ``counts[i]`` on, and only there.
+
+        Raises
+        ------
+        ValueError
+            When it was not kept.
+        """
+        if name not in self.observables:
+            raise ValueError(f"name must be one of: {', '.join(self.observables)}; got {name!r}")
+        return self._findings.observables[name]
+
+    def attractor(self, place: int) -> Attractor:
+        """Return the attractor at ``values[place]``: simulated again, the same bits.
+
+        Raises
+        ------
+        ValueError
+            When there is no such value, or the sweep was loaded without its system.
+        """
+        return as_attractor(self._motion(place))
+
+    def label(self, place: int) -> OrbitLabel:
+        """Return the label at ``values[place]``: `attractor`'s, kept from then on.
+
+        Raises
+        ------
+        ValueError
+            As `attractor`.
+        """
+        if place not in self._labels:
+            self._labels[place] = self._motion(place).label
+        return self._labels[place]
+
+    @property
+    def labels(self) -> tuple[OrbitLabel, ...]:
+        """Labels of all values: milliseconds for each, tens of them where the motion is chaotic."""
+        return tuple(self.label(place) for place in range(len(self)))
+
+    @cached_property
+    def error(self) -> Array:
+        """How wrong the kept states may be at each value, (k,): the error of each `attractor`.
+
+        It counts from the state from which that value starts, which stands for itself: the error
+        says how far from the exact motion from there on the states may be, in the attractor's
+        sense. A stable motion forgets what went before; in chaos the error is as large as the
+        attractor, single states have no meaning, and the distribution of many has.
+        """
+        errors = np.array([self._motion(place).error for place in range(len(self))])
+        errors.setflags(write=False)
+        return errors
+
+    def _motion(self, place: int) -> SweptAttractor:
+        if not 0 <= place < len(self):
+            raise ValueError(f"place must lie in [0, {len(self) - 1}]; got {place}")
+        start = self._plan.start_at(place, self._findings.finals)
+        return self._plan.motion(self._plan.system(place), start)

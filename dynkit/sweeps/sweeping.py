@@ -1,0 +1,132 @@
+"""`sweep`: following the motion through values of a parameter."""
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from dynkit import __version__
+from dynkit import store as stores
+from dynkit.maps import Map
+from dynkit.sweeps.archive import Keeper, entries_of, findings_of, read_sweep, refuse_other
+from dynkit.sweeps.following import Findings, Plan, follow, plan_of
+from dynkit.sweeps.progress import Progress
+from dynkit.sweeps.result import Sweep
+from dynkit.sweeps.sweepable import Sweepable
+from dynkit.validation import Array
+
+
+def sweep(
+    system: Sweepable | Map,
+    parameter: str,
+    values: Array | Sequence[float],
+    *,
+    transient: int = 700,
+    keep: int = 100,
+    observables: Sequence[str] | None = None,
+    start: object = None,
+    store: str | os.PathLike[str] | None = None,
+    progress: bool = True,
+) -> Sweep:
+    """Follow the motion through values of a parameter: each starts from the last state before it.
+
+    Parameters
+    ----------
+    system : Map or Sweepable
+        What is swept; `Sweepable` says what it owes. Its own value of the parameter has no effect.
+    parameter : str
+        One of the system's ``parameters``.
+    values : (k,) array_like
+        In the order to follow, which may go up and down.
+    transient, keep : int
+        How many states to skip and to keep at each value.
+    observables : sequence of str, optional
+        What to keep of a state, nothing else is stored: among the system's ``observables``, by
+        default the first (``relative_velocity`` for impact oscillators). Those of a plain map are
+        the coordinates of its states, ``state[0]`` and so on.
+    start : state, optional
+        Where the first value starts; by default where the system always does. A plain map needs
+        one.
+    store : path, optional
+        An HDF5 file that keeps what is finished: rewritten every second, or less often when that
+        takes long, and when the sweep ends or is interrupted. The same call resumes it, and gives
+        (on the same machine) the same bits as one that was never interrupted.
+    progress : bool
+        Whether to show a bar on standard error, with the current parameter, and its label where
+        the kept states tell.
+
+    Returns
+    -------
+    Sweep
+
+    Raises
+    ------
+    ValueError
+        When an argument is refused, by name, before anything is simulated or written; among them a
+        store of another sweep, of another version, damaged, or in use. When a system refuses a
+        state or value only on the way: what was finished before is kept in the store.
+    OSError
+        When the store cannot be written any more, on the way.
+
+    Examples
+    --------
+    >>> from dynkit.systems import ImpactChain
+    >>> chain = ImpactChain(masses=10, frequency=0.87)
+    >>> found = sweep(chain, "frequency", [0.86, 0.87, 0.88], progress=False)
+    >>> found.observable("relative_velocity").shape
+    (3, 100)
+    >>> print(*found.labels)
+    P(1,3) P(1,3) P(1,3)
+    """
+    plan = plan_of(
+        system,
+        parameter,
+        values,
+        transient=transient,
+        keep=keep,
+        observables=observables,
+        start=start,
+    )
+    if store is None:
+        findings = Findings.none_yet(plan)
+        with Progress(plan, 0, shown=progress) as bar:
+            for point in follow(plan, findings):
+                findings.add(point)
+                bar.reached(point)
+        return Sweep(plan, findings)
+    return Sweep(plan, _stored(plan, stores.place(store), shown=progress))
+
+
+def _stored(plan: Plan, path: Path, *, shown: bool) -> Findings:
+    entries = entries_of(plan)
+    findings = _found(plan, path, entries)
+    if findings.finished == len(plan.values):  # needs no lock, and no folder that can be written
+        return findings
+    with ExitStack() as stack:
+        stack.enter_context(stores.locked(path))
+        findings = _found(plan, path, entries)  # another writer may have gone on meanwhile
+        keeper = Keeper(path, plan, entries)
+        keeper.prepare(findings)
+        bar = stack.enter_context(Progress(plan, findings.finished, shown=shown))
+        try:
+            for point in follow(plan, findings):
+                findings.add(point)
+                keeper.write_when_due(findings)
+                bar.reached(point)
+        finally:
+            keeper.write(findings)
+    return findings
+
+
+def _found(plan: Plan, path: Path, entries: Mapping[str, str]) -> Findings:
+    if not path.exists():
+        return Findings.none_yet(plan)
+    archive = read_sweep(path)
+    refuse_other(path, plan, entries, archive)
+    findings = findings_of(plan, archive)
+    made = archive.entries["dynkit"]
+    if findings.finished < len(plan.values) and made != __version__:
+        raise ValueError(
+            f"store {path} was made with dynkit {made}, and is not finished; got {__version__}"
+        )
+    return findings
