@@ -25,6 +25,24 @@ class Sweep:
 
     It holds the observables that were asked for and one state per value. What more is asked for is
     simulated again from these states, bit for bit the same motion.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from dynkit import Sweep, sweep
+    >>> from dynkit.systems import ImpactChain
+    >>> chain = ImpactChain(masses=10, frequency=0.87)
+    >>> with TemporaryDirectory() as folder:
+    ...     store = Path(folder, "x.h5")
+    ...     found = sweep(chain, "frequency", [0.86, 0.87], store=store, progress=False)
+    ...     loaded = Sweep.load(store, chain)
+    >>> loaded
+    <Sweep: 2 values of frequency from 0.86 to 0.87>
+    >>> loaded.endings[0]
+    'the number of impacts was reached'
+    >>> print(loaded.label(1), loaded.error[1] < 1e-10)
+    P(1,3) True
     """
 
     def __init__(self, plan: Plan, findings: Findings) -> None:

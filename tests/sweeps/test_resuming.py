@@ -1,0 +1,162 @@
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dynkit.store
+from dynkit import Sweep, sweep
+from tests.sweeps.cases import (
+    CHAIN,
+    FREQUENCIES,
+    RATES,
+    SHORT,
+    Counted,
+    assert_same_bits,
+    sweep_rates,
+)
+
+
+def test_a_finished_sweep_is_not_simulated_again(tmp_path: Path) -> None:
+    first = sweep_rates(tmp_path / "x.h5")
+    Counted.calls = 0
+    assert_same_bits(first, sweep_rates(tmp_path / "x.h5"))
+    assert Counted.calls == 0
+
+
+def test_a_finished_sweep_leaves_its_store_and_nothing_else(tmp_path: Path) -> None:
+    sweep_rates(tmp_path / "x.h5")
+    assert [file.name for file in tmp_path.iterdir()] == ["x.h5"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+@pytest.mark.parametrize("call", [1, 69, 70, 69 * 17 + 5, 69 * 40])
+def test_an_interrupted_sweep_goes_on_where_it_was(
+    tmp_path: Path, error: type[BaseException], call: int
+) -> None:
+    store = tmp_path / "x.h5"
+    Counted.trap = (call, error)
+    with pytest.raises(error):
+        sweep_rates(store)
+    Counted.trap, Counted.calls = None, 0
+    resumed = sweep_rates(store)
+    assert Counted.calls == 69 * (len(RATES) - (call - 1) // 69)
+    assert_same_bits(resumed, sweep_rates())
+
+
+CHILD = """
+import os, signal, sys, threading, time
+import numpy as np
+from dynkit import sweep
+from dynkit.sweeps import archive
+from dynkit.systems import ImpactChain
+
+archive._LEAST_INTERVAL, archive._SHARE = 0.0, np.inf
+
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+store, moment, number = sys.argv[1], sys.argv[2], float(sys.argv[3])
+def die_later():
+    while not os.path.exists(store):
+        time.sleep(0.0001)
+    empty = os.stat(store).st_mtime_ns
+    while os.stat(store).st_mtime_ns == empty:
+        time.sleep(0.0001)
+    time.sleep(number)
+    die()
+
+if moment == "any":
+    threading.Thread(target=die_later, daemon=True).start()
+else:
+    call, count = getattr(os, moment), 0
+    def counted(*arguments):
+        global count
+        count += 1
+        return die() if count == number else call(*arguments)
+    setattr(os, moment, counted)
+sweep(ImpactChain(masses=3, frequency=0.9), "frequency", np.linspace(0.5, 1.5, 12),
+      transient=30, keep=20, progress=False, store=store)
+time.sleep(60)
+"""
+
+
+def killed(store: Path, moment: str, number: float) -> int:
+    """Sweep in a process that kills itself, and return how many values survived."""
+    command = [sys.executable, "-c", CHILD, str(store), moment, str(number)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    return len(dynkit.store.read(store).arrays["count"]) if store.exists() else 0
+
+
+@pytest.mark.parametrize(
+    ("moment", "number", "survive"),
+    [
+        ("fsync", 1, 0),  # the first file is written, but not yet in its place
+        ("replace", 9, 7),
+        ("fsync", 16, 7),  # in its place, the folder not yet flushed
+        *(
+            ("any", delay, None)
+            for delay in np.random.default_rng(1).uniform(0.0, 0.03, 5).tolist()
+        ),
+    ],
+)
+def test_a_killed_sweep_goes_on_where_it_was(
+    tmp_path: Path, moment: str, number: float, survive: int | None
+) -> None:
+    store = tmp_path / "x.h5"
+    survived = killed(store, moment, number)
+    assert survive is None or survived == survive
+    resumed = sweep(CHAIN, "frequency", FREQUENCIES, store=store, **SHORT)
+    assert_same_bits(resumed, sweep(CHAIN, "frequency", FREQUENCIES, **SHORT))
+    assert [file.name for file in tmp_path.iterdir()] == ["x.h5"]
+
+
+def test_a_loaded_sweep_is_the_one_that_was_stored(tmp_path: Path) -> None:
+    found = sweep_rates(tmp_path / "x.h5")
+    assert_same_bits(found, Sweep.load(tmp_path / "x.h5"))
+
+
+def test_loading_writes_and_simulates_nothing(tmp_path: Path) -> None:
+    sweep_rates(tmp_path / "x.h5")
+    before = (tmp_path / "x.h5").stat()
+    Counted.calls = 0
+    Sweep.load(tmp_path / "x.h5")
+    assert (tmp_path / "x.h5").stat() == before
+    assert Counted.calls == 0
+
+
+def test_a_sweep_loaded_with_its_system_tells_labels(tmp_path: Path) -> None:
+    found = sweep(CHAIN, "frequency", FREQUENCIES, store=tmp_path / "x.h5", **SHORT)
+    loaded = Sweep.load(tmp_path / "x.h5", CHAIN.replace(frequency=2.0))
+    assert loaded.labels == found.labels
+
+
+def test_a_sweep_loaded_without_its_system_says_so(tmp_path: Path) -> None:
+    sweep_rates(tmp_path / "x.h5")
+    with pytest.raises(ValueError, match="system must be given to load a sweep"):
+        Sweep.load(tmp_path / "x.h5").label(0)
+
+
+def test_loading_with_another_system_is_refused(tmp_path: Path) -> None:
+    sweep(CHAIN, "frequency", FREQUENCIES, store=tmp_path / "x.h5", **SHORT)
+    with pytest.raises(ValueError, match=r"was made with restitution 0\.85; got 0\.5"):
+        Sweep.load(tmp_path / "x.h5", CHAIN.replace(restitution=0.5))
+
+
+def test_loading_an_unfinished_sweep_is_refused(tmp_path: Path) -> None:
+    Counted.trap = (69 * 17 + 5, KeyboardInterrupt)
+    with pytest.raises(KeyboardInterrupt):
+        sweep_rates(tmp_path / "x.h5")
+    with pytest.raises(ValueError, match="store must hold a finished sweep; got 17 of 40 values"):
+        Sweep.load(tmp_path / "x.h5")
+
+
+def test_only_what_was_asked_for_is_stored(tmp_path: Path) -> None:
+    sweep(CHAIN, "frequency", FREQUENCIES, store=tmp_path / "x.h5", **SHORT)
+    arrays = dict(dynkit.store.read(tmp_path / "x.h5").arrays)
+    assert arrays.pop("observables/relative_velocity").nbytes == 8 * 12 * 20
+    state = CHAIN.pack_state(CHAIN.state()).nbytes
+    value, count, ending = 8, 8, 8
+    assert sum(rows.nbytes for rows in arrays.values()) == 12 * (value + state + count + ending)
