@@ -1,0 +1,163 @@
+"""The arguments of the `dynkit` command, and its help."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+from dynkit import __version__
+from dynkit.cli.options import SIMULATE, SWEEP, Option
+from dynkit.cli.reproduce.paper import ITEMS
+
+_COMMANDS = """\
+examples:
+  dynkit simulate --frequency 0.87
+  dynkit sweep --from 0.70 --to 0.76 --step 0.002 --out diagram.png
+  dynkit reproduce --out results
+
+dynkit COMMAND --help tells more about each.
+"""
+
+_SIMULATE = """\
+One motion of a chain of masses whose last one hits a vibrating table: its label, and its impacts.
+
+Options may also stand in a TOML file, under the same names; what is given on the command line goes
+before what stands there. Several numbers are separated by commas; --position=-0.1,0.5 needs the
+equals sign because of the minus.
+"""
+
+_SIMULATE_EXAMPLES = """\
+examples:
+  dynkit simulate --frequency 0.87
+  dynkit simulate --frequency 0.35 --transient 0 --impacts 2000 --out chaos.csv
+  dynkit simulate --masses 1,1,2 --frequency 0.9 --observable time,position --out motion.npz
+  dynkit simulate motion.toml --restitution 0.7 --out section.png
+
+motion.toml may hold:
+  masses = 10
+  damping = 0.1
+  frequency = 0.87
+  impacts = 200
+"""
+
+_SWEEP = """\
+A sweep of one parameter: each value starts from the last state of the value before.
+
+Options may also stand in a TOML file, under the same names; what is given on the command line goes
+before what stands there. With --store every finished chunk is kept, and the same command resumes.
+"""
+
+_SWEEP_EXAMPLES = """\
+examples:
+  dynkit sweep --from 0.86 --to 0.88 --step 0.01 --out diagram.png
+  dynkit sweep --parameter restitution --values 0.7,0.8,0.9 --frequency 0.87 --out sweep.csv
+  dynkit sweep --from 0.28 --to 0.27 --step -0.002 --observable energy --store sweep.h5
+  dynkit sweep sweep.toml --keep 50 --out sweep.npz
+
+sweep.toml may hold:
+  damping = 0.1
+  parameter = "frequency"
+  from = 0.86
+  to = 0.88
+  step = 0.01
+"""
+
+_REPRODUCE = """\
+The table and the figures of Cusumano & Bai (1993), as PNG and SVG, and report.md, which sets what
+the paper says and what was found side by side.
+"""
+
+_REPRODUCE_EXAMPLES = f"""\
+examples:
+  dynkit reproduce --out results
+  dynkit reproduce --out results --only table-a1,figure-3
+
+items: {", ".join(ITEMS)}
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Refusals take one line, and exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message}\n")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser; the arguments that it parses hold ``command`` and ``run``."""
+    parser = _Parser(
+        prog="dynkit",
+        description="Dynamical systems with impacts.",
+        epilog=_COMMANDS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"dynkit {__version__}")
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", required=True, parser_class=_Parser
+    )
+    simulate = commands.add_parser("simulate", help="one motion")
+    _command(simulate, _SIMULATE, _SIMULATE_EXAMPLES, _run_simulate)
+    _add_options(simulate, SIMULATE)
+    sweep = commands.add_parser("sweep", help="a sweep of one parameter")
+    _command(sweep, _SWEEP, _SWEEP_EXAMPLES, _run_sweep)
+    _add_options(sweep, SWEEP)
+    reproduce = commands.add_parser("reproduce", help="the figures of Cusumano & Bai (1993)")
+    _command(reproduce, _REPRODUCE, _REPRODUCE_EXAMPLES, _run_reproduce)
+    reproduce.add_argument(
+        "--out", metavar="FOLDER", required=True, help="where the files go; made when missing"
+    )
+    reproduce.add_argument(
+        "--only", metavar="ITEMS", help="some of the items, separated by commas; by default all"
+    )
+    return parser
+
+
+def _command(
+    parser: argparse.ArgumentParser,
+    description: str,
+    examples: str,
+    run: Callable[[argparse.Namespace], None],
+) -> None:
+    parser.description = description
+    parser.epilog = examples
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.allow_abbrev = False
+    parser.set_defaults(run=run)
+
+
+def _add_options(parser: argparse.ArgumentParser, options: tuple[Option, ...]) -> None:
+    parser.add_argument("file", metavar="FILE.toml", nargs="?", help="file of options")
+    for option in options:
+        if option.kind == "switch":
+            parser.add_argument(
+                f"--{option.name}",
+                action=argparse.BooleanOptionalAction,
+                default=None,
+                help=option.help,
+            )
+        else:
+            parser.add_argument(f"--{option.name}", metavar=option.metavar, help=option.help)
+
+
+def _run_simulate(arguments: argparse.Namespace) -> None:
+    from dynkit.cli.options import gather
+    from dynkit.cli.simulate import simulate
+
+    simulate(gather(SIMULATE, arguments.file, vars(arguments)))
+
+
+def _run_sweep(arguments: argparse.Namespace) -> None:
+    from dynkit.cli.options import gather
+    from dynkit.cli.sweep import sweep
+
+    sweep(gather(SWEEP, arguments.file, vars(arguments)))
+
+
+def _run_reproduce(arguments: argparse.Namespace) -> None:
+    from dynkit.cli.reproduce import reproduce
+
+    only = None if arguments.only is None else arguments.only.split(",")
+    reproduce(arguments.out, only, log=sys.stdout)

@@ -1,0 +1,69 @@
+"""Parts of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report's summary: what the paper says, and what was found.
+
+    Parameters
+    ----------
+    what : str
+    paper : str
+    found : str
+    error : str
+        Estimate of the error of what was found.
+    """
+
+    what: str
+    paper: str
+    found: str
+    error: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """One item of the report.
+
+    Parameters
+    ----------
+    item : str
+    title : str
+    text : str
+        Markdown.
+    findings : sequence of Finding
+    figures : sequence of str
+        Names of the figures' files, without endings.
+    seconds : mapping of str to float
+        What each part of the work took.
+    """
+
+    item: str
+    title: str
+    text: str
+    findings: Sequence[Finding]
+    figures: Sequence[str] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def total(self) -> float:
+        """Seconds in all."""
+        return sum(self.seconds.values())
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a Markdown table.
+
+    Examples
+    --------
+    >>> print(table(["i", "frequency"], [[1, 0.15]]))
+    | i | frequency |
+    | --- | --- |
+    | 1 | 0.15 |
+    """
+    lines = [list(head), ["---"] * len(head), *([str(cell) for cell in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
