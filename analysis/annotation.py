@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
@@ -13,8 +13,8 @@ from dynkit.validation import Array
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# In points: the type, and the pitch of upright labels side by side.
-_TYPE, _PITCH = 6.0, 7.0
+# In points: the type, and the pitch of labels side by side, written upwards and written level.
+_TYPE, _PITCH, _LEVEL_PITCH = 6.0, 7.0, 10.0
 # In heights of the axes: bar, and foot of the labels.
 _BAR, _FOOT = (1.01, 1.03), 1.08
 # An interval gets a label when it is at least so wide, in widths of the axes.
@@ -50,40 +50,67 @@ def write_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
     from matplotlib.patches import Rectangle
 
     low, high = axes.get_xlim()
-    place = axes.get_xaxis_transform()
     ordered = sorted(intervals, key=lambda interval: interval.low)
     edges = _edges(ordered, low, high)
     bars = [
         Rectangle((left, _BAR[0]), right - left, _BAR[1] - _BAR[0])
         for left, right in zip(edges[:-1:2], edges[1::2], strict=False)
     ]
+    place = axes.get_xaxis_transform()
     axes.add_collection(
         PatchCollection(bars, transform=place, clip_on=False, color="black", linewidth=0.0),
         autolim=False,
     )
     middles = 0.5 * (edges[1:] + edges[:-1])
     widths = np.diff(edges) / (high - low)
-    room = _width_in_points(axes) / _PITCH
-    widest = np.argsort(-widths, kind="stable")[: int(room)]
+    widest = np.argsort(-widths, kind="stable")[: int(_width_in_points(axes) / _PITCH)]
     chosen = np.sort(widest[widths[widest] >= _NARROWEST])
-    standing = spread(middles[chosen], (high - low) / room)
-    for i, x in zip(chosen.tolist(), standing.tolist(), strict=True):
+    _write(axes, [ordered[i].label for i in chosen], middles[chosen], _PITCH, 90.0)
+
+
+def mark_values(axes: Axes, marks: Mapping[str, float]) -> None:
+    """Write names above the axes at their values, those outside of the axes left out.
+
+    Names that would touch are moved apart; a line leads from each to its value.
+    """
+    low, high = axes.get_xlim()
+    there = sorted((value, name) for name, value in marks.items() if low <= value <= high)
+    values = np.array([value for value, _ in there])
+    _write(axes, [name for _, name in there], values, _LEVEL_PITCH, 0.0, begin=1.0)
+    axes.vlines(
+        values, 0.0, 1.0, transform=axes.get_xaxis_transform(), color="0.85", lw=0.4, zorder=0
+    )
+
+
+def _write(
+    axes: Axes,
+    names: Sequence[str],
+    at: Array,
+    pitch: float,
+    rotation: float,
+    begin: float = _BAR[1],
+) -> None:
+    """Write names above the axes, a pitch (in points) apart or more, with lines to their places."""
+    low, high = axes.get_xlim()
+    place = axes.get_xaxis_transform()
+    standing = spread(at, pitch * (high - low) / _width_in_points(axes))
+    for name, x, text_x in zip(names, at.tolist(), standing.tolist(), strict=True):
         axes.plot(
-            [middles[i], x],
-            [_BAR[1], _FOOT - 0.005],
+            [x, text_x],
+            [begin, _FOOT - 0.005],
             transform=place,
             clip_on=False,
             color="black",
             linewidth=0.3,
         )
         axes.text(
-            x,
+            text_x,
             _FOOT,
-            ordered[i].label,
+            name,
             transform=place,
             fontsize=_TYPE,
             fontfamily=axes.xaxis.label.get_fontfamily(),
-            rotation=90.0,
+            rotation=rotation,
             ha="center",
             va="bottom",
         )

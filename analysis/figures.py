@@ -54,7 +54,7 @@ def print_style() -> AbstractContextManager[None]:
     Examples
     --------
     >>> with print_style():
-    ...     _, axes = new_figure()
+    ...     _, (axes,) = new_figure()
     >>> axes.xaxis.label.get_size()
     8.0
     """
@@ -64,8 +64,10 @@ def print_style() -> AbstractContextManager[None]:
     return rc_context(settings)
 
 
-def new_figure(width: float = COLUMN_WIDTH, height: float = 2.6) -> tuple[Figure, Axes]:
-    """Return a new figure that stands alone, and its axes; sizes in inches.
+def new_figure(
+    width: float = COLUMN_WIDTH, height: float = 2.6, rows: int = 1
+) -> tuple[Figure, list[Axes]]:
+    """Return a new figure that stands alone, and its axes, one under the other; sizes in inches.
 
     pyplot does not know it: no window is opened, no display is needed, and it is gone when nothing
     refers to it any more.
@@ -74,7 +76,7 @@ def new_figure(width: float = COLUMN_WIDTH, height: float = 2.6) -> tuple[Figure
 
     with print_style():
         figure = Figure(figsize=(width, height))
-        return figure, figure.subplots()
+        return figure, list(figure.subplots(rows, squeeze=False)[:, 0])
 
 
 def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6) -> Axes:
