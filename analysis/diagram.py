@@ -186,8 +186,10 @@ class BifurcationDiagram:
         axes.plot(across, up, markersize=size, rasterized=True, **DOTS)
         axes.set_xlabel(self._title(self.parameter))
         axes.set_ylabel(self._title(name))
-        if np.ptp(self.values) > 0.0:
-            axes.set_xlim(self.values.min(), self.values.max())
+        grid = np.unique(self.values)
+        if len(grid) > 1:  # half a step of room, for the dots at the ends
+            first, last = 0.5 * (grid[1] - grid[0]), 0.5 * (grid[-1] - grid[-2])
+            axes.set_xlim(grid[0] - first, grid[-1] + last)
         if self.intervals:
             from dynkit.analysis.annotation import write_intervals
 

@@ -1,7 +1,6 @@
 """The `dynkit` command: exit codes, messages, files, help."""
 
 import csv
-import io
 import re
 import subprocess
 import sys
@@ -15,140 +14,9 @@ import pytest
 from dynkit import sweep
 from dynkit.cli import main
 from dynkit.cli.options import values_of
-from dynkit.cli.reproduce import reproduce
-from dynkit.cli.reproduce.paper import ITEMS
-from dynkit.cli.reproduce.settling import impacts_until_settled
-from dynkit.cli.reproduce.workshop import SteadyTableChain
 from dynkit.systems import ImpactChain
 
 SWEEP = ["sweep", "--from", "0.86", "--to", "0.88", "--step", "0.01", "--no-progress"]
-
-# (arguments, the line on stderr)
-BAD_INPUT = [
-    (["simulate"], "simulate: error: frequency must be given"),
-    (
-        ["simulate", "--frequency", "0.9", "--restitution", "1.2"],
-        "simulate: error: restitution must lie in [0, 1]; got 1.2",
-    ),
-    (
-        ["simulate", "--frequency", "0"],
-        "simulate: error: frequency must be positive; got 0",
-    ),
-    (
-        ["simulate", "--frequency", "nan"],
-        "simulate: error: frequency must be a finite number; got nan",
-    ),
-    (
-        ["simulate", "--frequency", "fast"],
-        "simulate: error: frequency must be a finite number; got 'fast'",
-    ),
-    (
-        ["simulate", "--frequency", "1", "--damping", "-0.1"],
-        "simulate: error: damping must not be negative; got -0.1",
-    ),
-    (
-        ["simulate", "--frequency", "1", "--masses", "1,0,1"],
-        "simulate: error: masses[1] must be positive; got 0.0",
-    ),
-    (
-        ["simulate", "--frequency", "1", "--masses", "2.5"],
-        "simulate: error: masses must be a positive integer; got 2.5",
-    ),
-    (
-        ["simulate", "--frequency", "1", "--masses", "2", "--position=0,-1"],
-        "simulate: error: position[1] must not be below the table at 0.0; got -1.0",
-    ),
-    (
-        ["simulate", "--frequency", "1", "--impacts", "many"],
-        "simulate: error: impacts must be a positive integer; got 'many'",
-    ),
-    (
-        ["simulate", "--frequency", "1", "--observable", "speed"],
-        (
-            "simulate: error: observable must be one of: time, phase, relative_velocity, energy, "
-            "position, velocity; got 'speed'"
-        ),
-    ),
-    (
-        ["simulate", "--frequency", "1", "--out", "motion.pdf"],
-        "simulate: error: out must end in .csv, .npz, .h5, .png, .svg; got 'motion.pdf'",
-    ),
-    (
-        ["simulate", "--frequency", "1", "--out", "missing/motion.csv"],
-        (
-            "simulate: error: out must be writable; got 'missing/motion.csv' "
-            "(No such file or directory)"
-        ),
-    ),
-    (
-        ["simulate", "missing.toml"],
-        "simulate: error: missing.toml cannot be read: No such file or directory",
-    ),
-    (["simulate", "--frequncy", "1"], "simulate: error: there is no argument --frequncy"),
-    (
-        ["sweep"],
-        "sweep: error: from must be given, or values",
-    ),
-    (
-        ["sweep", "--values", "0.5,nan"],
-        "sweep: error: values[1] must be a finite number; got nan",
-    ),
-    (
-        ["sweep", "--values", "0.5,0"],
-        "sweep: error: frequency must be positive; got 0.0 in values[1]",
-    ),
-    (
-        ["sweep", "--from", "1", "--to", "2", "--step", "-0.1"],
-        "sweep: error: step must lead from 1.0 to 2.0; got -0.1",
-    ),
-    (
-        ["sweep", "--from", "1", "--to", "2", "--step", "0"],
-        "sweep: error: step must lead from 1.0 to 2.0; got 0.0",
-    ),
-    (
-        ["sweep", "--from", "1", "--to", "2", "--step", "1e-9"],
-        "sweep: error: step must not give more than 1000000 values; got 1e-09",
-    ),
-    (
-        ["sweep", "--from", "1", "--values", "1,2"],
-        "sweep: error: from must not be given beside values; got 1",
-    ),
-    (
-        ["sweep", "--values", "1", "--frequency", "1"],
-        "sweep: error: frequency must not be given when it is swept; got 1",
-    ),
-    (
-        ["sweep", "--values", "1", "--parameter", "masses"],
-        (
-            "sweep: error: parameter must be one of: springs, damping, restitution, amplitude, "
-            "offset, frequency; got 'masses'"
-        ),
-    ),
-    (
-        ["sweep", "--values", "1", "--parameter", "restitution"],
-        "sweep: error: frequency must be given",
-    ),
-    (
-        ["sweep", "--values", "1", "--keep", "0"],
-        "sweep: error: keep must be a positive integer; got 0",
-    ),
-    (
-        ["sweep", "--values", "1", "--store", "missing/sweep.h5"],
-        "sweep: error: store must be writable; got 'missing/sweep.h5' (No such file or directory)",
-    ),
-    (
-        ["sweep", "--values", "1", "--store", "a.h5", "--out", "a.h5"],
-        "sweep: error: out must be another file than store; got 'a.h5'",
-    ),
-    (
-        ["reproduce", "--out", "results", "--only", "figure-9"],
-        f"reproduce: error: only must hold items among {', '.join(ITEMS)}; got 'figure-9'",
-    ),
-    (
-        ["reproduce"],
-        "reproduce: error: the following arguments are required: --out",
-    ),
-]
 
 
 @pytest.fixture(autouse=True)
@@ -172,78 +40,6 @@ def hdf5_of(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 def described(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     assert main([*arguments, "--help"]) == 0
     return capsys.readouterr().out
-
-
-# --- bad input ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("arguments", "line"), BAD_INPUT, ids=lambda part: str(part)[:60])
-def test_bad_input_is_refused_on_one_line_and_nothing_is_written(
-    arguments: list[str], line: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(arguments) == 2
-    printed = capsys.readouterr()
-    assert printed.err == f"dynkit {line}\n"
-    assert printed.out == ""
-    assert list(folder.iterdir()) == []
-
-
-def test_unknown_key_in_a_file_is_refused_by_name(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "motion.toml").write_text("frequency = 0.87\nrestitutoin = 0.8\n")
-    assert main(["simulate", "motion.toml"]) == 2
-    error = capsys.readouterr().err
-    assert re.fullmatch(r"dynkit simulate: error: motion.toml .* got 'restitutoin'\n", error)
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("frequency = ", "motion.toml must be a TOML file"),
-        ("frequency = '0.87'", "frequency must be a finite number; got '0.87'"),
-        ("frequency = true", "frequency must be a finite number; got True"),
-        ("frequency = 0.87\nout = 5", "out must be a name; got 5"),
-        ("frequency = 0.87\nobservable = []", r"observable must be one or more names; got \[\]"),
-    ],
-)
-def test_bad_file_is_refused(
-    text: str, line: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "motion.toml").write_text(text)
-    assert main(["simulate", "motion.toml"]) == 2
-    assert re.match(f"dynkit simulate: error: {line}", capsys.readouterr().err)
-
-
-def test_output_that_cannot_be_written_is_refused_before_simulating(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def never(*_: object, **__: object) -> None:
-        raise AssertionError("simulated")
-
-    monkeypatch.setattr(ImpactChain, "attractor", never)
-    (folder / "motion.csv").mkdir()
-    assert main(["simulate", "--frequency", "1", "--out", "motion.csv"]) == 2
-    assert "out must be a file; got the folder 'motion.csv'" in capsys.readouterr().err
-
-
-def test_results_folder_that_is_a_file_is_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "results").write_text("mine")
-    assert main(["reproduce", "--out", "results"]) == 2
-    assert "out must be writable; got 'results'" in capsys.readouterr().err
-    assert (folder / "results").read_text() == "mine"
-
-
-def test_store_of_another_sweep_is_refused_and_kept(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*SWEEP, "--store", "sweep.h5"]) == 0
-    before = (folder / "sweep.h5").read_bytes()
-    assert main([*SWEEP, "--store", "sweep.h5", "--damping", "0.2"]) == 2
-    assert "damping 0.1; got 0.2" in capsys.readouterr().err
-    assert (folder / "sweep.h5").read_bytes() == before
 
 
 # --- exit codes -----------------------------------------------------------------------------------
@@ -433,6 +229,23 @@ def test_sweep_writes_arrays_with_labels(folder: Path) -> None:
     assert parameters["parameter"] == "frequency"
 
 
+def test_sweep_tells_the_error_of_each_value(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*SWEEP, "--error", "--no-labels", "--out", "sweep.npz"]) == 0
+    with np.load(folder / "sweep.npz") as file:
+        assert file["error"].shape == (3,)
+        assert file["error"].max() < 1e-6
+    assert re.search(r"^error +\d\.\de-", capsys.readouterr().out, flags=re.MULTILINE)
+
+
+def test_motion_that_ends_early_writes_the_rows_it_has(folder: Path) -> None:
+    # the table rests below the chain: what bounces comes to rest, or never arrives
+    arguments = "--parameter amplitude --values 0 --offset -0.1 --frequency 1 --restitution 0.5"
+    assert main(["sweep", *arguments.split(), "--no-progress", "--out", "sweep.csv"]) == 0
+    assert len(rows_of(folder / "sweep.csv")) - 1 < 100
+
+
 def test_sweep_of_two_observables_draws_both(folder: Path) -> None:
     arguments = [*SWEEP, "--observable", "relative_velocity,energy", "--out", "sweep.svg"]
     assert main(arguments) == 0
@@ -450,111 +263,3 @@ def test_summary_names_label_and_file(capsys: pytest.CaptureFixture[str]) -> Non
     printed = capsys.readouterr().out
     assert re.search(r"^label +P\(1,3\)", printed, flags=re.MULTILINE)
     assert re.search(r"^written +motion.csv$", printed, flags=re.MULTILINE)
-
-
-# --- the paper's figures --------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All items but the blow-ups, which take as long as all others."""
-    folder = tmp_path_factory.mktemp("results")
-    reproduce(str(folder), [item for item in ITEMS if item != "figure-5"], log=io.StringIO())
-    return folder
-
-
-def cells(report: str, first: str) -> list[str]:
-    """The cells of the table row that begins with a text."""
-    (row,) = re.findall(rf"^\| {re.escape(first)} \|.*$", report, flags=re.MULTILINE)[:1]
-    return [cell.strip() for cell in str(row).strip("|").split("|")]
-
-
-@pytest.fixture
-def report(results: Path) -> str:
-    return (results / "report.md").read_text()
-
-
-def test_reproduce_writes_a_report_and_each_figure_twice(results: Path) -> None:
-    figures = {f"{name}.{end}" for name in ITEMS if name[:6] == "figure" for end in ("png", "svg")}
-    expected = figures - {"figure-5.png", "figure-5.svg"} | {"report.md"}
-    assert {path.name for path in results.iterdir()} == expected
-
-
-def test_reproduced_figures_are_small(results: Path) -> None:
-    assert max(path.stat().st_size for path in results.iterdir()) < 1_000_000
-
-
-def test_report_embeds_every_figure(results: Path, report: str) -> None:
-    embedded = re.findall(r"!\[.*\]\((.*)\)", report)
-    assert sorted(embedded) == sorted(path.name for path in results.glob("*.png"))
-
-
-def test_report_says_what_was_left_out(report: str) -> None:
-    assert "Left out of this run: figure-5." in report
-
-
-def test_report_tells_each_natural_frequency(report: str) -> None:
-    assert cells(report, "1")[1:4] == ["0.150", "0.149460", "-0.000540"]
-    assert cells(report, "10")[1:4] == ["1.978", "1.977662", "-0.000338"]
-
-
-def test_report_finds_the_expected_labels(report: str) -> None:
-    assert cells(report, "labels along the sweep")[2] == "14 of 14 agree"
-
-
-def test_report_finds_the_ratios_at_the_restitution(report: str) -> None:
-    assert cells(report, "200")[2].startswith("0.8500000000")
-
-
-@pytest.mark.parametrize("constant", ["amplitude", "velocity"])
-def test_report_finds_the_peaks(constant: str, report: str) -> None:
-    low, high = cells(report, f"peaks, constant {constant}")[2].split(" and ")
-    assert float(low) == pytest.approx(0.202, abs=0.0021)
-    assert float(high) == pytest.approx(0.408, abs=0.0021)
-
-
-@pytest.mark.parametrize(
-    ("frequency", "found"),
-    [("0.40816", "P(inf,2)"), ("0.36", "P(74,32)"), ("1.336", "P(2,5)"), ("0.35", "P(39,15)")],
-)
-def test_report_tells_where_the_paper_does_not_hold(
-    frequency: str, found: str, report: str
-) -> None:
-    assert cells(report, f"motion at {frequency}")[2].startswith(found)
-
-
-def test_report_measures_how_slowly_the_sticking_motion_settles(report: str) -> None:
-    (ratio,) = re.findall(r"by a factor (\d\.\d+) on average", report)
-    assert float(ratio) == pytest.approx(0.87, abs=0.02)
-
-
-def test_reproduce_of_some_items_writes_only_these(folder: Path) -> None:
-    assert main(["reproduce", "--out", "here/results", "--only", "table-a1"]) == 0
-    assert [path.name for path in (folder / "here/results").iterdir()] == ["report.md"]
-
-
-def test_steady_table_has_one_velocity_at_all_frequencies() -> None:
-    chain = SteadyTableChain(frequency=0.14, table_velocity=0.014)
-    products = [chain.replace(frequency=w).amplitude * w for w in (0.14, 0.5, 2.0)]
-    assert products == pytest.approx([0.014] * 3, rel=1e-15)
-
-
-def test_steady_table_chain_moves_as_a_chain_of_that_amplitude() -> None:
-    steady = SteadyTableChain(frequency=0.5, table_velocity=0.05).simulate(impacts=50)
-    plain = ImpactChain(frequency=0.5, amplitude=0.1).simulate(impacts=50)
-    assert np.array_equal(steady.relative_velocity, plain.relative_velocity)
-
-
-def test_steady_table_refuses_an_amplitude_of_its_own() -> None:
-    with pytest.raises((TypeError, ValueError), match="amplitude"):
-        SteadyTableChain(frequency=0.5).replace(amplitude=0.2)
-
-
-def test_motion_that_has_settled_is_settled_from_the_first_impact_on() -> None:
-    record = ImpactChain(frequency=0.87).attractor(transient=3000, impacts=50).record
-    assert impacts_until_settled(record, 1) == 0
-
-
-def test_chaotic_motion_never_settles() -> None:
-    record = ImpactChain(frequency=1.346).attractor(impacts=500).record
-    assert impacts_until_settled(record, 1) is None

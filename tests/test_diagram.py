@@ -124,6 +124,11 @@ def test_every_number_becomes_a_point() -> None:
     assert len(np.asarray(axes.lines[0].get_xdata())) == 1000
 
 
+def test_dots_at_the_ends_are_inside_of_the_axes() -> None:
+    _, axes = drawn(diagram_of(["a"] * 3))
+    assert axes.get_xlim() == (-0.25, 1.25)
+
+
 def test_what_is_not_there_becomes_no_point() -> None:
     numbers = np.array([[1.0, np.nan], [2.0, 3.0]])
     _, axes = drawn(diagram_of(["a", "a"], numbers=numbers))

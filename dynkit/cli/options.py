@@ -67,6 +67,7 @@ SWEEP = (
     Option("keep", "COUNT", "impacts to keep at each value (100)"),
     Option("observable", _OBSERVABLE, "what to keep (relative_velocity)"),
     Option("labels", "", "say of each value what motion it is, P(1,3) or so (yes)", kind="switch"),
+    Option("error", "", "estimate the error at each value, by three more runs (no)", kind="switch"),
     Option("progress", "", "show how far it is (yes)", kind="switch"),
     Option("store", "FILE.h5", "keep what is finished here, and resume from it", kind="text"),
     Option("out", "FILE", "file to write: .csv, .npz, .h5, .png or .svg", kind="text"),

@@ -82,7 +82,7 @@ def _section(record: ImpactRecord) -> Figure:
     from dynkit.analysis.figures import DOTS, new_figure
 
     figure, (axes,) = new_figure()
-    axes.plot(record.phase, record.relative_velocity, markersize=1.6, rasterized=True, **DOTS)
+    axes.plot(record.phase, record.relative_velocity, markersize=1.0, rasterized=True, **DOTS)
     axes.set_xlabel(r"phase of the table $\phi$")
     axes.set_ylabel("relative velocity after impact $u$")
     axes.set_xlim(0.0, 2.0 * math.pi)

@@ -61,6 +61,7 @@ def sweep(options: Options) -> None:
     names = names_of(options, "observable", ("relative_velocity",))
     parameter = text_of(options, "parameter", "frequency") or "frequency"
     labelled = switch_of(options, "labels", default=True)
+    with_error = switch_of(options, "error", default=False)
     progress = switch_of(options, "progress", default=True)
     values = values_of(options)
     known = [option.name for option in CHAIN if option.name != "masses"]
@@ -88,9 +89,18 @@ def sweep(options: Options) -> None:
         progress=progress,
     )
     labels = [str(label) for label in found.labels] if labelled else []
+    per_value: dict[str, list[float]] = {"error": found.error.tolist()} if with_error else {}
     if file is not None:
-        _write(file, found, labels, chain)
-    print_summary(_summary(found, labels), file)
+        _write(file, found, labels, per_value, chain)
+    print_summary({**_summary(found, labels), **_spans(per_value)}, file)
+
+
+def _spans(per_value: dict[str, list[float]]) -> dict[str, str]:
+    return {
+        name: f"{min(numbers):.1e} to {max(numbers):.1e}, half of the values below "
+        f"{sorted(numbers)[len(numbers) // 2]:.1e}"
+        for name, numbers in per_value.items()
+    }
 
 
 def _summary(found: Sweep, labels: list[str]) -> dict[str, str]:
@@ -109,33 +119,46 @@ def _summary(found: Sweep, labels: list[str]) -> dict[str, str]:
     return shown
 
 
-def _write(file: Path, found: Sweep, labels: list[str], chain: ImpactChain) -> None:
+def _write(
+    file: Path,
+    found: Sweep,
+    labels: list[str],
+    per_value: dict[str, list[float]],
+    chain: ImpactChain,
+) -> None:
     if file.suffix in PICTURES:
         write_picture(file, lambda: _diagram(found, labels))
-        return
-    if file.suffix == ".csv":
-        columns: dict[str, list[object]] = {found.parameter: [], "impact": []}
-        columns |= {name: [] for name in found.observables} | ({"label": []} if labels else {})
-        for i, (value, count) in enumerate(
-            zip(found.values.tolist(), found.counts.tolist(), strict=True)
-        ):
-            columns[found.parameter] += [value] * count
-            columns["impact"] += range(1, count + 1)
-            for name in found.observables:
-                columns[name] += found.observable(name)[i, :count].tolist()
-            if labels:
-                columns["label"] += [labels[i]] * count
-        write_table(file, columns)
-        return
-    arrays: dict[str, Any] = {
-        "values": found.values,
-        **{name: found.observable(name) for name in found.observables},
+    elif file.suffix == ".csv":
+        of_values: dict[str, list[Any]] = {**per_value, **({"label": labels} if labels else {})}
+        write_table(file, _columns(found, of_values))
+    else:
+        arrays: dict[str, Any] = {
+            "values": found.values,
+            **{name: found.observable(name) for name in found.observables},
+            **per_value,
+        }
+        if labels:
+            arrays["labels"] = labels
+        parameters = {option.name: getattr(chain, option.name) for option in CHAIN}
+        del parameters[found.parameter]
+        write_arrays(file, arrays, {"parameter": found.parameter, **parameters})
+
+
+def _columns(found: Sweep, of_values: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """One row for each impact that was kept; what belongs to a value is repeated."""
+    counts = found.counts.tolist()
+
+    def repeated(numbers: list[Any]) -> list[Any]:
+        return [number for number, count in zip(numbers, counts, strict=True) for _ in range(count)]
+
+    columns = {
+        found.parameter: repeated(found.values.tolist()),
+        "impact": [i for count in counts for i in range(1, count + 1)],
     }
-    if labels:
-        arrays["labels"] = labels
-    parameters = {option.name: getattr(chain, option.name) for option in CHAIN}
-    del parameters[found.parameter]
-    write_arrays(file, arrays, {"parameter": found.parameter, **parameters})
+    for name in found.observables:
+        rows = zip(found.observable(name), counts, strict=True)
+        columns[name] = [number for row, count in rows for number in row[:count].tolist()]
+    return columns | {name: repeated(numbers) for name, numbers in of_values.items()}
 
 
 def _diagram(found: Sweep, labels: list[str]) -> Figure:

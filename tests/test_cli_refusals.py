@@ -1,0 +1,214 @@
+"""Bad input of the `dynkit` command: exit code 2, one line on stderr, and nothing written."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from dynkit.cli import main
+from dynkit.cli.reproduce.paper import ITEMS
+from dynkit.systems import ImpactChain
+
+SWEEP = ["sweep", "--from", "0.86", "--to", "0.88", "--step", "0.01", "--no-progress"]
+
+# (arguments, the line on stderr)
+BAD_INPUT = [
+    (["simulate"], "simulate: error: frequency must be given"),
+    (
+        ["simulate", "--frequency", "0.9", "--restitution", "1.2"],
+        "simulate: error: restitution must lie in [0, 1]; got 1.2",
+    ),
+    (
+        ["simulate", "--frequency", "0"],
+        "simulate: error: frequency must be positive; got 0",
+    ),
+    (
+        ["simulate", "--frequency", "nan"],
+        "simulate: error: frequency must be a finite number; got nan",
+    ),
+    (
+        ["simulate", "--frequency", "fast"],
+        "simulate: error: frequency must be a finite number; got 'fast'",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--damping", "-0.1"],
+        "simulate: error: damping must not be negative; got -0.1",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--masses", "1,0,1"],
+        "simulate: error: masses[1] must be positive; got 0.0",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--masses", "2.5"],
+        "simulate: error: masses must be a positive integer; got 2.5",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--masses", "2", "--position=0,-1"],
+        "simulate: error: position[1] must not be below the table at 0.0; got -1.0",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--impacts", "many"],
+        "simulate: error: impacts must be a positive integer; got 'many'",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--observable", "speed"],
+        (
+            "simulate: error: observable must be one of: time, phase, relative_velocity, energy, "
+            "position, velocity; got 'speed'"
+        ),
+    ),
+    (
+        ["simulate", "--frequency", "1", "--out", "motion.pdf"],
+        "simulate: error: out must end in .csv, .npz, .h5, .png, .svg; got 'motion.pdf'",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--out", "missing/motion.csv"],
+        (
+            "simulate: error: out must be writable; got 'missing/motion.csv' "
+            "(No such file or directory)"
+        ),
+    ),
+    (
+        ["simulate", "missing.toml"],
+        "simulate: error: missing.toml cannot be read: No such file or directory",
+    ),
+    (["simulate", "--frequncy", "1"], "simulate: error: there is no argument --frequncy"),
+    (
+        ["sweep"],
+        "sweep: error: from must be given, or values",
+    ),
+    (
+        ["sweep", "--values", "0.5,nan"],
+        "sweep: error: values[1] must be a finite number; got nan",
+    ),
+    (
+        ["sweep", "--values", "0.5,0"],
+        "sweep: error: frequency must be positive; got 0.0 in values[1]",
+    ),
+    (
+        ["sweep", "--from", "1", "--to", "2", "--step", "-0.1"],
+        "sweep: error: step must lead from 1.0 to 2.0; got -0.1",
+    ),
+    (
+        ["sweep", "--from", "1", "--to", "2", "--step", "0"],
+        "sweep: error: step must lead from 1.0 to 2.0; got 0.0",
+    ),
+    (
+        ["sweep", "--from", "1", "--to", "2", "--step", "1e-9"],
+        "sweep: error: step must not give more than 1000000 values; got 1e-09",
+    ),
+    (
+        ["sweep", "--from", "1", "--values", "1,2"],
+        "sweep: error: from must not be given beside values; got 1",
+    ),
+    (
+        ["sweep", "--values", "1", "--frequency", "1"],
+        "sweep: error: frequency must not be given when it is swept; got 1",
+    ),
+    (
+        ["sweep", "--values", "1", "--parameter", "masses"],
+        (
+            "sweep: error: parameter must be one of: springs, damping, restitution, amplitude, "
+            "offset, frequency; got 'masses'"
+        ),
+    ),
+    (
+        ["sweep", "--values", "1", "--parameter", "restitution"],
+        "sweep: error: frequency must be given",
+    ),
+    (
+        ["sweep", "--values", "1", "--keep", "0"],
+        "sweep: error: keep must be a positive integer; got 0",
+    ),
+    (
+        ["sweep", "--values", "1", "--store", "missing/sweep.h5"],
+        "sweep: error: store must be writable; got 'missing/sweep.h5' (No such file or directory)",
+    ),
+    (
+        ["sweep", "--values", "1", "--store", "a.h5", "--out", "a.h5"],
+        "sweep: error: out must be another file than store; got 'a.h5'",
+    ),
+    (
+        ["reproduce", "--out", "results", "--only", "figure-9"],
+        f"reproduce: error: only must hold items among {', '.join(ITEMS)}; got 'figure-9'",
+    ),
+    (
+        ["reproduce"],
+        "reproduce: error: the following arguments are required: --out",
+    ),
+]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(("arguments", "line"), BAD_INPUT, ids=lambda part: str(part)[:60])
+def test_bad_input_is_refused_on_one_line_and_nothing_is_written(
+    arguments: list[str], line: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.err == f"dynkit {line}\n"
+    assert printed.out == ""
+    assert list(folder.iterdir()) == []
+
+
+def test_unknown_key_in_a_file_is_refused_by_name(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "motion.toml").write_text("frequency = 0.87\nrestitutoin = 0.8\n")
+    assert main(["simulate", "motion.toml"]) == 2
+    error = capsys.readouterr().err
+    assert re.fullmatch(r"dynkit simulate: error: motion.toml .* got 'restitutoin'\n", error)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("frequency = ", "motion.toml must be a TOML file"),
+        ("frequency = '0.87'", "frequency must be a finite number; got '0.87'"),
+        ("frequency = true", "frequency must be a finite number; got True"),
+        ("frequency = 0.87\nout = 5", "out must be a name; got 5"),
+        ("frequency = 0.87\nobservable = []", r"observable must be one or more names; got \[\]"),
+    ],
+)
+def test_bad_file_is_refused(
+    text: str, line: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "motion.toml").write_text(text)
+    assert main(["simulate", "motion.toml"]) == 2
+    assert re.match(f"dynkit simulate: error: {line}", capsys.readouterr().err)
+
+
+def test_output_that_cannot_be_written_is_refused_before_simulating(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("simulated")
+
+    monkeypatch.setattr(ImpactChain, "attractor", never)
+    (folder / "motion.csv").mkdir()
+    assert main(["simulate", "--frequency", "1", "--out", "motion.csv"]) == 2
+    assert "out must be a file; got the folder 'motion.csv'" in capsys.readouterr().err
+
+
+def test_results_folder_that_is_a_file_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "results").write_text("mine")
+    assert main(["reproduce", "--out", "results"]) == 2
+    assert "out must be writable; got 'results'" in capsys.readouterr().err
+    assert (folder / "results").read_text() == "mine"
+
+
+def test_store_of_another_sweep_is_refused_and_kept(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*SWEEP, "--store", "sweep.h5"]) == 0
+    before = (folder / "sweep.h5").read_bytes()
+    assert main([*SWEEP, "--store", "sweep.h5", "--damping", "0.2"]) == 2
+    assert "damping 0.1; got 0.2" in capsys.readouterr().err
+    assert (folder / "sweep.h5").read_bytes() == before

@@ -1,0 +1,121 @@
+"""`dynkit reproduce`: its files, and what its report finds."""
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynkit.cli import main
+from dynkit.cli.reproduce import reproduce
+from dynkit.cli.reproduce.paper import ITEMS
+from dynkit.cli.reproduce.settling import impacts_until_settled
+from dynkit.cli.reproduce.workshop import SteadyTableChain
+from dynkit.systems import ImpactChain
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All items but the blow-ups, which take as long as all others."""
+    folder = tmp_path_factory.mktemp("results")
+    reproduce(str(folder), [item for item in ITEMS if item != "figure-5"], log=io.StringIO())
+    return folder
+
+
+def cells(report: str, first: str) -> list[str]:
+    """The cells of the table row that begins with a text."""
+    (row,) = re.findall(rf"^\| {re.escape(first)} \|.*$", report, flags=re.MULTILINE)[:1]
+    return [cell.strip() for cell in str(row).strip("|").split("|")]
+
+
+@pytest.fixture
+def report(results: Path) -> str:
+    return (results / "report.md").read_text()
+
+
+def test_reproduce_writes_a_report_and_each_figure_twice(results: Path) -> None:
+    figures = {f"{name}.{end}" for name in ITEMS if name[:6] == "figure" for end in ("png", "svg")}
+    expected = figures - {"figure-5.png", "figure-5.svg"} | {"report.md"}
+    assert {path.name for path in results.iterdir()} == expected
+
+
+def test_reproduced_figures_are_small(results: Path) -> None:
+    assert max(path.stat().st_size for path in results.iterdir()) < 1_000_000
+
+
+def test_report_embeds_every_figure(results: Path, report: str) -> None:
+    embedded = re.findall(r"!\[.*\]\((.*)\)", report)
+    assert sorted(embedded) == sorted(path.name for path in results.glob("*.png"))
+
+
+def test_report_says_what_was_left_out(report: str) -> None:
+    assert "Left out of this run: figure-5." in report
+
+
+def test_report_tells_each_natural_frequency(report: str) -> None:
+    assert cells(report, "1")[1:4] == ["0.150", "0.149460", "-0.000540"]
+    assert cells(report, "10")[1:4] == ["1.978", "1.977662", "-0.000338"]
+
+
+def test_report_finds_the_expected_labels(report: str) -> None:
+    assert cells(report, "labels along the sweep")[2] == "14 of 14 agree"
+
+
+def test_report_finds_the_ratios_at_the_restitution(report: str) -> None:
+    assert cells(report, "200")[2].startswith("0.8500000000")
+
+
+@pytest.mark.parametrize("constant", ["amplitude", "velocity"])
+def test_report_finds_the_peaks(constant: str, report: str) -> None:
+    low, high = cells(report, f"peaks, constant {constant}")[2].split(" and ")
+    assert float(low) == pytest.approx(0.202, abs=0.0021)
+    assert float(high) == pytest.approx(0.408, abs=0.0021)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "found"),
+    [("0.40816", "P(inf,2)"), ("0.36", "P(74,32)"), ("1.336", "P(2,5)"), ("0.35", "P(39,15)")],
+)
+def test_report_tells_where_the_paper_does_not_hold(
+    frequency: str, found: str, report: str
+) -> None:
+    assert cells(report, f"motion at {frequency}")[2].startswith(found)
+
+
+def test_report_measures_how_slowly_the_sticking_motion_settles(report: str) -> None:
+    (ratio,) = re.findall(r"by a factor (\d\.\d+) on average", report)
+    assert float(ratio) == pytest.approx(0.87, abs=0.02)
+
+
+def test_reproduce_of_some_items_writes_only_these(tmp_path: Path) -> None:
+    folder = tmp_path / "here" / "results"
+    assert main(["reproduce", "--out", str(folder), "--only", "table-a1"]) == 0
+    assert [path.name for path in folder.iterdir()] == ["report.md"]
+
+
+def test_steady_table_has_one_velocity_at_all_frequencies() -> None:
+    chain = SteadyTableChain(frequency=0.14, table_velocity=0.014)
+    products = [chain.replace(frequency=w).amplitude * w for w in (0.14, 0.5, 2.0)]
+    assert products == pytest.approx([0.014] * 3, rel=1e-15)
+
+
+def test_steady_table_chain_moves_as_a_chain_of_that_amplitude() -> None:
+    steady = SteadyTableChain(frequency=0.5, table_velocity=0.05).simulate(impacts=50)
+    plain = ImpactChain(frequency=0.5, amplitude=0.1).simulate(impacts=50)
+    assert np.array_equal(steady.relative_velocity, plain.relative_velocity)
+
+
+def test_steady_table_refuses_an_amplitude_of_its_own() -> None:
+    with pytest.raises((TypeError, ValueError), match="amplitude"):
+        SteadyTableChain(frequency=0.5).replace(amplitude=0.2)
+
+
+def test_motion_that_has_settled_is_settled_from_the_first_impact_on() -> None:
+    record = ImpactChain(frequency=0.87).attractor(transient=3000, impacts=50).record
+    assert impacts_until_settled(record, 1) == 0
+
+
+def test_chaotic_motion_never_settles() -> None:
+    record = ImpactChain(frequency=1.346).attractor(impacts=500).record
+    assert impacts_until_settled(record, 1) is None
