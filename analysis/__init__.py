@@ -5,8 +5,15 @@ from typing import TYPE_CHECKING
 from dynkit._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from dynkit.analysis.chatter import ChatterRatios
     from dynkit.analysis.diagram import BifurcationDiagram
 
-__all__ = ["BifurcationDiagram"]
+__all__ = ["BifurcationDiagram", "ChatterRatios"]
 
-__getattr__, __dir__ = lazy_names(__name__, {"BifurcationDiagram": "dynkit.analysis.diagram"})
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "BifurcationDiagram": "dynkit.analysis.diagram",
+        "ChatterRatios": "dynkit.analysis.chatter",
+    },
+)
