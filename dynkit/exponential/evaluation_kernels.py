@@ -38,12 +38,14 @@ class Ladder(NamedTuple):
         each, then the
         weights of |y| in the bound of the quintic Hermite error on a cell of that size
     rows : (8, slots) rows that give f, f', f'', f^(3) from y, two each
-    bound : (4, slots) weights of |y| that bound sup |f_k| and sup |f_k^(4)| for all later times
+    bound : (6, slots) weights of |y| that bound sup |f_k|, sup |f_k^(4)| and the last
+        sup |f_k^(DEGREE + 1)| / (DEGREE + 1)! for all later times
     generator : (4, slots) entries 11, 12, 21, 22 of G
     characteristic : (2, slots) trace and determinant of G
     offset : constant term of f
     smallest : step of rung 0, a power of two
     smooth : largest rung on which every term's bound grows as h^6
+    separate : whether a slot holds two separate exponentials (an overdamped mode)
     steady : number of the slot that never decays and is bounded by `swing` (the table)
     swing : amplitude of that slot's term
     """
@@ -57,6 +59,7 @@ class Ladder(NamedTuple):
     offset: float
     smallest: float
     smooth: int
+    separate: bool
     steady: int
     swing: float
 
@@ -261,3 +264,23 @@ def expand(
     c[12] = c12 / 479001600.0
     c[13] = c13 / 6227020800.0
     c[14] = c14 / 87178291200.0
+
+
+@kernel()
+def expand_separate(
+    generator: Array, rows: Array, offset: float, states: Array, k: int, c: Array
+) -> None:
+    """As `expand`, both exponentials of a slot apart: their equation would mix their rates."""
+    for j in range(DEGREE + 1):
+        c[j] = 0.0
+    for i in range(states.shape[2]):
+        p = states[k, 0, i]
+        q = states[k, 1, i]
+        c[0] += rows[0, i] * p + rows[1, i] * q
+        for j in range(1, DEGREE + 1):
+            a = p / j
+            b = q / j
+            p = generator[0, i] * a + generator[1, i] * b
+            q = generator[2, i] * a + generator[3, i] * b
+            c[j] += rows[0, i] * p + rows[1, i] * q
+    c[0] += offset

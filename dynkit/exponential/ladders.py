@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -116,23 +117,26 @@ class Pairs:
             [np.where(together, norm, abs(row[0])), np.where(together, norm * scale, abs(row[1]))]
         )
 
-    def rates(self) -> Array:
-        """(n,) largest absolute eigenvalue of each G."""
+    def rates(self) -> tuple[Array, Array]:
+        """Largest and smallest absolute eigenvalue of each G, (n,) each."""
         g = self.generator
         half_trace = 0.5 * (g[0] + g[3])
         determinant = g[0] * g[3] - g[1] * g[2]
-        root = np.sqrt(np.abs(half_trace * half_trace - determinant))
-        real = half_trace * half_trace >= determinant
-        return np.asarray(np.where(real, np.abs(half_trace) + root, np.sqrt(np.abs(determinant))))
+        discriminant = half_trace * half_trace - determinant
+        root = np.sqrt(np.abs(discriminant))
+        real = discriminant >= 0.0
+        fast = np.where(real, np.abs(half_trace) + root, np.sqrt(np.abs(determinant)))
+        slow = np.where(real, np.abs(determinant) / np.where(fast > 0.0, fast, 1.0), fast)
+        return fast, slow
 
 
 def rung_sizes(pairs: Pairs) -> tuple[float, int]:
     """Smallest step (a power of two with every abs(lambda) h <= REACH) and number of rungs."""
     from dynkit.exponential.evaluation_kernels import REACH
 
-    rates = pairs.rates()
-    fastest = max(float(rates.max(initial=0.0)), 1e-300)
-    slowest = float(rates[rates > 0.0].min(initial=fastest))
+    fast, slow = pairs.rates()
+    fastest = max(float(fast.max(initial=0.0)), 1e-300)
+    slowest = float(slow[slow > 0.0].min(initial=fastest))
     smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
     rungs = int(np.ceil(np.log2(8.0 * np.pi / slowest / smallest))) + 1
     return float(smallest), min(max(rungs, 2), MAXIMUM_RUNGS)
@@ -183,11 +187,13 @@ def ladder(
     pairs: Pairs, row: Array, offset: float, smallest: float, step: Array, steady: int, swing: float
 ) -> Any:
     """The exponential sum ``offset + row . y`` as the kernels take it."""
-    from dynkit.exponential.evaluation_kernels import Ladder
+    from dynkit.exponential.evaluation_kernels import DEGREE, Ladder
 
     rungs, _, slots = step.shape
     rows = _pad(np.concatenate([pairs.derivative_rows(row, order) for order in range(4)]), slots)
-    bounds = np.concatenate([pairs.bound(row, 0), pairs.bound(row, 4)])
+    with np.errstate(over="ignore", invalid="ignore"):
+        last = pairs.bound(row, DEGREE + 1) / factorial(DEGREE + 1)
+    bounds = np.concatenate([pairs.bound(row, 0), pairs.bound(row, 4), last])
     weights, smooth = cell_bounds(pairs, row, smallest, rungs)
     cell = np.empty((rungs, 8, slots))
     for k in range(0, 6, 2):
@@ -205,6 +211,7 @@ def ladder(
         float(offset),
         float(smallest),
         smooth,
+        bool(np.any(pairs.scale == 0.0)),
         steady,
         float(swing),
     )

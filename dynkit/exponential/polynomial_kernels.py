@@ -33,6 +33,8 @@ def _polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[in
         elif value < 0.0:
             high = e
         trial = e - value / rate if rate < 0.0 else low
+        if trial == e:
+            break
         if not low < trial < high:
             if value == 0.0 or not low < 0.5 * (low + high) < high:
                 break
@@ -42,7 +44,8 @@ def _polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[in
         change = trial - e
         # The next change would be about (curvature / rate) change^2 / 2.
         second = 2.0 * abs(c[first + 2]) + 6.0 * abs(c[first + 3]) * e
-        if second * change * change <= -EPSILON * rate * trial:
+        # A longer one than the root itself leaves the rounding of where it came from.
+        if abs(change) <= trial and second * change * change <= -EPSILON * rate * trial:
             e = trial
             break
         e = trial

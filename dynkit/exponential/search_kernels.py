@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dynkit.compiled import kernel
 from dynkit.exponential.evaluation_kernels import (
+    DEGREE,
     EPSILON,
     FOUND,
     SCRATCH,
@@ -11,6 +12,7 @@ from dynkit.exponential.evaluation_kernels import (
     Ladder,
     Workspace,
     expand,
+    expand_separate,
     look_ahead,
     propagate,
     propagate_steps,
@@ -104,6 +106,20 @@ def _first_rung(
 
 
 @kernel()
+def _taylor_rung(
+    bound: Array, states: Array, k: int, smallest: float, most: int, band: float
+) -> int:
+    """Largest rung, up to `most`, on which the Taylor polynomial's remainder is below rounding."""
+    remainder = 0.0
+    for i in range(states.shape[2]):
+        remainder += bound[4, i] * abs(states[k, 0, i]) + bound[5, i] * abs(states[k, 1, i])
+    for j in range(most, 0, -1):
+        if remainder * (smallest * (1 << j)) ** (DEGREE + 1) <= 0.05 * band:
+            return j
+    return 0
+
+
+@kernel()
 def first_root(
     ladder: Ladder,
     order: int,
@@ -168,6 +184,7 @@ def first_root(
             else:
                 j = -1
     expanded = False
+    wide = 0
     while cells < limit:
         if j >= 0 and not expanded:
             h = smallest * (1 << j)
@@ -202,7 +219,13 @@ def first_root(
                 ):
                     return NEVER, n, 0.0, 0.0, cells
                 continue
-            if j > 0:
+            if ladder.separate:
+                # Fast exponentials that have died out do not narrow the Taylor polynomial.
+                wide = _taylor_rung(ladder.bound, states, current, smallest, j, band)
+                if wide < j:
+                    j -= 1
+                    continue
+            elif j > 0:
                 m = 0
                 if new_value < 0.0:
                     m = int((1 << j) * _cubic_root(h, value, slope, new_value, new_slope) - 0.2)
@@ -228,7 +251,10 @@ def first_root(
         first = 0
         if not expanded:
             current = propagate_steps(step, n, states, current)
-            expand(ladder.characteristic, ladder.rows, offset, states, current, c)
+            if ladder.separate:
+                expand_separate(ladder.generator, ladder.rows, offset, states, current, c)
+            else:
+                expand(ladder.characteristic, ladder.rows, offset, states, current, c)
         expanded = False
         threshold = band
         if n == 0 and order > 0:
@@ -240,17 +266,24 @@ def first_root(
             # Inside the band and certified not to have crossed: only a crossing beyond the band
             # counts.
             c[0] += 2.0 * band
-        outcome, e, slope = polynomial_first_root(c, first, smallest, threshold)
+        h = smallest * (1 << wide)
+        outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         cells += 1
         if outcome == ROOT or (outcome == TOUCH and touches):
+            m = int(e / smallest)
+            if m > 1:
+                n += m
+                e -= m * smallest
+                current = propagate_steps(step, n, states, current)
             shift(ladder.generator, ladder.characteristic, e, states, current, FOUND)
             for _ in range(first):
                 slope *= e
             return outcome, n, e, slope, cells
-        # No root here: on to the end of the smallest cell.
-        n += 1
-        propagate(step, 0, states, current, (current + 1) % SCRATCH)
+        # No root here: on to the end of the cell.
+        n += 1 << wide
+        propagate(step, wide, states, current, (current + 1) % SCRATCH)
         current = (current + 1) % SCRATCH
         value, slope, second = value_and_rates(ladder.rows, offset, states, current)
-        j = 0
+        j = wide
+        wide = 0
     return LIMIT, n, 0.0, 0.0, cells

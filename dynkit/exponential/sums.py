@@ -1,0 +1,194 @@
+"""Sums of damped oscillators and their certified first root, for direct use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.exponential.ladders import Pairs, ladder, rung_sizes, steps
+from dynkit.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    non_negative,
+    positive,
+    positive_integer,
+)
+
+
+class RootKind(Enum):
+    """What the search for a first root found; the value is what the user reads."""
+
+    ROOT = "a change of sign"
+    TOUCH = "a minimum within the rounding band of zero"
+    NEVER = "no root at any later time"
+    LIMIT = "no root within the limit of the search"
+
+
+@final
+@dataclass(frozen=True)
+class Root:
+    """The first root of a sum.
+
+    Attributes
+    ----------
+    kind : RootKind
+    time : float
+        Where; infinite when there is none. Right to a few units in the last place where the sum
+        passes through zero with a slope, and to the square root of the band at a minimum.
+    rate : float
+        Derivative there; 0 at a minimum, NaN when there is no root.
+    band : float
+        Half width of the rounding band: a minimum nearer to zero than this may be decided either
+        way, and is reported as `TOUCH` or passed. All else is certain.
+    searched : float
+        Up to here there is certainly no other root.
+    cells : int
+        Cells that were looked at.
+    """
+
+    kind: RootKind
+    time: float
+    rate: float
+    band: float
+    searched: float
+    cells: int
+
+
+@final
+@dataclass(frozen=True, eq=False, init=False)
+class ExponentialSum:
+    """The sum of damped oscillators, f(s) = offset + sum_k y_k(s), s >= 0.
+
+    Each term obeys y'' + 2 decay y' + frequency^2 y = 0 from its value and rate at s = 0; any
+    damping, through critical and beyond.
+
+    Parameters
+    ----------
+    value, rate : (n,) array_like
+        Of each term at s = 0.
+    frequency, decay : (n,) array_like
+        Undamped angular frequency, positive, and half the damping, not negative.
+    offset : float
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    Examples
+    --------
+    A cosine: the first root is pi/2.
+
+    >>> abs(ExponentialSum([1.0], [0.0], [1.0], [0.0]).first_root().time - np.pi / 2) < 1e-15
+    True
+
+    It grazes zero at pi when it is lifted by one:
+
+    >>> root = ExponentialSum([1.0], [0.0], [1.0], [0.0], offset=1.0).first_root()
+    >>> root.kind.name, root.rate
+    ('TOUCH', 0.0)
+    """
+
+    value: Array
+    rate: Array
+    frequency: Array
+    decay: Array
+    offset: float
+
+    def __init__(
+        self, value: object, rate: object, frequency: object, decay: object, offset: float = 0.0
+    ) -> None:
+        arrays = {"value": finite_array("value", value, (None,))}
+        shape = arrays["value"].shape
+        for name, given in (("rate", rate), ("frequency", frequency), ("decay", decay)):
+            arrays[name] = finite_array(name, given, shape)
+        for k in range(shape[0]):
+            positive(f"frequency[{k}]", arrays["frequency"][k])
+            non_negative(f"decay[{k}]", arrays["decay"][k])
+        for name, array in arrays.items():
+            object.__setattr__(self, name, array.copy())
+            getattr(self, name).setflags(write=False)
+        object.__setattr__(self, "offset", finite_scalar("offset", offset))
+
+    @cached_property
+    def _prepared(self) -> tuple[Any, Array]:
+        """The ladder of the kernels and the state (2, slots) at s = 0."""
+        zeros = np.zeros_like(self.frequency)
+        pairs, mixing = Pairs.oscillators(self.frequency, zeros, self.decay, zeros)
+        y: Array = np.stack([self.value, self.rate])
+        row: Array = np.stack([zeros + 1.0, zeros])
+        if mixing is not None:
+            solved = np.linalg.solve(np.moveaxis(mixing, 2, 0), y.T[..., None])
+            y = np.asarray(solved[..., 0].T, dtype=np.float64)
+            row = np.stack([mixing[0, 0], mixing[0, 1]])
+        smallest, rungs = rung_sizes(pairs)
+        step = steps(pairs, smallest, rungs)
+        state = np.zeros((2, step.shape[2]))
+        state[:, : pairs.count] = y
+        return ladder(pairs, row, self.offset, smallest, step, -1, 0.0), state
+
+    @property
+    def band(self) -> float:
+        """Half width of the rounding band: (8 + slots) 2^-52 times the sum of the amplitudes."""
+        sums, state = self._prepared
+        slots = state.shape[1]
+        bound: Array = sums.bound
+        reach = float((bound[:2] * abs(state)).sum())
+        return float((8.0 + slots) * 2.0**-52 * (reach + abs(self.offset)))
+
+    def first_root(
+        self, *, rising_from: float | None = None, limit: int = 1_000_000, touches: bool = True
+    ) -> Root:
+        """Return the first s > 0 at which f falls to zero, certain not to have missed one.
+
+        Parameters
+        ----------
+        rising_from : float, optional
+            For f(0) = 0: the slope f'(0) > 0, taken instead of the sum of the rates, whose rounding
+            would hide a small one. Otherwise f(0) must be positive.
+        limit : int
+            Largest number of cells to look at.
+        touches : bool
+            Whether a minimum within the rounding band counts as a root.
+
+        Raises
+        ------
+        ValueError
+            When f(0) is not positive and no slope is given, or the slope is not positive.
+        """
+        from dynkit.exponential.evaluation_kernels import DEGREE, START, STATES, Workspace
+        from dynkit.exponential.search_kernels import first_root
+
+        sums, state = self._prepared
+        order, slope = 0, 0.0
+        if rising_from is not None:
+            order, slope = 1, positive("rising_from", rising_from)
+        elif not self.value.sum() + self.offset > 0.0:
+            raise ValueError(f"f(0) must be positive; got {float(self.value.sum() + self.offset)}")
+        work = Workspace(np.zeros((STATES, *state.shape)), np.zeros(DEGREE + 1))
+        work.states[START] = state
+        outcome, n, e, rate, cells = first_root(
+            sums,
+            order,
+            slope,
+            8.0 + state.shape[1],
+            touches,
+            positive_integer("limit", limit),
+            work,
+        )
+        kind = tuple(RootKind)[outcome]
+        searched = n * sums.smallest + e
+        found = kind in (RootKind.ROOT, RootKind.TOUCH)
+        return Root(
+            kind,
+            searched if found else np.inf,
+            rate if found else np.nan,
+            self.band,
+            np.inf if kind is RootKind.NEVER else searched,
+            cells,
+        )

@@ -1,0 +1,1 @@
+"""Tests of exponential sums and their first roots."""
