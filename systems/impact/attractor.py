@@ -53,6 +53,7 @@ class ImpactAttractor(Attractor):
 
     @property
     def final(self) -> ImpactState:
+        """The state after the last impact."""
         return self.record.final
 
     @property

@@ -65,6 +65,7 @@ class NormalModes(Basis):
 
     @staticmethod
     def of(modes: Modes, mass: Array) -> NormalModes:
+        """The normal modes and the mass matrix of a structure."""
         pairs, mixing = Pairs.oscillators(
             modes.frequencies, modes.frequencies_low, modes.decay, modes.decay_low
         )

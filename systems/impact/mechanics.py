@@ -110,6 +110,7 @@ class Table:
 
     @property
     def pairs(self) -> Pairs:
+        """Evolution of the sine and cosine of the table's phase."""
         return Pairs.rotation(self.frequency)
 
 
