@@ -74,8 +74,9 @@ def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
 
 def transformed(matrix: Array, states: Array) -> Array:
     """States (k, 2, slots) in the other basis, by a matrix of the kernels' `Mechanics`."""
-    flat = states.reshape(len(states), -1)
-    return np.asarray((flat @ matrix[:, :-1].T + matrix[:, -1]).reshape(len(states), 2, -1))
+    flat = states.reshape(len(states), states.shape[1] * states.shape[2])
+    out = flat @ matrix[:, :-1].T + matrix[:, -1]
+    return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))
 
 
 def _add_bounces(

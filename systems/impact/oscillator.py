@@ -38,14 +38,15 @@ _CACHES = frozenset({"_structure", "_table", "_gap", "_contact"})
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactOscillator(LagrangianStructure, Map):
-    """The map from just after one impact of a structure with a vibrating table to just after the next.
+    """The map from just after one impact with a vibrating table to just after the next.
 
-    A subclass owes its energies, as every `LagrangianStructure` does. The last coordinate x_N is free to hit the table
-    at x_T = amplitude sin(phase) + offset, phase' = frequency, and stays on the far side: gap x_N - x_T >= 0. An impact
-    turns the relative velocity u- into -restitution u- and changes nothing else.
+    A subclass owes its energies, as every `LagrangianStructure` does. The last coordinate x_N is
+    free to hit the table at x_T = amplitude sin(phase) + offset, phase' = frequency, and stays on
+    the far side: gap x_N - x_T >= 0. An impact turns the relative velocity u- into -restitution u-
+    and changes nothing else.
 
-    As a `Map` its states are the 2N section coordinates: positions x_1..x_{N-1}, velocities v_1..v_{N-1}, relative
-    velocity u just after the impact, phase of the table.
+    As a `Map` its states are the 2N section coordinates: positions x_1..x_{N-1}, velocities
+    v_1..v_{N-1}, relative velocity u just after the impact, phase of the table.
 
     Parameters
     ----------
@@ -56,8 +57,9 @@ class ImpactOscillator(LagrangianStructure, Map):
     amplitude, offset : float
         Of the table; the amplitude is not negative.
     chatter_tolerance : float
-        Chatter is replaced by contact when that changes no position or velocity by more than this, to leading order; 0
-        for never. The changes made are summed up in the record's ``chatter_error``.
+        Chatter is replaced by contact when that changes no position or velocity by more than this,
+        to leading order; 0 for never. The changes made are summed up in the record's
+        ``chatter_error``.
 
     Raises
     ------
@@ -66,7 +68,8 @@ class ImpactOscillator(LagrangianStructure, Map):
 
     References
     ----------
-    J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, equations 8 to 12 and 15.
+    J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, equations 8 to 12 and
+    15.
     """
 
     frequency: float
@@ -99,7 +102,7 @@ class ImpactOscillator(LagrangianStructure, Map):
     def __getstate__(self) -> dict[str, object]:
         return {k: v for k, v in super().__getstate__().items() if k not in _CACHES}
 
-    # --- the family ---------------------------------------------------------------------------------------------------
+    # --- the family -------------------------------------------------------------------------------
 
     @property
     def parameters(self) -> Mapping[str, float]:
@@ -136,10 +139,10 @@ class ImpactOscillator(LagrangianStructure, Map):
 
     @property
     def modal_matrix(self) -> Array:
-        """Mass-normalised modal matrix, (N, N), one mode per column; the contact mass moves to the far side in each."""
+        """Mass-normalised modal matrix, (N, N), one mode per column, its last row not negative."""
         return self.modes.matrix
 
-    # --- what the kernels take ----------------------------------------------------------------------------------------
+    # --- what the kernels take --------------------------------------------------------------------
 
     @cached_property
     def _structure(self) -> Structure:
@@ -157,7 +160,7 @@ class ImpactOscillator(LagrangianStructure, Map):
     def _contact(self) -> Contact:
         return Contact(self._structure, self._table)
 
-    # --- states -------------------------------------------------------------------------------------------------------
+    # --- states -----------------------------------------------------------------------------------
 
     def state(
         self, position: object = None, velocity: object = None, phase: float = 0.0
@@ -167,16 +170,16 @@ class ImpactOscillator(LagrangianStructure, Map):
         Parameters
         ----------
         position, velocity : (N,) array_like
-            By default at rest in the shape of the first mode with modal amplitude one, on the far side of the table
-            (the start of Cusumano & Bai).
+            By default at rest in the shape of the first mode with modal amplitude one, on the far
+            side of the table (the start of Cusumano & Bai).
         phase : float
             Phase of the table, taken modulo 2 pi.
 
         Raises
         ------
         ValueError
-            When a number is not finite; when the contact mass is below the table by more than rounding, or on it and
-            moving into it.
+            When a number is not finite; when the contact mass is below the table by more than
+            rounding, or on it and moving into it.
         """
         n = self.degrees_of_freedom
         x = (
@@ -201,8 +204,8 @@ class ImpactOscillator(LagrangianStructure, Map):
             rounding = 4.0 * 2.0**-53 * (abs(float(v[-1])) + abs(speed))
             if u < -rounding:
                 raise ValueError(
-                    f"velocity[{n - 1}] must not be below the table's {speed} when the mass is on the table; "
-                    f"got {float(v[-1])}"
+                    f"velocity[{n - 1}] must not be below the table's {speed} when the mass is on "
+                    f"the table; got {float(v[-1])}"
                 )
             u = 0.0 if u <= rounding else u
         return self._make_state(x, v, sine, cosine, u, motion)
@@ -229,7 +232,8 @@ class ImpactOscillator(LagrangianStructure, Map):
     def _entered(self, start: ImpactState | None) -> ImpactState:
         """A state of this oscillator, from one of an oscillator with other parameters.
 
-        On the table the contact mass is put onto the table of this oscillator, with the same relative velocity.
+        On the table the contact mass is put onto the table of this oscillator, with the same
+        relative velocity.
         """
         if start is None:
             return self.state()
@@ -281,7 +285,7 @@ class ImpactOscillator(LagrangianStructure, Map):
         motion = tuple(Motion)[int(numbers[0])]
         return self._state_of(numbers[2:].reshape(2, slots), float(numbers[1]), motion)
 
-    # --- simulation ---------------------------------------------------------------------------------------------------
+    # --- simulation -------------------------------------------------------------------------------
 
     def simulate(self, *, impacts: int, start: ImpactState | None = None) -> ImpactRecord:
         """Simulate until so many impacts have happened, or none can happen any more.
@@ -291,8 +295,9 @@ class ImpactOscillator(LagrangianStructure, Map):
         impacts : int
             How many impacts to record.
         start : ImpactState, optional
-            From `state` or from another record's ``final``; by default ``state()``. From an oscillator with other
-            parameters it keeps its phase, and a mass on the table stays on it with the same relative velocity.
+            From `state` or from another record's ``final``; by default ``state()``. From an
+            oscillator with other parameters it keeps its phase, and a mass on the table stays on it
+            with the same relative velocity.
 
         Returns
         -------
@@ -301,7 +306,8 @@ class ImpactOscillator(LagrangianStructure, Map):
         Raises
         ------
         ValueError
-            When impacts is no positive integer, or the start is not one of this structure's or below the table.
+            When impacts is no positive integer, or the start is not one of this structure's or
+            below the table.
         """
         count = positive_integer("impacts", impacts)
         return ImpactRecord(self, self._run(self._entered(start), count, store=True))
@@ -338,7 +344,7 @@ class ImpactOscillator(LagrangianStructure, Map):
     ) -> Run:
         return run(self, start, count, store=store, noise=noise, seed=seed)
 
-    # --- the map ------------------------------------------------------------------------------------------------------
+    # --- the map ----------------------------------------------------------------------------------
 
     @property
     def dimension(self) -> int:

@@ -40,35 +40,6 @@ class ImpactRecord:
 
     All quantities are dimensionless. Arrays are worked out when asked for, from 2N + 4 stored
     numbers per impact.
-
-    Attributes
-    ----------
-    system : ImpactOscillator
-    start, final : ImpactState
-        Where it began, and the state after the last event; simulating on from it continues the same
-        motion bit for bit.
-    ending : Ending
-    time : (n,) array
-        Times of the impacts, from the start.
-    phase : (n,) array
-        Phase of the table at the impacts, in [0, 2 pi).
-    relative_velocity : (n,) array
-        Velocity of the contact mass relative to the table just after the impacts, u >= 0.
-    energy : (n,) array
-        Kinetic plus elastic energy just after the impacts.
-    position, velocity : (n, N) arrays
-        Just after the impacts.
-    states : (n, 2N) array
-        Section coordinates; see `ImpactOscillator`.
-    sticking : (k, 2) array
-        Begin and end of the contact intervals; the end is infinite for contact for ever.
-    chatter_error : float
-        Sum of what was changed, to leading order, by replacing the rests of chatters by contact.
-    cost : Cost
-        Seconds; impacts, cells (of the search for roots), contacts, touches (impacts at a double
-        root).
-    error : (n,) array
-        Estimate of the error of `states`; see there.
     """
 
     def __init__(self, system: ImpactOscillator, run: Run) -> None:
@@ -79,14 +50,17 @@ class ImpactRecord:
 
     @property
     def start(self) -> ImpactState:
+        """Where it began."""
         return self._run.start
 
     @property
     def final(self) -> ImpactState:
+        """The state after the last event; simulating on from it goes on bit for bit."""
         return self._run.final
 
     @property
     def ending(self) -> Ending:
+        """Why it ended."""
         return tuple(Ending)[self._run.ending]
 
     def __len__(self) -> int:
@@ -98,14 +72,17 @@ class ImpactRecord:
 
     @property
     def time(self) -> Array:
+        """Times (n,) of the impacts, from the start."""
         return self._run.states[:, -1]
 
     @property
     def relative_velocity(self) -> Array:
+        """Contact velocity relative to the table just after the impacts, (n,)."""
         return self._run.states[:, -2]
 
     @property
     def phase(self) -> Array:
+        """Phase of the table at the impacts, (n,), in [0, 2 pi)."""
         sine, cosine = self._run.states[:, -4], self._run.states[:, -3]
         return np.asarray(np.arctan2(sine, cosine) % TWO_PI)
 
@@ -116,31 +93,38 @@ class ImpactRecord:
 
     @cached_property
     def position(self) -> Array:
+        """Positions (n, N) at the impacts."""
         return self.system._structure.free.positions(self._coordinates)
 
     @cached_property
     def velocity(self) -> Array:
+        """Velocities (n, N) just after the impacts."""
         return self.system._structure.free.velocities(self._coordinates)
 
     @cached_property
     def energy(self) -> Array:
+        """Kinetic plus elastic energy (n,) just after the impacts."""
         return self.system._structure.free.energies(self._coordinates)
 
     @property
     def states(self) -> Array:
+        """Section coordinates (n, 2N) just after the impacts."""
         u, phase = self.relative_velocity[:, None], self.phase[:, None]
         return np.concatenate([self.position[:, :-1], self.velocity[:, :-1], u, phase], axis=1)
 
     @property
     def sticking(self) -> Array:
+        """Begin and end (k, 2) of the contact intervals; infinite for contact for ever."""
         return self._run.contacts[:, 1:]
 
     @property
     def chatter_error(self) -> float:
+        """Sum of what replacing the rests of chatters by contact changed, to leading order."""
         return self._run.chatter_error
 
     @property
     def cost(self) -> Cost:
+        """Seconds; impacts, cells of the search, contacts, touches (impacts at a double root)."""
         run = self._run
         counts = {
             "impacts": run.impacts,
@@ -155,23 +139,24 @@ class ImpactRecord:
         """Estimate of the largest error of the section coordinates of each impact, (n,).
 
         The run is repeated three times with pseudo-random disturbances of 8 * 2^-52 of every number
-        after every impact, many times what rounding does, and of the size of the dropped rests of
-        chatters. The estimate is four times the largest distance reached so far. On a stable motion
-        it stays near 1e-14; in chaos it grows to the size of the attractor, and says when single
-        states have become meaningless. Where a twin has fewer impacts it is infinite.
+        at the start and after every impact, many times what rounding does, and of the size of the
+        dropped rests of chatters. The estimate is four times the largest distance reached so far,
+        or the rounding of the largest coordinate. On a stable motion it stays near 1e-14; in chaos
+        it grows to the size of the attractor, and says when single states have become meaningless.
+        Where a twin has fewer impacts it is infinite. The times are off by this over the frequency,
+        besides their own rounding.
 
         References
         ----------
         J. Vignes, Mathematics and Computers in Simulation 35 (1993) 233-261 (stochastic
         arithmetic).
         """
-        worst = np.zeros(len(self))
+        worst = 2.0**-52 * abs(self.states).max(axis=1, initial=0.0)
+        noise = _DISTURBANCE * 2.0**-52
         for seed in range(1, _TWINS + 1):
             twin = ImpactRecord(
                 self.system,
-                self.system._run(
-                    self.start, len(self), store=True, noise=_DISTURBANCE * 2.0**-52, seed=seed
-                ),
+                self.system._run(self.start, len(self), store=True, noise=noise, seed=seed),
             )
             k = len(twin)
             gap = abs(self.system.difference(twin.states, self.states[:k])).max(axis=1, initial=0.0)

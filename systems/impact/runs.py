@@ -70,7 +70,11 @@ def run(
     noise: float,
     seed: int,
 ) -> Run:
-    """Simulate `count` impacts from a state of this oscillator."""
+    """Simulate `count` impacts from a state of this oscillator.
+
+    With noise every number of the start, and of the states after impacts, is changed by up to this
+    part of itself, pseudo-randomly.
+    """
     from dynkit.exponential.evaluation_kernels import START
     from dynkit.systems.impact import kernels
 
@@ -83,6 +87,10 @@ def run(
     clock[kernels.SPEED] = start.relative_velocity
     clock[kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
     clock[kernels.SEED] = seed
+    if noise > 0.0:
+        random = np.random.default_rng(seed)
+        flight.states[START] *= 1.0 + noise * random.uniform(-1.0, 1.0, start._coordinates.shape)
+        clock[kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
     states = np.empty((count if store else 0, 2 * n + 4))
     contacts = np.empty((0, 3))
     if "_contact" in vars(oscillator):
