@@ -26,9 +26,7 @@ class Attractor(ABC):
     3. `label`, an `OrbitLabel`: decided when it is first asked for, and once.
     4. ``time_series(times)``, the states at given times, first column to last as the subclass
        says; they may lie beyond the states that were kept, and the same times give the same bits.
-    5. ``section(section)``, (k, d): where the kept motion passes through a `PoincareSection` in its
-       direction.
-    6. `cost`, a `Cost`: what the states cost; and `error`, a float >= 0 that estimates how wrong
+    5. `cost`, a `Cost`: what the states cost; and `error`, a float >= 0 that estimates how wrong
        the states may be, in a sense that the subclass says.
 
     Instances are immutable: what is worked out when asked for depends on nothing else.
@@ -69,9 +67,15 @@ class Attractor(ABC):
     def time_series(self, times: Array) -> Array:
         """Return the motion, (k, ...), at the given times, (k,)."""
 
-    @abstractmethod
     def section(self, section: PoincareSection) -> Array:
-        """Return the points, (k, d), at which the kept motion passes through a section."""
+        """Return the kept states, (k, d), that the section lies just behind.
+
+        A map jumps: these are the states beyond the section, or on it, whose predecessor is before
+        it, as seen in the section's direction.
+        """
+        values = [section.direction * section.value(state) for state in self.states]
+        side = np.array(values) >= 0.0
+        return self.states[1:][side[1:] & ~side[:-1]]
 
 
 @final
@@ -214,16 +218,6 @@ class MapAttractor(Attractor):
             later = self._system.iterate(states[-1], beyond)[1:]
             states = np.concatenate([states, later])
         return states[asked.astype(np.intp)]
-
-    def section(self, section: PoincareSection) -> Array:
-        """Return the kept states, (k, d), that the section lies just behind.
-
-        A map jumps: these are the states beyond the section, or on it, whose predecessor is before
-        it, as seen in the section's direction.
-        """
-        values = [section.direction * section.value(state) for state in self._states]
-        side = np.array(values) >= 0.0
-        return self._states[1:][side[1:] & ~side[:-1]]
 
 
 def _bounded_motion(system: Map, start: Array, n: int) -> Array:

@@ -11,10 +11,10 @@ import numpy as np
 from dynkit.attractors import Attractor
 from dynkit.labels import OrbitLabel, Window, label_orbit
 from dynkit.results import Cost
-from dynkit.sections import PoincareSection
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.twins import growth_of_distance
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -110,11 +110,6 @@ class ImpactAttractor(Attractor):
             record = self._system.simulate(impacts=count, start=record.start)
         return np.concatenate(record.sample(asked), axis=1)
 
-    def section(self, section: PoincareSection) -> Array:
-        values = [section.direction * section.value(state) for state in self.states]
-        side = np.array(values) >= 0.0
-        return self.states[1:][side[1:] & ~side[:-1]]
-
 
 class _ImpactOrbit:
     """The motion of an impact oscillator as `label_orbit` follows it."""
@@ -148,27 +143,4 @@ class _ImpactOrbit:
         return np.asarray(a - b)
 
     def growth(self, steps: int) -> Array:
-        """Log growth of a disturbance of 1e-8, per block of 10 impacts, renewed after each."""
-        size, block = 1e-8, 10
-        blocks = max(steps // block, 1)
-        state = self.record.final
-        here = self.system.section_state(state)
-        scale = np.maximum(abs(self.record.states).max(axis=0), 1e-3)
-        gap = np.sqrt(np.arange(2.0, 2.0 + here.size)) * scale
-        gap *= size / np.linalg.norm(gap / scale)
-        logs = np.empty(blocks)
-        for i in range(blocks):
-            twin = here + gap
-            twin[-2] = abs(twin[-2])
-            run = self.system._run(self.system.impact_state(here), block, store=False)
-            other = self.system._run(self.system.impact_state(twin), block, store=False)
-            if run.impacts < block or other.impacts < block:
-                return np.full(blocks, -np.inf)
-            here = self.system.section_state(run.final)
-            gap = self.system.difference(self.system.section_state(other.final), here)
-            length = float(np.linalg.norm(gap / scale))
-            if length == 0.0:
-                return np.full(blocks, -np.inf)
-            logs[i] = math.log(length / size)
-            gap *= size / length
-        return logs
+        return growth_of_distance(self.system, self.record.final, steps)

@@ -97,7 +97,7 @@ def run(
         contacts = np.empty((16, 3))
     done = 0
     while True:
-        mechanics, contact = _mechanics(oscillator, with_contact=len(contacts) > 0)
+        mechanics, contact = mechanics_of(oscillator, with_contact=len(contacts) > 0)
         impacts, ending = kernels.run(
             mechanics,
             clock,
@@ -133,7 +133,7 @@ def run(
     )
 
 
-def _mechanics(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, Any]:
+def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, Any]:
     """What the kernels take, and a workspace for contact; empty arrays where there is none."""
     from dynkit.systems.impact import kernels
 
