@@ -1,0 +1,98 @@
+"""What checks are made of: each requirement raises AssertionError, which names it."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dynkit.testing.derivatives import VectorFunction, numerical_derivative
+from dynkit.validation import Array
+
+FLOW_ACCURACY = 1e-7
+
+
+def check_name(check: Callable[..., None]) -> str:
+    """Return the name of a check, for pytest's ids."""
+    return check.__name__.replace("_", " ")
+
+
+def require(condition: bool, what: str, detail: str) -> None:
+    """Raise AssertionError, which says what was required and what was found."""
+    if not condition:
+        raise AssertionError(f"{what}: {detail}")
+
+
+def same_bits(a: Array, b: Array) -> bool:
+    """Whether two arrays have the same shape and the same bits."""
+    return a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def require_shape(name: str, array: Array, shape: tuple[int, ...]) -> None:
+    """Floats, finite, and of this shape."""
+    found = np.asarray(array)
+    require(found.shape == shape, f"{name} has shape {shape}", f"got {found.shape}")
+    require(found.dtype == np.float64, f"{name} holds floats", f"got {found.dtype}")
+    require(bool(np.isfinite(found).all()), f"{name} is finite", f"got {found}")
+
+
+def require_close(name: str, found: Array, expected: Array, accuracy: float) -> None:
+    """Equal within the accuracy, which is relative to one plus the largest expected entry."""
+    off = float(np.abs(found - expected).max(initial=0.0))
+    allowed = accuracy * (1.0 + float(np.abs(expected).max(initial=0.0)))
+    require(off <= allowed, name, f"got {found}, which is {off} away from {expected}")
+
+
+def require_pure(name: str, function: VectorFunction, arguments: Array) -> None:
+    """The same bits at every call, in a new array, with the argument as it was."""
+    for argument in arguments:
+        given = argument.copy()
+        first = function(given)
+        kept = np.array(first)
+        second = function(given)
+        require(same_bits(given, argument), f"{name} leaves its argument", f"{given}")
+        require(not np.shares_memory(first, given), f"{name} is a new array", "it is a view")
+        same = same_bits(kept, np.asarray(first)) and same_bits(kept, np.asarray(second))
+        require(same, f"{name} is pure", f"got {kept}, then {second}, at {argument}")
+
+
+def require_refusal(name: str, function: VectorFunction, good: Array) -> None:
+    """NaN, infinity and a wrong shape raise ValueError."""
+    for wrong in (np.nan, np.inf):
+        bad = good.copy()
+        bad[-1] = wrong
+        require(_refused(function, bad), f"{name} refuses {wrong} with ValueError", "it did not")
+    longer = np.append(good, 0.0)
+    require(_refused(function, longer), f"{name} refuses a wrong shape with ValueError", "no")
+
+
+def _refused(function: VectorFunction, argument: Array) -> bool:
+    try:
+        function(argument)
+    except ValueError:
+        return True
+    except Exception:  # of whatever kind: it is not the one that was promised
+        return False
+    return False
+
+
+def require_derivative(
+    name: str,
+    claimed: Array,
+    function: VectorFunction,
+    point: Array,
+    *,
+    difference: Callable[[Array, Array], Array] = np.subtract,
+) -> None:
+    """Equal to differences, within twenty times the error that these estimate."""
+    found, error = numerical_derivative(function, point, difference=difference)
+    require_shape(name, claimed, found.shape)
+    size = float(np.abs(found).max(initial=0.0))
+    clear = float(error.max(initial=0.0)) <= 1e-3 * max(size, 1e-3)
+    require(clear, f"{name} can be compared", f"differences do not converge at {point}")
+    off = np.abs(claimed - found) - 20.0 * error
+    worst = tuple(int(i) for i in np.unravel_index(np.argmax(off), off.shape))
+    require(
+        float(off[worst]) <= 1e-13 * size,
+        f"{name} is the derivative",
+        f"entry {worst} is {claimed[worst]}; differences at {point} give "
+        f"{found[worst]} +- {error[worst]}",
+    )
