@@ -37,10 +37,7 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
         contact = oscillator._contact
         began = float(run.contacts[0, 2])
         stuck = transformed(contact.to_stuck, y[None])
-        held = derivative.copy()
-        held[:, 2 * n - 2] = 0.0  # the relative velocity ends with the chatter
-        # Without it the section coordinates give the contact mass the table's own motion.
-        inner = _linear(contact.to_stuck) @ held
+        inner = _linear(contact.to_stuck) @ derivative
         end, flow = _flow(contact.force, stuck[0], began)
         inner = flow @ inner
         rate = _rate(contact.force, end)

@@ -65,13 +65,10 @@ class Structure:
         """Largest effect of a unit displacement of the contact coordinate on another."""
         n = self.size - 1
         if n == 0:
-            return 0.0
+            return 1.0  # no other: then the contact coordinate itself
         inverse = np.linalg.inv(self.mass[:n, :n])
-        return float(
-            max(
-                abs(inverse @ self.stiffness[:n, n]).max(), abs(inverse @ self.damping[:n, n]).max()
-            )
-        )
+        pull = [inverse @ m[:n] @ self.kick_velocity for m in (self.stiffness, self.damping)]
+        return float(np.abs(pull).max())
 
     def steps(self, basis: Basis | None, table: Pairs, smallest: float, rungs: int) -> Array:
         """Propagators of the basis and the table; the basis' own are computed once."""
@@ -173,6 +170,9 @@ class Contact:
         driven_x, driven_v = self._driven(sine, cosine)
         x, v = x - driven_x, v - driven_v
         x[-1] -= self.rest
+        # The impacts left out take the relative velocity, and what it gives masses coupled by
+        # inertia.
+        v -= np.outer(v[:, n], s.kick_velocity)
         out = np.zeros((2 * free + 1, 2, stuck))
         if s.stuck is not None:
             out[..., :n] = s.stuck.coordinates(x[:, :n], v[:, :n])

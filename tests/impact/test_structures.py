@@ -1,0 +1,148 @@
+"""Structures of a user's own: energies overridden, dashpots apart, inertia that couples masses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.record import Ending
+from tests.impact.exact import exact_errors
+
+if TYPE_CHECKING:
+    import sympy
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaperedChain(ImpactChain):
+    """Masses and springs that shrink from the wall outwards, by its energies alone."""
+
+    taper: float = 0.9
+    masses: int | tuple[float, ...] = 4
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        terms = (self.taper**i * v[i] ** 2 / 2 for i in range(len(v)))
+        return sum(terms, start=0 * v[0])
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return self._links(x)
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return 0.125 * self._links(v)
+
+    def _links(self, z: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        inner = (0 * z[0], *z)
+        terms = (self.taper**i * (z[i] - inner[i]) ** 2 / 2 for i in range(len(z)))
+        return sum(terms, start=0 * z[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rod(ImpactChain):
+    """A chain whose neighbours share inertia, as in a rod of finite elements."""
+
+    coupling: float = 0.2
+    masses: int | tuple[float, ...] = 3
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        shared = (self.coupling * v[i] * v[i + 1] for i in range(len(v) - 1))
+        return super().kinetic(v) + sum(shared, start=0 * v[0])
+
+
+def tapered_pair(frequency: float) -> tuple[TaperedChain, ImpactChain]:
+    """The same chain, by energies and by arrays."""
+    sizes = tuple(0.9**i for i in range(4))
+    return (
+        TaperedChain(frequency=frequency),
+        ImpactChain(masses=sizes, springs=sizes, damping=0.125, frequency=frequency),
+    )
+
+
+@pytest.mark.parametrize("frequency", [0.3, 0.45, 0.87])
+def test_same_energies_give_the_same_bits(frequency: float) -> None:
+    own, chain = tapered_pair(frequency)
+    assert np.array_equal(own.stiffness, chain.stiffness)
+    assert np.array_equal(own.damping_matrix, chain.damping_matrix)
+    one, other = own.simulate(impacts=150), chain.simulate(impacts=150)
+    assert one.states.tobytes() == other.states.tobytes()
+    assert one.time.tobytes() == other.time.tobytes()
+    assert one.sticking.tobytes() == other.sticking.tobytes()
+
+
+def test_a_subclass_is_replaced_by_its_own_kind() -> None:
+    chain = TaperedChain(frequency=0.87)
+    assert chain.replace(taper=0.8) == TaperedChain(frequency=0.87, taper=0.8)
+    assert chain.replace(taper=0.8).mass[3, 3] == 0.8**3
+
+
+@pytest.mark.parametrize(
+    "damping",
+    [
+        (0.5, 0.0),
+        (0.0, 0.5),
+        (0.02, 1.7, 0.3),
+        (8.0, 0.1, 0.0),
+        (0.1, 0.3, 0.0, 1.2, 0.05),
+    ],
+)
+def test_dashpots_apart_from_the_springs_are_exact_to_1e_12(damping: tuple[float, ...]) -> None:
+    chain = ImpactChain(masses=len(damping), damping=damping, amplitude=0.3, frequency=0.8)
+    assert not chain.modes.proportional
+    record = chain.simulate(impacts=12)
+    assert record.ending is Ending.COUNT_REACHED
+    assert exact_errors(record).max() < 1e-12
+
+
+@pytest.mark.parametrize("damping", [(0.02, 1.7, 0.3), (0.1, 0.3, 0.0, 1.2, 0.05)])
+def test_sticking_with_dashpots_apart_is_exact_to_1e_12(damping: tuple[float, ...]) -> None:
+    chain = ImpactChain(
+        masses=len(damping),
+        damping=damping,
+        restitution=0.3,
+        amplitude=0.3,
+        offset=0.2,
+        frequency=0.6,
+    )
+    record = chain.simulate(impacts=40)
+    assert np.isfinite(record.sticking).all(axis=1).any()
+    assert exact_errors(record).max() < 1e-12
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.1])
+@pytest.mark.parametrize("coupling", [0.2, 0.45])
+def test_coupled_inertia_is_exact_to_1e_13(coupling: float, offset: float) -> None:
+    rod = Rod(coupling=coupling, offset=offset, frequency=0.5)
+    record = rod.simulate(impacts=6)
+    assert exact_errors(record).max() < 1e-13
+
+
+@pytest.mark.parametrize("coupling", [0.2, 0.45])
+def test_chatter_of_coupled_inertia_hands_its_momentum_on(coupling: float) -> None:
+    def first_after_release(tolerance: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        rod = Rod(coupling=coupling, offset=0.1, frequency=0.5, chatter_tolerance=tolerance)
+        record = rod.simulate(impacts=250)
+        return np.array(record.states[np.searchsorted(record.time, record.sticking[0, 1])])
+
+    off = abs(first_after_release(1e-16) - first_after_release(1e-26)).max()
+    assert off < 1e-13
+
+
+def test_a_defective_state_matrix_is_refused() -> None:
+    # All four rates are -1, with a single mode shape.
+    springs = (2.0 + math.sqrt(2.0), 1.0 - math.sqrt(0.5))
+    chain = ImpactChain(masses=2, springs=springs, damping=(2.0, 1.0), frequency=0.8)
+    with pytest.raises(ValueError, match="dashpots must not make the state matrix nearly defect"):
+        chain.simulate(impacts=1)
+
+
+@pytest.mark.parametrize("apart", [1e-8, 1e-5, 1e-2])
+def test_nearly_equal_modes_cost_digits_and_the_error_says_so(apart: float) -> None:
+    # With these two dashpots both pairs of rates nearly agree.
+    dashpots = (4.032297922 + apart, 2.535018771)
+    chain = ImpactChain(masses=2, damping=dashpots, amplitude=0.3, frequency=0.8)
+    record = chain.simulate(impacts=10)
+    off = exact_errors(record)[:, 1]
+    assert (off <= record.error).all()
