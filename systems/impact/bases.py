@@ -13,6 +13,17 @@ from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
 
+def row_by_row(rows: Array, matrix: Array) -> Array:
+    """Products (..., m) of each row (..., n) with a matrix (m, n): the same bits in any company.
+
+    BLAS sums in an order that depends on the number of rows.
+    """
+    out = rows[..., :1] * matrix[:, 0]
+    for j in range(1, matrix.shape[1]):
+        out += rows[..., j, None] * matrix[:, j]
+    return np.asarray(out)
+
+
 class Basis(ABC):
     """Coordinates y (2, n) of a linear structure with n degrees of freedom.
 
@@ -93,10 +104,10 @@ class NormalModes(Basis):
         return b[0, 0] * q + b[0, 1] * p, b[1, 0] * q + b[1, 1] * p
 
     def positions(self, y: Array) -> Array:
-        return np.asarray(self._modal(y)[0] @ self.matrix.T)
+        return row_by_row(self._modal(y)[0], self.matrix)
 
     def velocities(self, y: Array) -> Array:
-        return np.asarray(self._modal(y)[1] @ self.matrix.T)
+        return row_by_row(self._modal(y)[1], self.matrix)
 
     def coordinates(self, position: Array, velocity: Array) -> Array:
         q, p = position @ self.projector.T, velocity @ self.projector.T
@@ -107,7 +118,7 @@ class NormalModes(Basis):
 
     def energies(self, y: Array) -> Array:
         q, p = self._modal(y)
-        return np.asarray(0.5 * ((p * p).sum(axis=-1) + (q * q) @ self.stiffness))
+        return np.asarray(0.5 * (p * p + q * q * self.stiffness).sum(axis=-1))
 
 
 @final
@@ -171,10 +182,10 @@ class ComplexModes(Basis):
         )
 
     def positions(self, y: Array) -> Array:
-        return np.asarray(y.reshape(*y.shape[:-2], -1) @ self.position_matrix.T)
+        return row_by_row(y.reshape(*y.shape[:-2], -1), self.position_matrix)
 
     def velocities(self, y: Array) -> Array:
-        return np.asarray(y.reshape(*y.shape[:-2], -1) @ self.velocity_matrix.T)
+        return row_by_row(y.reshape(*y.shape[:-2], -1), self.velocity_matrix)
 
     def coordinates(self, position: Array, velocity: Array) -> Array:
         y = np.concatenate([position, velocity], axis=-1) @ self.inverse.T
@@ -182,9 +193,8 @@ class ComplexModes(Basis):
 
     def energies(self, y: Array) -> Array:
         x, v = self.positions(y), self.velocities(y)
-        return np.asarray(
-            0.5 * (((v @ self.mass) * v).sum(-1) + ((x @ self.stiffness) * x).sum(-1))
-        )
+        momentum, force = row_by_row(v, self.mass), row_by_row(x, self.stiffness)
+        return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
 
 
 def basis_of(modes: Modes, mass: Array, damping: Array, stiffness: Array) -> Basis:

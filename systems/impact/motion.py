@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.systems.impact.bases import row_by_row
 from dynkit.systems.impact.runs import Run, workspace
 from dynkit.validation import Array
 
@@ -75,7 +76,7 @@ def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
 def transformed(matrix: Array, states: Array) -> Array:
     """States (k, 2, slots) in the other basis, by a matrix of the kernels' `Mechanics`."""
     flat = states.reshape(len(states), states.shape[1] * states.shape[2])
-    out = flat @ matrix[:, :-1].T + matrix[:, -1]
+    out = row_by_row(flat, matrix[:, :-1]) + matrix[:, -1]
     return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))
 
 
