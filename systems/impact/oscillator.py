@@ -255,7 +255,9 @@ class ImpactOscillator(LagrangianStructure, Map):
         else:
             x[-1] = table
             v[-1] = self.amplitude * self.frequency * cosine + start.relative_velocity
-        return self._make_state(x, v, sine, cosine, start.relative_velocity, start.motion)
+        # Where the table released it under other parameters, its contact force is not zero here.
+        motion = Motion.FLIGHT if start.motion is Motion.FLIGHT else Motion.TABLE
+        return self._make_state(x, v, sine, cosine, start.relative_velocity, motion)
 
     def pack_state(self, state: ImpactState) -> Array:
         """Return numbers, one array, from which `unpack_state` makes the same state, bit for bit.
