@@ -16,6 +16,9 @@ LANES = 8
 
 MAXIMUM_RUNGS = 61
 
+LARGEST = 1e60
+"""No entry of a generator may exceed this, lest the bounds of derivatives overflow."""
+
 SEPARATE = 1.1
 """Beyond this damping ratio the two real exponentials of an oscillator are kept apart."""
 
@@ -118,8 +121,19 @@ class Pairs:
         )
 
     def rates(self) -> tuple[Array, Array]:
-        """Largest and smallest absolute eigenvalue of each G, (n,) each."""
+        """Largest and smallest absolute eigenvalue of each G, (n,) each.
+
+        Raises
+        ------
+        ValueError
+            When the fourth powers of the rates would overflow.
+        """
         g = self.generator
+        largest = float(np.abs(g).max(initial=0.0))
+        if not largest <= LARGEST:
+            raise ValueError(
+                f"squared frequencies and damping rates must not exceed {LARGEST:g}; got {largest}"
+            )
         half_trace = 0.5 * (g[0] + g[3])
         determinant = g[0] * g[3] - g[1] * g[2]
         discriminant = half_trace * half_trace - determinant

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynkit.flows import NoCrossing
 from dynkit.systems.impact.motion import evolve, transformed
+from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import ImpactState
 from dynkit.validation import Array
 
@@ -25,7 +26,7 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
     """
     run = oscillator._run(state, 1, store=True)
     if run.impacts < 1:
-        raise NoCrossing("there is no next impact")
+        raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
     structure, gap = oscillator._structure, oscillator._gap
     n, slots = structure.size, gap.step.shape[2]
     r = oscillator.restitution

@@ -215,7 +215,8 @@ class ImpactOscillator(LagrangianStructure, Map):
     ) -> ImpactState:
         n = self.degrees_of_freedom
         y = np.zeros((2, self._gap.step.shape[2]))
-        y[:, :n] = self._structure.free.coordinates(x, v)
+        with np.errstate(over="ignore", invalid="ignore"):  # told by _state_of
+            y[:, :n] = self._structure.free.coordinates(x, v)
         y[:, n] = sine, cosine
         return self._state_of(y, u, motion)
 
@@ -223,7 +224,10 @@ class ImpactOscillator(LagrangianStructure, Map):
         n = self.degrees_of_freedom
         coordinates = y.copy()
         free = self._structure.free
-        x, v = free.positions(y[:, :n]), free.velocities(y[:, :n])
+        with np.errstate(over="ignore", invalid="ignore"):
+            x, v = free.positions(y[:, :n]), free.velocities(y[:, :n])
+        if not np.isfinite([x, v]).all():
+            raise ValueError(f"positions and velocities must not overflow; got {x} and {v}")
         for array in (x, v, coordinates):
             array.setflags(write=False)
         phase = math.atan2(float(y[0, n]), float(y[1, n])) % TWO_PI
@@ -377,7 +381,7 @@ class ImpactOscillator(LagrangianStructure, Map):
     def __call__(self, state: Array) -> Array:
         done = self._run(self.impact_state(state), 1, store=False)
         if done.impacts < 1:
-            raise NoCrossing(f"there is no next impact: {Ending(done.ending).value}")
+            raise NoCrossing(f"there is no next impact: {tuple(Ending)[done.ending].value}")
         return self.section_state(done.final)
 
     def jacobian(self, state: Array) -> Array:
