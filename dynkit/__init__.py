@@ -10,6 +10,7 @@ from dynkit._lazy import lazy_names
 
 if TYPE_CHECKING:
     from dynkit.attractors import Attractor, MapAttractor
+    from dynkit.exponential.sums import ExponentialSum
     from dynkit.flows import Flow
     from dynkit.labels import OrbitLabel
     from dynkit.maps import Map
@@ -22,6 +23,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Attractor",
     "Cost",
+    "ExponentialSum",
     "Flow",
     "Map",
     "MapAttractor",
@@ -38,6 +40,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "Attractor": "dynkit.attractors",
         "Cost": "dynkit.results",
+        "ExponentialSum": "dynkit.exponential.sums",
         "Flow": "dynkit.flows",
         "Map": "dynkit.maps",
         "MapAttractor": "dynkit.attractors",
