@@ -1,0 +1,257 @@
+"""Chatter, contact and release: against 50 digits, against theory, and at the limits."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+
+from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.record import Ending, ImpactRecord
+from dynkit.validation import Array
+from tests.impact.many_digits import reference_of, state_error, time_error
+from tests.reference.impact_chain import History
+
+FREQUENCIES = (0.16, 0.202, 0.408)
+
+
+# --- against 50 digits ---------------------------------------------------------------------------
+
+
+@cache
+def sticking(frequency: float) -> tuple[ImpactRecord, History]:
+    """The paper's chain up to beyond its first release, twice."""
+    chain = ImpactChain(frequency=frequency)
+    record = chain.simulate(impacts=160)
+    before = int(np.searchsorted(record.time, record.sticking[0, 0]))
+    history = reference_of(chain).simulate(before + 250)
+    assert len(history.contacts) == 1
+    return record, history
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_release_times_are_those_of_50_digits(frequency: float) -> None:
+    record, history = sticking(frequency)
+    with mp.workdps(50):
+        late = abs(float(mpf(float(record.sticking[0, 1])) - history.contacts[0][1]))
+    assert late <= record.error[100] + np.spacing(record.sticking[0, 1])
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_contacts_begin_where_the_impacts_of_50_digits_accumulate(frequency: float) -> None:
+    # The bounces left out are summed up to first order in their velocity.
+    record, history = sticking(frequency)
+    with mp.workdps(50):
+        off = abs(float(mpf(float(record.sticking[0, 0])) - history.contacts[0][0]))
+    assert off < 1e-8
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_impacts_after_the_release_are_those_of_50_digits(frequency: float) -> None:
+    record, history = sticking(frequency)
+    own = int(np.searchsorted(record.time, record.sticking[0, 1]))
+    released = history.contacts[0][1]
+    after = [impact for impact in history.impacts if impact.time > released]
+    for i, impact in zip(range(own, own + 5), after, strict=False):
+        assert state_error(record.states[i], impact) <= min(record.error[i], 2e-14)
+        assert time_error(record.time[i], impact) <= 2e-14 + np.spacing(record.time[i])
+
+
+# --- order of convergence ------------------------------------------------------------------------
+
+CUTS = tuple(10.0**-k for k in range(9, 14))
+CHATTERING: dict[str, dict[str, Any]] = {
+    "0.16": {"frequency": 0.16},
+    "0.202": {"frequency": 0.202},
+    "0.408": {"frequency": 0.408},
+    "unequal": {
+        "masses": (1.0, 0.5, 2.0),
+        "springs": (1.0, 3.0, 0.7),
+        "damping": (0.1, 0.4, 0.2),
+        "restitution": 0.6,
+        "offset": 0.05,
+        "frequency": 0.5,
+    },
+}
+
+
+def first_release(arguments: dict[str, Any], tolerance: float, at: float | None) -> Array:
+    """Cut velocity, claimed error, release time, then the state at the first release or `at`."""
+    chain = ImpactChain(chatter_tolerance=tolerance, **arguments)
+    record = chain.simulate(impacts=300)
+    release = record.sticking[0, 1]
+    before = int(np.searchsorted(record.time, record.sticking[0, 0]))
+    claimed = chain.simulate(impacts=before + 1).chatter_error
+    state = np.concatenate(record.sample([release if at is None else at]), axis=1)[0]
+    return np.array([record.relative_velocity[before - 1], claimed, release, *state])
+
+
+@cache
+def convergence(name: str) -> Array:
+    """Rows (cut velocity, claimed error, true error of the state) for each of the cuts."""
+    best = first_release(CHATTERING[name], 1e-20, None)
+    rows = [first_release(CHATTERING[name], tolerance, best[2]) for tolerance in CUTS]
+    return np.array([[row[0], row[1], abs(row[3:] - best[3:]).max()] for row in rows])
+
+
+@pytest.mark.parametrize("name", CHATTERING)
+def test_the_release_state_converges_with_the_cube_of_the_cut_velocity(name: str) -> None:
+    rows = convergence(name)
+    order = np.polyfit(np.log(rows[:, 0]), np.log(rows[:, 2]), 1)[0]
+    assert 2.9 < order < 3.1
+
+
+@pytest.mark.parametrize("name", CHATTERING)
+def test_the_release_state_is_wrong_by_less_than_the_chatter_error(name: str) -> None:
+    rows = convergence(name)
+    assert (rows[:, 2] <= rows[:, 1] + 1e-14).all()
+
+
+@pytest.mark.parametrize("name", CHATTERING)
+def test_the_chatter_error_is_not_pessimistic_by_more_than_a_factor_20(name: str) -> None:
+    rows = convergence(name)
+    assert (rows[:, 2] >= 0.05 * rows[:, 1]).all()
+
+
+@pytest.mark.parametrize("name", CHATTERING)
+def test_the_chatter_error_keeps_to_the_tolerance(name: str) -> None:
+    assert (convergence(name)[:, 1] <= np.array(CUTS)).all()
+
+
+# --- theory --------------------------------------------------------------------------------------
+
+
+def above(n: int) -> Array:
+    """Positions of masses in line, the last one at 1."""
+    return np.arange(1.0, n + 1.0) / n
+
+
+def pressed(n: int, restitution: float, **more: Any) -> ImpactChain:
+    """A chain that a table at 0.3 presses on more strongly than it shakes."""
+    arguments = {"frequency": 0.1, "offset": 0.3, "chatter_tolerance": 0.0, **more}
+    return ImpactChain(masses=n, restitution=restitution, **arguments)
+
+
+@pytest.mark.parametrize("n", [1, 2, 10])
+@pytest.mark.parametrize("restitution", [0.1, 0.3, 0.6, 0.85])
+def test_flights_and_velocities_of_a_chatter_shrink_by_the_restitution(
+    n: int, restitution: float
+) -> None:
+    chain = pressed(n, restitution)
+    start = chain.state(above(n), np.zeros(n))
+    u = chain.simulate(impacts=5000, start=start).relative_velocity
+    late = (u < 1e-11) & (u > 1e-100)
+    pairs = np.flatnonzero(late[:-1] & late[1:])
+    assert len(pairs) > 87.0 / -np.log10(restitution)
+    assert abs(u[pairs + 1] / u[pairs] / restitution - 1.0).max() < 1e-6
+
+
+def test_flight_times_of_the_paper_chatter_shrink_by_the_restitution_for_300_bounces() -> None:
+    record = ImpactChain(frequency=0.408, chatter_tolerance=0.0).simulate(impacts=450)
+    tail = slice(130, 430)
+    # A flight takes 2u/a, also where the times no longer differ as doubles.
+    ratios = record.relative_velocity[tail][1:] / record.relative_velocity[tail][:-1]
+    assert len(ratios) >= 299
+    assert abs(ratios - 0.85).max() < 1e-6
+
+
+@pytest.mark.parametrize("n", [1, 2, 10])
+def test_without_tolerance_chatter_goes_on_to_the_smallest_numbers(n: int) -> None:
+    chain = pressed(n, 0.85)
+    start = chain.state(above(n), np.zeros(n))
+    record = chain.simulate(impacts=5000, start=start)
+    assert record.ending is Ending.CONTACT_FOR_EVER
+    assert record.relative_velocity[-1] < 1e-90
+    assert record.chatter_error == 0.0
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_elastic_impacts_never_stick(frequency: float) -> None:
+    record = ImpactChain(frequency=frequency, restitution=1.0).simulate(impacts=2000)
+    assert len(record.sticking) == 0
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_dead_impacts_stick_where_they_press_and_only_there(frequency: float) -> None:
+    record = ImpactChain(frequency=frequency, restitution=0.0).simulate(impacts=100)
+    assert (record.relative_velocity == 0.0).all()
+    assert record.chatter_error == 0.0
+    forces = contact_forces(record.system, record.position, record.velocity, record.phase)
+    begins = np.isin(record.time, record.sticking[:, 0])
+    clear = abs(forces) > 1e-12
+    clear[-1] = False  # what follows the last impact is not part of the record
+    assert begins.sum() > 10
+    assert np.array_equal(begins[clear], forces[clear] > 0.0)
+
+
+def contact_forces(system: ImpactChain | Any, x: Array, v: Array, phase: Array) -> Array:
+    """Force (k,) of the table that keeps the contact mass on it (equation 15)."""
+    acceleration = -system.amplitude * system.frequency**2 * np.sin(phase)
+    inner = x @ system.stiffness[-1] + v @ system.damping_matrix[-1]
+    return np.asarray(system.mass[-1, -1] * acceleration + inner)
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.85])
+def test_the_table_pushes_throughout_contact(frequency: float, restitution: float) -> None:
+    chain = ImpactChain(frequency=frequency, restitution=restitution)
+    record = chain.simulate(impacts=300)
+    contacts = record.sticking[np.isfinite(record.sticking[:, 1])]
+    assert len(contacts) >= 3
+    part = np.linspace(0.0, 1.0, 200)
+    times = (contacts[:, :1] + (contacts[:, 1:] - contacts[:, :1]) * part).ravel()
+    x, v = record.sample(times)
+    forces = contact_forces(chain, x, v, chain.frequency * times)
+    assert forces.min() > -1e-12
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_the_force_vanishes_at_the_release(frequency: float) -> None:
+    chain = ImpactChain(frequency=frequency)
+    record = chain.simulate(impacts=300)
+    releases = record.sticking[:, 1][np.isfinite(record.sticking[:, 1])]
+    x, v = record.sample(releases)
+    assert abs(contact_forces(chain, x, v, chain.frequency * releases)).max() < 1e-12
+
+
+# --- ends ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [1, 3, 10])
+@pytest.mark.parametrize("restitution", [0.0, 0.85])
+def test_a_table_that_always_pushes_is_never_left(n: int, restitution: float) -> None:
+    # A static press of about 0.3/n against accelerations of the table below 0.1 * 0.1^2.
+    chain = ImpactChain(masses=n, restitution=restitution, offset=0.3, frequency=0.1)
+    start = chain.state(above(n), np.zeros(n))
+    record = chain.simulate(impacts=5000, start=start)
+    assert record.ending is Ending.CONTACT_FOR_EVER
+    assert np.isinf(record.sticking[-1, 1])
+    assert len(record) < 5000
+
+
+@pytest.mark.parametrize("n", [1, 3, 10])
+def test_a_table_at_rest_that_pushes_is_never_left(n: int) -> None:
+    chain = ImpactChain(masses=n, amplitude=0.0, offset=0.2, frequency=1.0)
+    start = chain.state(above(n), np.zeros(n))
+    record = chain.simulate(impacts=5000, start=start)
+    assert record.ending is Ending.CONTACT_FOR_EVER
+
+
+@pytest.mark.parametrize("n", [1, 3, 10])
+def test_a_table_out_of_reach_is_left_after_some_impacts(n: int) -> None:
+    chain = ImpactChain(masses=n, offset=-0.8, frequency=0.5)
+    record = chain.simulate(impacts=5000, start=chain.state(above(n), -2.0 * above(n)))
+    assert record.ending is Ending.NO_FURTHER_CONTACT
+    assert 0 < len(record) < 5000
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_a_mass_put_on_a_pushing_table_sticks_from_the_start(restitution: float) -> None:
+    chain = ImpactChain(masses=2, offset=0.3, frequency=0.2, restitution=restitution)
+    start = chain.state([0.0, 0.3], [0.0, chain.amplitude * chain.frequency])
+    record = chain.simulate(impacts=10, start=start)
+    assert record.sticking[0, 0] == 0.0
+    assert record.sticking[0, 1] > 0.0
