@@ -181,15 +181,18 @@ class ComplexModes(Basis):
             stiffness,
         )
 
+    def _flat(self, y: Array) -> Array:
+        return y.reshape(*y.shape[:-2], 2 * len(self.mass))
+
     def positions(self, y: Array) -> Array:
-        return row_by_row(y.reshape(*y.shape[:-2], -1), self.position_matrix)
+        return row_by_row(self._flat(y), self.position_matrix)
 
     def velocities(self, y: Array) -> Array:
-        return row_by_row(y.reshape(*y.shape[:-2], -1), self.velocity_matrix)
+        return row_by_row(self._flat(y), self.velocity_matrix)
 
     def coordinates(self, position: Array, velocity: Array) -> Array:
         y = np.concatenate([position, velocity], axis=-1) @ self.inverse.T
-        return np.asarray(y.reshape(*y.shape[:-1], 2, -1))
+        return np.asarray(y.reshape(*y.shape[:-1], 2, len(self.mass)))
 
     def energies(self, y: Array) -> Array:
         x, v = self.positions(y), self.velocities(y)
