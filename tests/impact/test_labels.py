@@ -1,0 +1,131 @@
+"""Labels of the motions that the paper and an independent computation found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynkit.labels import OrbitKind
+from dynkit.systems.impact.attractor import ImpactAttractor
+from dynkit.systems.impact.chain import ImpactChain
+from tests.impact.many_digits import state_error
+from tests.reference.impact_chain import ReferenceChain
+
+PAPER = {
+    0.16: "P(7,1)",
+    0.28: "P(2,1)",
+    0.33: "P(5,2)",
+    0.34: "P(5,2)",
+    0.36: "P(74,32)",
+    0.408: "P(inf,2)",
+    0.40816: "P(inf,2)",
+    0.46: "P(4,2)",
+    0.55: "P(2,2)",
+    0.64: "P(1,1)",
+    0.67: "P(3,3)",
+    0.79: "P(2,3)",
+    0.87: "P(1,3)",
+    1.2: "P(1,4)",
+    1.31: "P(2,5)",
+    1.336: "P(2,5)",
+    1.346: "chaotic",
+    1.5: "P(1,5)",
+    1.75: "P(1,6)",
+    1.916: "chaotic",
+}
+"""Labels by frequency, from the sweep of an independent computation."""
+
+
+@pytest.mark.parametrize(("frequency", "label"), PAPER.items())
+def test_motions_have_the_labels_of_the_sweep(frequency: float, label: str) -> None:
+    assert str(ImpactChain(frequency=frequency).attractor().label) == label
+
+
+@pytest.mark.parametrize("frequency", [0.35, 0.408, 0.87])
+def test_labels_say_their_tolerance_and_what_they_looked_at(frequency: float) -> None:
+    label = ImpactChain(frequency=frequency).attractor().label
+    assert label.tolerance == 1e-6
+    assert label.simulated >= 100
+    assert label.recurrence >= 0.0
+
+
+@pytest.mark.parametrize("frequency", [0.28, 0.64, 0.87, 1.2, 1.5])
+def test_periodic_motions_recur_to_the_tolerance(frequency: float) -> None:
+    label = ImpactChain(frequency=frequency).attractor().label
+    assert label.recurrence <= label.tolerance
+
+
+@pytest.mark.parametrize("frequency", [0.36, 0.408, 1.346])
+def test_a_budget_that_is_too_small_leaves_the_label_open(frequency: float) -> None:
+    attractor = ImpactChain(frequency=frequency).attractor(transient=100, impacts=100)
+    label = attractor.label_within(200)
+    assert label.kind is OrbitKind.UNSETTLED
+    assert str(label) == "unsettled"
+    assert label.simulated <= 200
+
+
+def test_a_label_keeps_to_its_budget() -> None:
+    attractor = ImpactChain(frequency=0.35).attractor()
+    assert attractor.label_within(1000).simulated <= 1000
+
+
+def test_chaos_at_0_35_gives_way_to_a_periodic_motion() -> None:
+    attractor = ImpactChain(frequency=0.35).attractor(transient=40_000)
+    assert str(attractor.label) == "P(39,15)"
+
+
+def attractor_from(seed: int) -> ImpactAttractor:
+    """What the paper's chain at 0.87 does after a random start."""
+    chain = ImpactChain(frequency=0.87)
+    random = np.random.default_rng(seed)
+    position = 0.3 * random.normal(size=10)
+    position[-1] = 0.5
+    start = chain.state(position, 0.1 * random.normal(size=10), phase=random.uniform(0.0, 6.0))
+    return chain.attractor(transient=2000, start=start)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_the_paper_motion_at_0_87_is_reached_from_most_starts(seed: int) -> None:
+    assert str(attractor_from(seed).label) == "P(1,3)"
+
+
+def test_another_motion_at_0_87_recurs_to_50_digits() -> None:
+    attractor = attractor_from(2)
+    assert str(attractor.label) == "P(2,4)"
+    state = attractor.states[-1]
+    history = ReferenceChain(frequency=0.87).simulate(
+        2,
+        [*state[:9].tolist(), 0.0],
+        [*state[9:18].tolist(), 0.0],
+        phase=float(state[-1]),
+        relative_velocity=float(state[-2]),
+    )
+    assert state_error(state, history.impacts[-1]) < 1e-14
+
+
+def test_sticking_motions_count_table_periods_and_no_impacts() -> None:
+    label = ImpactChain(frequency=0.408).attractor().label
+    assert label.kind is OrbitKind.STICKING
+    assert label.impacts is None
+    assert label.periods == 2
+
+
+@pytest.mark.parametrize("offset", [-3.0, 0.5])
+def test_a_motion_that_ends_is_at_rest(offset: float) -> None:
+    chain = ImpactChain(masses=3, offset=offset, frequency=0.1)
+    start = chain.state(np.array([0.5, 1.0, 1.5]))
+    label = chain.attractor(start=start).label
+    assert label.kind is OrbitKind.AT_REST
+
+
+def test_dead_impacts_are_labelled_by_their_periods() -> None:
+    # Restitution 0 in the sticking range: contact in every period, no chatter.
+    label = ImpactChain(frequency=0.16, restitution=0.0).attractor().label
+    assert label.kind is OrbitKind.STICKING
+    assert label.periods == 1
+
+
+@pytest.mark.parametrize("tolerance", [1e-10, 1e-12, 1e-16, 1e-20])
+def test_labels_do_not_depend_on_the_cut_of_chatter(tolerance: float) -> None:
+    chain = ImpactChain(frequency=0.408, chatter_tolerance=tolerance)
+    assert str(chain.attractor().label) == "P(inf,2)"
