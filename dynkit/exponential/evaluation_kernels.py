@@ -191,7 +191,7 @@ def start_sums(
     return second, third, fourth, reach
 
 
-@kernel(reorder=True)
+@kernel(reorder=True, inline=True)
 def value_and_rates(
     rows: Array, offset: float, states: Array, k: int
 ) -> tuple[float, float, float]:

@@ -98,13 +98,10 @@ def polynomial_first_root(
     slope : derivative there
     """
     slope = c[first + 1]
-    curvature = 0.0
     power = 1.0
     for j in range(first + 2, DEGREE + 1):
-        m = j - first
-        curvature += m * (m - 1) * abs(c[j]) * power
         power *= end
-        slope += m * max(c[j], 0.0) * power
+        slope += (j - first) * max(c[j], 0.0) * power
     if slope < 0.0:
         # The polynomial falls all the way.
         value, rate = _polynomial(c, first, end)
@@ -114,6 +111,12 @@ def polynomial_first_root(
             discriminant = c[first + 1] * c[first + 1] - 4.0 * c[first] * c[first + 2]
             guess = 2.0 * c[first] / (math.sqrt(max(discriminant, 0.0)) - c[first + 1])
             return _polish(c, first, min(guess, end), 0.0, end)
+    curvature = 0.0
+    power = 1.0
+    for j in range(first + 2, DEGREE + 1):
+        m = j - first
+        curvature += m * (m - 1) * abs(c[j]) * power
+        power *= end
     e = 0.0
     for _ in range(400):
         value, rate = _polynomial(c, first, e)

@@ -95,8 +95,12 @@ def _first_rung(
 
     f/s = rate + f'' s/2 + f^(3) s^2/6 within fourth s^3/24; -1 if there is none.
     """
-    h = smallest * (1 << top)
-    for j in range(top, -1, -1):
+    most = 0
+    h = smallest
+    while most < top and fourth * h * h * h < 3.0 * rate:
+        most += 1
+        h *= 2.0
+    for j in range(most, -1, -1):
         rounding = band_factor * EPSILON * (abs(second) + abs(third) * h)
         error = (fourth * h * h / 24.0 + rounding) * h
         if min(rate, rate + 0.25 * second * h, rate + h * (0.5 * second + third * h / 6.0)) > error:
@@ -114,7 +118,7 @@ def _taylor_rung(
     for i in range(states.shape[2]):
         remainder += bound[4, i] * abs(states[k, 0, i]) + bound[5, i] * abs(states[k, 1, i])
     for j in range(most, 0, -1):
-        if remainder * (smallest * (1 << j)) ** (DEGREE + 1) <= 0.05 * band:
+        if remainder * (smallest * (1 << j)) ** (DEGREE + 1) <= 1e-3 * band:
             return j
     return 0
 
@@ -278,6 +282,9 @@ def first_root(
             shift(ladder.generator, ladder.characteristic, e, states, current, FOUND)
             for _ in range(first):
                 slope *= e
+            if first == 0 and outcome == ROOT:
+                # The state keeps the digits that differentiating the polynomial costs.
+                slope = value_and_rates(ladder.rows, offset, states, FOUND)[1]
             return outcome, n, e, slope, cells
         # No root here: on to the end of the cell.
         n += 1 << wide

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,7 +79,8 @@ class ImpactChain(ImpactOscillator):
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         if isinstance(self.damping, tuple):
             return chain_links(self.damping, v)
-        return chain_links(tuple(self.damping * k for k in self._springs), v)
+        # Exact products: the damping stays exactly proportional to the stiffness.
+        return chain_links([Fraction(self.damping) * Fraction(k) for k in self._springs], v)
 
     @property
     def _springs(self) -> tuple[float, ...]:

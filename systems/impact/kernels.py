@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.compiled import kernel
-from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
     FOUND,
     START,
@@ -70,8 +69,8 @@ class Mechanics(NamedTuple):
 @kernel()
 def _advance_clock(clock: Array, n: int, smallest: float, e: float) -> None:
     """Add ``n * smallest + e`` to the time, in double-double."""
-    step, step_low = two_product(float(n), smallest)
-    for part in (step, e + step_low):
+    # The smallest step is a power of two: the first product is exact.
+    for part in (n * smallest, e):
         total = clock[TIME] + part
         back = total - clock[TIME]
         clock[TIME_LOW] += (clock[TIME] - (total - back)) + (part - back)

@@ -222,12 +222,13 @@ def _driven_motion(structure: Structure, table: Table) -> tuple[Any, Array]:
     if isinstance(basis, NormalModes) and basis.mixing is None:
         decay = -0.5 * basis.pairs.generator[3]
         response = basis.stiffness - w * w + 2j * w * decay
-        if not np.all(response):
+        pushed = basis.matrix.T @ load
+        if np.any(pushed[response == 0.0]):
             raise ValueError(
                 "frequency must not equal an undamped natural frequency of the structure held at "
                 f"the contact; got {w}"
             )
-        shape[:n] = basis.matrix @ ((basis.matrix.T @ load) / response)
+        shape[:n] = basis.matrix @ (pushed / np.where(response == 0.0, 1.0, response))
         rest[:n] = -basis.matrix @ ((basis.matrix.T @ k[:n, n]) / basis.stiffness) * table.offset
     else:
         shape[:n] = np.linalg.solve(k[:n, :n] + 1j * w * c[:n, :n] - w * w * m[:n, :n], load)

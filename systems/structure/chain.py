@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,19 +24,24 @@ def chain_kinetic(masses: tuple[float, ...], v: tuple[sympy.Symbol, ...]) -> sym
     return Add(*(half * Float(m) * Pow(speed, 2) for m, speed in zip(masses, v, strict=True)))
 
 
-def chain_links(strengths: tuple[float, ...], x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+def chain_links(strengths: Sequence[float | Fraction], x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
     """The sum of k_i (x_i - x_{i-1})^2 / 2, where x_0 = 0 is the wall.
 
     With spring constants and coordinates the potential energy of a chain, with dashpot constants
-    and velocities its dissipation function.
+    and velocities its dissipation function. Fractions stay exact.
     """
     from sympy import Add, Float, Integer, Pow, Rational
+
+    def number(strength: float | Fraction) -> sympy.Expr:
+        if isinstance(strength, Fraction):
+            return Rational(strength.numerator, strength.denominator)
+        return Float(strength)
 
     half = Rational(1, 2)
     before = (Integer(0), *x[:-1])
     return Add(
         *(
-            half * Float(strength) * Pow(after - behind, 2)
+            half * number(strength) * Pow(after - behind, 2)
             for strength, after, behind in zip(strengths, x, before, strict=True)
         )
     )
