@@ -240,6 +240,15 @@ def test_a_table_at_rest_that_pushes_is_never_left(n: int) -> None:
     assert record.ending is Ending.CONTACT_FOR_EVER
 
 
+def test_a_table_at_rest_drives_no_resonance() -> None:
+    # Held at the contact, the other two masses swing at the frequency 1 without damping.
+    chain = ImpactChain(masses=3, damping=0.0, amplitude=0.0, offset=0.2, frequency=1.0)
+    record = chain.simulate(impacts=500, start=chain.state(above(3)))
+    other = chain.replace(frequency=0.9)
+    expected = other.simulate(impacts=500, start=other.state(above(3)))
+    assert record.relative_velocity == pytest.approx(expected.relative_velocity, abs=1e-9)
+
+
 @pytest.mark.parametrize("n", [1, 3, 10])
 def test_a_table_out_of_reach_is_left_after_some_impacts(n: int) -> None:
     chain = ImpactChain(masses=n, offset=-0.8, frequency=0.5)
