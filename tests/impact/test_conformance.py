@@ -136,7 +136,9 @@ def test_products_of_jacobians_are_derivatives_of_iterates(name: str) -> None:
     found, error = numerical_derivative(
         lambda y: chain.iterate(y, 3)[-1], state, step=1e-4, difference=chain.difference
     )
-    assert (abs(product - found) <= 20.0 * error + 1e-12 * abs(found).max()).all()
+    # Single elements of the difference of two step sizes may vanish by chance.
+    assert error.max() < 1e-6
+    assert abs(product - found).max() <= 20.0 * error.max()
 
 
 def test_a_chatter_without_tolerance_has_the_derivative_of_its_bounces() -> None:
