@@ -64,6 +64,14 @@ def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> Array:
     return out[..., :n]
 
 
+def longest_sample(oscillator: ImpactOscillator, run: Run) -> float:
+    """Time up to which a run that ended by itself is sampled: 2^24 of the longest steps."""
+    ladders = [oscillator._gap]
+    if len(run.contacts):
+        ladders.append(oscillator._contact.force)
+    return float(min(2.0 ** (23 + len(part.step)) * part.smallest for part in ladders))
+
+
 def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
     """States (m, 2, slots) at given durations from some of the starts (k, 2, slots)."""
     from dynkit.systems.impact.kernels import sample

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.results import Cost
-from dynkit.systems.impact.motion import sample_run
+from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import ImpactState
 from dynkit.validation import Array, finite_array
@@ -173,8 +173,8 @@ class ImpactRecord:
         Parameters
         ----------
         times : (k,) array_like
-            Times from the start, in any order, not beyond the last impact (any time when the
-            simulation ended by itself).
+            Times from the start, in any order, not beyond the last impact. When the simulation
+            ended by itself, up to millions of periods.
 
         Returns
         -------
@@ -186,7 +186,7 @@ class ImpactRecord:
             When a time is not finite, negative, or beyond what was simulated.
         """
         asked = finite_array("times", times, (None,))
-        last = math.inf
+        last = longest_sample(self.system, self._run)
         if self.ending in (Ending.COUNT_REACHED, Ending.SEARCH_LIMIT):
             last = float(self.time[-1]) if len(self) else 0.0
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():

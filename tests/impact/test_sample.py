@@ -217,6 +217,13 @@ def test_after_the_last_contact_the_motion_goes_on_for_any_time() -> None:
     assert abs(v[-1]).max() < 1e-12
 
 
+def test_times_beyond_all_sense_are_refused() -> None:
+    chain = ImpactChain(masses=3, offset=-0.9, frequency=0.5)
+    record = chain.simulate(impacts=5000)
+    with pytest.raises(ValueError, match=r"times\[0\] must lie in \[0, .*\]; got 1e\+25"):
+        record.sample([1e25])
+
+
 @pytest.mark.parametrize("n", [1, 3])
 def test_contact_for_ever_is_sampled_at_any_time(n: int) -> None:
     chain = ImpactChain(masses=n, offset=0.3, frequency=0.1)
