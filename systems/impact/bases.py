@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 
 from dynkit.exponential.ladders import Pairs
+from dynkit.systems.impact.rates import refined_modes
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
@@ -151,6 +152,8 @@ class ComplexModes(Basis):
             [[np.zeros((n, n)), np.eye(n)], [-inverse_mass @ stiffness, -inverse_mass @ damping]]
         )
         rates, vectors = np.linalg.eig(state_matrix)
+        rates, low, shapes = refined_modes(rates, vectors[:n], mass, damping, stiffness)
+        vectors = np.concatenate([shapes, rates * shapes])
         oscillating = np.flatnonzero(rates.imag > 0.0)
         real = np.flatnonzero(rates.imag == 0.0)
         real = real[np.argsort(-rates[real].real)]
@@ -164,16 +167,19 @@ class ComplexModes(Basis):
                 "dashpots must not make the state matrix nearly defective: its modes may have a "
                 f"condition number up to 1e8; got {condition:.1e}"
             )
-        generator = np.zeros((4, n))
         k = len(oscillating)
-        generator[0, :k] = generator[3, :k] = rates[oscillating].real
-        generator[1, :k] = -rates[oscillating].imag
-        generator[2, :k] = rates[oscillating].imag
-        generator[0, k:] = rates[first].real
-        generator[3, k:] = rates[second].real
+        parts = []
+        for each in (rates, low):
+            part = np.zeros((4, n))
+            part[0, :k] = part[3, :k] = each[oscillating].real
+            part[1, :k] = -each[oscillating].imag
+            part[2, :k] = each[oscillating].imag
+            part[0, k:] = each[first].real
+            part[3, k:] = each[second].real
+            parts.append(part)
         scale = np.concatenate([np.ones(k), np.zeros(n - k)])
         return ComplexModes(
-            Pairs(generator, np.zeros((4, n)), scale),
+            Pairs(parts[0], parts[1], scale),
             matrix[:n],
             matrix[n:],
             np.linalg.inv(matrix),

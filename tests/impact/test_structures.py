@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import mpmath
 import numpy as np
 import pytest
+from mpmath import mp, mpf
 
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.record import Ending
@@ -94,6 +96,52 @@ def test_dashpots_apart_from_the_springs_are_exact_to_1e_12(damping: tuple[float
     record = chain.simulate(impacts=12)
     assert record.ending is Ending.COUNT_REACHED
     assert exact_errors(record).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_dashpots_apart_are_as_exact_as_the_record_says(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n = int(random.choice([2, 3, 4]))
+    dashpots = abs(random.normal(size=n)) * random.choice([1e-3, 1e-2, 0.1, 1.0])
+    chain = ImpactChain(
+        masses=n,
+        damping=tuple(dashpots.tolist()),
+        amplitude=0.3,
+        offset=float(random.choice([0.0, -0.6])),
+        frequency=float(random.uniform(0.1, 2.0)),
+    )
+    position, velocity = 0.5 * random.normal(size=(2, n))
+    position[-1] = 0.7
+    record = chain.simulate(impacts=8, start=chain.state(position, velocity))
+    off = exact_errors(record)[:, 1]
+    assert (off <= record.error).all()
+
+
+def test_rates_of_coupled_modes_are_right_beyond_double_precision() -> None:
+    damping = (0.02, 1.7, 0.3, 40.0)
+    chain = ImpactChain(masses=4, damping=damping, frequency=1.0)
+    pairs = chain._structure.free.pairs
+    with mp.workdps(50):
+        inverse = mpmath.matrix(chain.mass.tolist()) ** -1
+        matrix = mpmath.matrix(8)
+        matrix[:4, 4:] = mpmath.eye(4)
+        matrix[4:, :4] = -inverse * mpmath.matrix(chain.stiffness.tolist())
+        matrix[4:, 4:] = -inverse * mpmath.matrix(chain.damping_matrix.tolist())
+        exact, _ = mpmath.eig(matrix)
+        high, low = pairs.generator, pairs.generator_low
+        for k in range(4):
+            apart = bool(pairs.scale[k] == 0.0)
+            for row in (0, 3) if apart else (0,):
+                turn = mpf(0) if apart else mpf(float(high[2, k])) + mpf(float(low[2, k]))
+                rate = mpmath.mpc(mpf(float(high[row, k])) + mpf(float(low[row, k])), turn)
+                off = min(abs(rate - other) for other in exact)
+                assert off < mpf(10) ** -27 * abs(rate)
+
+
+def test_dashpots_apart_that_overdamp_all_modes_are_exact_to_1e_12() -> None:
+    chain = ImpactChain(masses=2, damping=(9.0, 30.0), amplitude=0.3, frequency=0.8)
+    assert (chain._structure.free.pairs.scale == 0.0).all()
+    assert exact_errors(chain.simulate(impacts=6)).max() < 1e-12
 
 
 @pytest.mark.parametrize("damping", [(0.02, 1.7, 0.3), (0.1, 0.3, 0.0, 1.2, 0.05)])
