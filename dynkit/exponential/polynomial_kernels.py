@@ -55,18 +55,25 @@ def _polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[in
 
 @kernel()
 def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[int, float, float]:
-    """From a point within the band down to a crossing or to a minimum within the band."""
+    """From a point within the band down to a crossing or to a minimum within the band.
+
+    A crossing at the very end counts, also where it is an ulp beyond: otherwise it would pass for
+    a minimum. A slope that has not crossed by then goes on in the next cell.
+    """
     low = e
     high = e
     move = 1e-3 * end
+    last = end + move
     value, rate = _polynomial(c, first, e)
     if value < -band:
         return _polish(c, first, e, 0.0, e)
-    while rate < 0.0 and high < end:
-        high = min(high + move, end)
+    while rate < 0.0 and high < last:
+        high = min(high + move, last)
         value, rate = _polynomial(c, first, high)
         if value < -band:
             return _polish(c, first, low, low, high)
+    if rate < 0.0:
+        return NEVER, end, 0.0
     for _ in range(80):
         middle = 0.5 * (low + high)
         if not low < middle < high:

@@ -123,6 +123,18 @@ def _taylor_rung(
     return 0
 
 
+@kernel(reorder=True)
+def _stays_in_band(
+    bound: Array, offset: float, steady: int, swing: float, states: Array, k: int, band: float
+) -> bool:
+    """Whether abs(f) never exceeds the band from now on."""
+    reach = 0.0
+    for i in range(states.shape[2]):
+        if i != steady:
+            reach += bound[0, i] * abs(states[k, 0, i]) + bound[1, i] * abs(states[k, 1, i])
+    return abs(offset) + swing + reach <= band
+
+
 @kernel()
 def first_root(
     ladder: Ladder,
@@ -233,7 +245,7 @@ def first_root(
                 m = 0
                 if new_value < 0.0:
                     m = int((1 << j) * _cubic_root(h, value, slope, new_value, new_slope) - 0.2)
-                if m == 0:
+                if m <= 0:
                     j = j - 1 if new_value >= 0.0 else 0
                     continue
                 # Jump to the last node before the estimated root, if the way there can be
@@ -269,13 +281,17 @@ def first_root(
         elif c[0] <= band:
             # Inside the band and certified not to have crossed: only a crossing beyond the band
             # counts.
+            if _stays_in_band(
+                ladder.bound, offset, ladder.steady, ladder.swing, states, current, band
+            ):
+                return NEVER, n, 0.0, 0.0, cells
             c[0] += 2.0 * band
         h = smallest * (1 << wide)
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         cells += 1
         if outcome == ROOT or (outcome == TOUCH and touches):
             m = int(e / smallest)
-            if m > 1:
+            if m > 0:
                 n += m
                 e -= m * smallest
                 current = propagate_steps(step, n, states, current)

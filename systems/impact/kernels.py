@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynkit.compiled import kernel
 from dynkit.exponential.evaluation_kernels import (
+    EPSILON,
     FOUND,
     START,
     Ladder,
@@ -120,6 +121,42 @@ def _chatter_completes(
 
 
 @kernel()
+def _order_at_rest(rows: Array, states: Array, band_factor: float) -> int:
+    """Of the gap's second and third derivative the first that rounding does not hide.
+
+    Its order, negative where the gap would close; 0 where both are hidden. The gap and its rate are
+    zero.
+    """
+    for order in range(2, 4):
+        total = 0.0
+        size = 0.0
+        for i in range(states.shape[2]):
+            a = rows[2 * order, i] * states[START, 0, i]
+            b = rows[2 * order + 1, i] * states[START, 1, i]
+            total += a + b
+            size += abs(a) + abs(b)
+        if abs(total) > band_factor * EPSILON * size:
+            return order if total > 0.0 else -order
+    return 0
+
+
+@kernel()
+def _chatter_rest(mechanics: Mechanics, u: float, second: float, third: float) -> float:
+    """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`.
+
+    In flight the gap obeys D'' = -a - b s - c D' + ...; c is what a unit of velocity adds.
+    """
+    gap = mechanics.gap
+    kick = mechanics.kick
+    c = 0.0
+    for i in range(kick.shape[1]):
+        c -= gap.rows[4, i] * kick[0, i] + gap.rows[5, i] * kick[1, i]
+    a = -second - c * u
+    first = 2.0 * u / (a * (1.0 - mechanics.restitution))
+    return first * (1.0 - (1.5 * c * a - third) * first / (3.0 * a))
+
+
+@kernel()
 def chatter_error(mechanics: Mechanics, u: float, second: float) -> float:
     """Impulse on the neighbours that is dropped with the rest of a chatter."""
     r = mechanics.restitution
@@ -223,8 +260,8 @@ def run(
                 order = 1
                 sticks = _chatter_completes(mechanics, u, second, third, fourth, error)
             else:
-                order = 2
-                sticks = second < 0.0
+                order = _order_at_rest(gap.rows, y, band_factor)
+                sticks = order <= 0
             if sticks:
                 k = int(clock[CONTACTS])
                 if k == contacts.shape[0]:
@@ -233,7 +270,7 @@ def run(
                 contacts[k, 1] = clock[TIME]
                 contacts[k, 2] = math.inf
                 if u > 0.0:
-                    contacts[k, 1] -= 2.0 * u / (second * (1.0 - mechanics.restitution))
+                    contacts[k, 1] += _chatter_rest(mechanics, u, second, third)
                     clock[CHATTER_ERROR] += error
                     if noise > 0.0:
                         _perturb(y, clock, 0.0, error)
@@ -261,7 +298,7 @@ def run(
             y[START, 0, i] = y[FOUND, 0, i] + kick[0, i] * jump
             y[START, 1, i] = y[FOUND, 1, i] + kick[1, i] * jump
         _normalise(y, modes)
-        clock[SPEED] = -mechanics.restitution * rate
+        clock[SPEED] = 0.0 - mechanics.restitution * rate
         clock[PHASE_OF_MOTION] = BOUNCED
         _advance_clock(clock, n, gap.smallest, e)
         if noise > 0.0:

@@ -1,0 +1,130 @@
+"""Motions on the edge of what can happen: forces that vanish, ends of cells, decay to rounding."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit.exponential.sums import ExponentialSum, RootKind
+from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.record import Ending
+from tests.impact.exact import exact_errors
+
+# --- impacts where a cell of the search ends -----------------------------------------------------
+
+
+@pytest.mark.parametrize("sixteenths", range(1, 60))
+def test_a_root_where_a_cell_ends_is_a_root(sixteenths: int) -> None:
+    # The first zero of the cosine, at a multiple of any smallest step.
+    time = sixteenths / 16.0
+    root = ExponentialSum([1.0], [0.0], [0.5 * math.pi / time], [0.0]).first_root()
+    assert root.kind is RootKind.ROOT
+    assert root.time == pytest.approx(time, rel=4e-16)
+    assert root.rate == pytest.approx(-0.5 * math.pi / time, rel=1e-14)
+
+
+def test_impacts_where_cells_end_are_not_lost() -> None:
+    # Period 4 in free flight: impacts at the times 1, 3, 5, ...
+    chain = ImpactChain(
+        masses=1,
+        springs=(0.5 * math.pi) ** 2,
+        damping=0.0,
+        amplitude=0.0,
+        restitution=0.8,
+        frequency=1.0,
+    )
+    record = chain.simulate(impacts=20, start=chain.state([1.0], [0.0]))
+    u = 0.5 * math.pi * 0.8 ** np.arange(1.0, 21.0)
+    assert record.time == pytest.approx(np.arange(1.0, 41.0, 2.0), rel=1e-14)
+    assert record.relative_velocity == pytest.approx(u, rel=1e-13)
+
+
+# --- a mass put on the table where its contact force vanishes ------------------------------------
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("frequency", [0.3, 0.9])
+def test_a_force_that_rises_from_zero_holds_the_mass(frequency: float, damping: float) -> None:
+    # F = (k - m w^2) A sin(phase) + c w A cos(phase), from its zero on.
+    chain = ImpactChain(masses=1, damping=damping, frequency=frequency)
+    phase = -math.atan2(damping * frequency, 1.0 - frequency**2)
+    start = chain.state([0.1 * math.sin(phase)], [0.1 * frequency * math.cos(phase)], phase=phase)
+    record = chain.simulate(impacts=1, start=start)
+    assert record.sticking[0] == pytest.approx([0.0, math.pi / frequency], abs=1e-6)
+
+
+def test_a_force_that_falls_from_zero_lets_the_mass_go() -> None:
+    chain = ImpactChain(masses=1, damping=0.0, frequency=2.0)
+    record = chain.simulate(impacts=5, start=chain.state([0.0], [0.2]))
+    assert len(record.sticking) == 0
+    assert record.time[0] > 1.0
+    assert (np.diff(record.time) > 0.0).all()
+    assert exact_errors(record)[:, 1].max() < 1e-13
+
+
+@pytest.mark.parametrize("n", [1, 3, 10])
+@pytest.mark.parametrize("damping", [0.0, 0.1, 9.0])
+def test_a_chain_at_rest_on_a_table_at_rest_stays(n: int, damping: float) -> None:
+    chain = ImpactChain(masses=n, damping=damping, amplitude=0.0, frequency=1.0)
+    record = chain.simulate(impacts=10, start=chain.state(np.zeros(n), np.zeros(n)))
+    assert record.ending is Ending.CONTACT_FOR_EVER
+    assert len(record) == 0
+
+
+def test_a_mass_that_swings_with_the_table_stays_on_it() -> None:
+    # At its own frequency the table need not push: the contact force vanishes at all times.
+    chain = ImpactChain(masses=1, damping=0.0, frequency=1.0)
+    record = chain.simulate(impacts=10, start=chain.state([0.0], [0.1]))
+    assert record.ending is Ending.CONTACT_FOR_EVER
+    assert len(record) == 0
+
+
+# --- decay to rounding ---------------------------------------------------------------------------
+
+DECAYING: dict[str, dict[str, Any]] = {
+    "overdamped": {"masses": 1, "damping": 10.0},
+    "three overdamped": {"masses": 3, "damping": 10.0},
+    "one of two overdamped": {"masses": 2, "springs": (1.36, 0.89), "damping": 5.0},
+    "dead": {"masses": 1, "restitution": 0.0},
+    "two dead": {"masses": 2, "damping": 2.0, "restitution": 0.0},
+    "elastic": {"masses": 3, "damping": 5.0, "restitution": 0.999},
+}
+
+
+@pytest.mark.parametrize("name", DECAYING)
+def test_a_motion_that_decays_on_a_table_at_rest_ends_or_goes_on_in_time(name: str) -> None:
+    chain = ImpactChain(**DECAYING[name], amplitude=0.0, frequency=1.0)
+    start = chain.state(np.ones(chain.degrees_of_freedom))
+    record = chain.simulate(impacts=200, start=start)
+    assert (np.diff(record.time, prepend=0.0) > 0.0).all()
+    assert record.ending is not Ending.SEARCH_LIMIT
+
+
+def test_dead_impacts_have_the_relative_velocity_plus_zero() -> None:
+    record = ImpactChain(frequency=0.408, restitution=0.0).simulate(impacts=50)
+    assert not np.signbit(record.relative_velocity).any()
+
+
+# --- overdamped modes ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("position", [0.967, 0.977, 0.987, 0.997, 1.007])
+def test_an_overdamped_mass_is_as_exact_as_any(position: float) -> None:
+    chain = ImpactChain(
+        masses=(2.27,), damping=5.0, restitution=1.0, amplitude=1.0, offset=-0.3, frequency=1.208
+    )
+    record = chain.simulate(impacts=3, start=chain.state([position], [0.045]))
+    assert exact_errors(record)[:, 1].max() < 4e-15
+
+
+def test_overdamped_masses_leave_with_the_velocities_of_their_states() -> None:
+    chain = ImpactChain(
+        masses=(0.25, 0.5), damping=7.5, restitution=1.0, amplitude=1.0, frequency=0.5
+    )
+    record = chain.simulate(impacts=60, start=chain.state([0.0, 0.25]))
+    table = chain.amplitude * chain.frequency * np.cos(record.phase)
+    off = record.velocity[:, -1] - table - record.relative_velocity
+    assert abs(off).max() < 2e-15
