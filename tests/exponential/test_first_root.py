@@ -191,3 +191,15 @@ def test_bad_terms_are_refused(
 def test_a_start_that_is_not_positive_is_refused() -> None:
     with pytest.raises(ValueError, match=r"f\(0\) must be positive; got -0.5"):
         ExponentialSum([1.0], [0.0], [1.0], [0.0], offset=-1.5).first_root()
+
+
+@pytest.mark.parametrize("cell_end", [2.0**k for k in range(-4, 5)])
+@pytest.mark.parametrize("offset", [0.0, 1.0, -1.0])
+def test_a_root_at_the_end_of_a_cell_is_a_root(cell_end: float, offset: float) -> None:
+    """Cells end at powers of two: there, and an ulp either side, a crossing is no touch."""
+    end = cell_end * (1.0 + offset * 2.0**-52)
+    frequency = math.pi / (2.0 * end)
+    root = ExponentialSum([1.0], [0.0], [frequency], [0.0]).first_root()
+    assert root.kind is RootKind.ROOT
+    assert root.time == pytest.approx(end, rel=4e-16)
+    assert root.rate == pytest.approx(-frequency, rel=1e-15)
