@@ -1,0 +1,85 @@
+"""A ball on a vibrating table, as Holmes's map for high bounces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynkit.maps import Map
+from dynkit.validation import Array, finite_array, in_interval, non_negative
+
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class HighBounce(Map):
+    """A ball that bounces high above a vibrating table: phi' = phi + v, v' = r v - gamma cos(phi').
+
+    r is the restitution. The state holds the table's phase phi at an impact and the ball's velocity
+    v just after it, in units in which v is the phase that passes until the next impact. For a table
+    at -A sin(w t), gravity g and velocity V,
+
+        phi = w t,    v = 2 w V / g,    gamma = 2 w^2 (1 + r) A / g.
+
+    A table at +A sin(w t) is half a turn further: phi = w t + pi. The table's displacement is
+    neglected beside the height of the bounces, so the next impact's phase is wrong by 2 gamma /
+    ((1 + r) v) at most, to leading order, and a v that turns negative has no meaning; the exact
+    motion is an `ImpactOscillator`'s.
+
+    The determinant is r everywhere; with r = 1 this is the standard map, with K = gamma. The fixed
+    points are v = 2 pi n, cos phi = -2 pi n (1 - r) / gamma. For every n >= 0 a pair of them is
+    born at gamma = 2 pi n (1 - r); the one with sin phi < 0 is stable up to gamma =
+    2 sqrt((pi n (1 - r))^2 + (1 + r)^2), where it doubles its period.
+
+    Parameters
+    ----------
+    restitution : float
+        Coefficient of restitution r, in [0, 1].
+    gamma : float
+        Strength of the table's vibration; not negative.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    References
+    ----------
+    P. J. Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table, Journal of
+    Sound and Vibration 84 (1982) 173-189. J. Guckenheimer and P. Holmes, Nonlinear Oscillations,
+    Dynamical Systems, and Bifurcations of Vector Fields, Springer 1983, section 2.4.
+
+    Examples
+    --------
+    >>> ball = HighBounce(restitution=0.8, gamma=2.0)
+    >>> phase = np.arccos(-2 * np.pi * 0.2 / 2.0)  # of the bounce that takes one table period
+    >>> state = np.array([2 * np.pi - phase, 2 * np.pi])
+    >>> bool(abs(ball.difference(ball(state), state)).max() < 1e-14)
+    True
+    """
+
+    restitution: float
+    gamma: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "restitution", in_interval("restitution", self.restitution, 0, 1))
+        object.__setattr__(self, "gamma", non_negative("gamma", self.gamma))
+
+    @property
+    def dimension(self) -> int:
+        return 2
+
+    def __call__(self, state: Array) -> Array:
+        phase, velocity = finite_array("state", state, (2,))
+        arrival = (phase + velocity) % _TURN
+        return np.array([arrival, self.restitution * velocity - self.gamma * np.cos(arrival)])
+
+    def jacobian(self, state: Array) -> Array:
+        phase, velocity = finite_array("state", state, (2,))
+        slope = self.gamma * np.sin((phase + velocity) % _TURN)
+        return np.array([[1.0, 1.0], [slope, self.restitution + slope]])
+
+    def difference(self, a: Array, b: Array) -> Array:
+        """Return a - b, the phase wrapped to the shortest way; (..., 2) arrays."""
+        gap = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+        gap[..., 0] -= _TURN * np.rint(gap[..., 0] / _TURN)
+        return gap

@@ -1,0 +1,52 @@
+"""The textbook maps keep the contracts of maps and attractors."""
+
+import numpy as np
+import pytest
+
+from dynkit import Map, MapAttractor
+from dynkit.systems import Henon, HighBounce, Logistic
+from dynkit.testing import AttractorCheck, MapCheck, attractor_checks, check_name, map_checks
+
+CHAOTIC: dict[str, Map] = {
+    "logistic": Logistic(4.0),
+    "henon": Henon(),
+    "high bounce": HighBounce(restitution=0.5, gamma=10.0),
+}
+PERIODIC: dict[str, Map] = {
+    "logistic, period 4": Logistic(3.5),
+    "henon, period 2": Henon(0.385),
+    "high bounce, period 1": HighBounce(restitution=0.8, gamma=2.0),
+    "dead ball": HighBounce(restitution=0.0, gamma=2.0),
+    "standard map": HighBounce(restitution=1.0, gamma=0.9),
+}
+MAPS = CHAOTIC | PERIODIC
+START = np.array([0.3, 0.2])
+
+
+@pytest.mark.parametrize("check", map_checks, ids=check_name)
+@pytest.mark.parametrize("name", MAPS)
+def test_it_is_a_map(name: str, check: MapCheck) -> None:
+    check(MAPS[name], MAPS[name].iterate(START[: MAPS[name].dimension], 5))
+
+
+@pytest.mark.parametrize("check", attractor_checks, ids=check_name)
+@pytest.mark.parametrize("name", MAPS)
+def test_its_attractor_is_an_attractor(name: str, check: AttractorCheck) -> None:
+    system = MAPS[name]
+    start = START[: system.dimension]
+    check(lambda transient, count: MapAttractor(system, start, transient, count))
+
+
+@pytest.mark.parametrize("name", CHAOTIC)
+def test_in_chaos_the_error_is_as_large_as_the_attractor(name: str) -> None:
+    system = CHAOTIC[name]
+    attractor = MapAttractor(system, START[: system.dimension], 200, 200)
+    assert attractor.error > 0.1 * np.ptp(attractor.states, axis=0).max()
+
+
+@pytest.mark.parametrize("name", ["logistic, period 4", "henon, period 2", "high bounce, period 1"])
+def test_on_a_stable_cycle_the_error_is_rounding(name: str) -> None:
+    system = PERIODIC[name]
+    attractor = MapAttractor(system, START[: system.dimension], 1000, 200)
+    # a disturbance of one rounding per iterate, which multipliers below 0.98 sum up to 50
+    assert attractor.error < 100.0 * 2.0**-52 * np.abs(attractor.states).max()
