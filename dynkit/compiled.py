@@ -18,6 +18,9 @@ from typing import Any, TypeVar
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+FUSED = {"contract"}
+"""Fast-math flags of products that are added without being rounded."""
+
 REORDERED = {"reassoc", "contract", "nsz"}
 """Fast-math flags of sums whose error bound holds for any order of the terms."""
 
@@ -68,7 +71,9 @@ def cache_folder() -> Path:
     return folder if _writable(folder) else Path(tempfile.mkdtemp(prefix="dynkit-kernels-"))
 
 
-def kernel(*, reorder: bool = False, inline: bool = False) -> Callable[[_Function], _Function]:
+def kernel(
+    *, reorder: bool = False, fuse: bool = False, inline: bool = False
+) -> Callable[[_Function], _Function]:
     """Compile a kernel on its first call and keep the machine code in `cache_folder`.
 
     Parameters
@@ -76,6 +81,10 @@ def kernel(*, reorder: bool = False, inline: bool = False) -> Callable[[_Functio
     reorder
         The sums of this function may be taken in any order and contracted to fused operations.
         Never for double-double arithmetic.
+    fuse
+        Products may be added without being rounded, in the order given.
+    inline
+        Compiled into its callers.
     """
     import numba
 
@@ -84,7 +93,7 @@ def kernel(*, reorder: bool = False, inline: bool = False) -> Callable[[_Functio
     options: dict[str, Any] = {
         "cache": True,
         "error_model": "numpy",
-        "fastmath": REORDERED if reorder else False,
+        "fastmath": REORDERED if reorder else FUSED if fuse else False,
         "forceinline": inline,
         "_nrt": False,
     }

@@ -79,9 +79,13 @@ class Workspace(NamedTuple):
     coefficients: Array
 
 
-@kernel(reorder=True, inline=True)
+@kernel(fuse=True, inline=True)
 def propagate(step: Array, j: int, states: Array, k: int, to: int) -> None:
-    """State `k` after the step of rung `j`, to about one rounding error, into state `to`."""
+    """State `k` after the step of rung `j`, to about one rounding error, into state `to`.
+
+    Fused, the low parts meet the exact product, whose bits beyond the last carry them; a rounded
+    one would swallow them always, and the energy would drift.
+    """
     for i in range(states.shape[2]):
         a = states[k, 0, i]
         b = states[k, 1, i]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import final
 
 import numpy as np
@@ -49,6 +50,11 @@ class Basis(ABC):
     @abstractmethod
     def energies(self, y: Array) -> Array:
         """Kinetic plus potential energy (...) from coordinates (..., 2, n)."""
+
+    def kick(self, velocity: Array, contact: int) -> Array:  # noqa: ARG002
+        """Coordinates of the velocities (n,) of a unit jump at one mass, and low parts, (4, n)."""
+        high = self.coordinates(np.zeros_like(velocity), velocity)
+        return np.concatenate([high, np.zeros_like(high)])
 
 
 @final
@@ -120,6 +126,18 @@ class NormalModes(Basis):
     def energies(self, y: Array) -> Array:
         q, p = self._modal(y)
         return np.asarray(0.5 * (p * p + q * q * self.stiffness).sum(axis=-1))
+
+    def kick(self, velocity: Array, contact: int) -> Array:
+        if self.mixing is not None:
+            return super().kick(velocity, contact)
+        # In normal modes the kick is parallel to the row of the contact velocity.
+        row = [Fraction(entry) for entry in self.matrix[contact].tolist()]
+        square = sum(entry * entry for entry in row)
+        out = np.zeros((4, len(row)))
+        for i, entry in enumerate(row):
+            out[1, i] = float(entry / square)
+            out[3, i] = float(entry / square - Fraction(out[1, i]))
+        return out
 
 
 @final

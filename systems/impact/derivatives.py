@@ -55,7 +55,7 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
     derivative -= np.outer(rate, _row(gap, 0) @ derivative) / speed
     before = _row(gap, 2) @ derivative
     kick = np.zeros((2, slots))
-    kick[:, :n] = structure.free.coordinates(np.zeros(n), structure.kick_velocity)
+    kick[:, :n] = structure.kick[:2]
     derivative -= (1.0 + r) * np.outer(kick.ravel(), before)
 
     position = structure.free.positions(_columns(derivative, n, slots)).T

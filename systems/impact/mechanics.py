@@ -44,6 +44,11 @@ class Structure:
         return np.asarray(response / response[-1])
 
     @cached_property
+    def kick(self) -> Array:
+        """(4, N) change of the coordinates by `kick_velocity`, then its low parts."""
+        return self.free.kick(self.kick_velocity, len(self.kick_velocity) - 1)
+
+    @cached_property
     def contact_row(self) -> Array:
         """(2, N) row that gives the contact position from the free coordinates."""
         basis = np.eye(2 * self.size).reshape(2 * self.size, 2, self.size)

@@ -109,5 +109,4 @@ def _add_bounces(
     s = since[inside] - rest[k] * (1.0 - r**bounce)
     lift, rise = s * (u - 0.5 * acceleration * s), u - acceleration * s
     unit = structure.free.coordinates(np.eye(n)[-1], np.zeros(n))
-    kick = structure.free.coordinates(np.zeros(n), structure.kick_velocity)
-    out[inside, :, :n] += lift[:, None, None] * unit + rise[:, None, None] * kick
+    out[inside, :, :n] += lift[:, None, None] * unit + rise[:, None, None] * structure.kick[:2]

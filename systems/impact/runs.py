@@ -138,10 +138,8 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
     from dynkit.systems.impact import kernels
 
     structure, gap = oscillator._structure, oscillator._gap
-    kick = np.zeros((2, gap.step.shape[2]))
-    kick[:, : structure.size] = structure.free.coordinates(
-        np.zeros(structure.size), structure.kick_velocity
-    )
+    kick = np.zeros((4, gap.step.shape[2]))
+    kick[:, : structure.size] = structure.kick
     if with_contact:
         parts = oscillator._contact
         force, to_stuck, to_free = parts.force, parts.to_stuck, parts.to_free

@@ -42,9 +42,11 @@ def test_the_tip_and_its_speed_have_the_digits_of_the_best_peer(
 def test_times_and_phases_of_the_paper_chain(frequency: float, impacts: int) -> None:
     record = ImpactChain(frequency=frequency).simulate(impacts=impacts)
     values = PAPER_CHAIN[frequency, impacts]
-    allowed = 1.2e-10 if impacts == 50 else 2e-14
-    assert off(record.phase[-1], values.phase) <= allowed
-    assert off(record.time[-1], values.time) <= allowed
+    # What is asked of the tip moves the impact by as much over the closing speed.
+    tip = 1.2e-10 if (frequency, impacts) == (0.87, 50) else 3e-15
+    allowed = tip * record.system.restitution / float(values.relative_velocity)
+    assert off(record.phase[-1], values.phase) <= allowed + np.spacing(record.phase[-1])
+    assert off(record.time[-1], values.time) <= allowed + np.spacing(record.time[-1])
 
 
 # --- random chains -------------------------------------------------------------------------------
