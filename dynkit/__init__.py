@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dynkit.labels import OrbitLabel
     from dynkit.maps import Map
     from dynkit.results import Cost
-    from dynkit.sections import PoincareMap, PoincareSection
+    from dynkit.sections import Hyperplane, PoincareMap, PoincareSection, Stroboscope
     from dynkit.sweeps import Sweep, sweep
 
 __version__ = "0.1.0"
@@ -25,11 +25,13 @@ __all__ = [
     "Cost",
     "ExponentialSum",
     "Flow",
+    "Hyperplane",
     "Map",
     "MapAttractor",
     "OrbitLabel",
     "PoincareMap",
     "PoincareSection",
+    "Stroboscope",
     "Sweep",
     "__version__",
     "sweep",
@@ -42,11 +44,13 @@ __getattr__, __dir__ = lazy_names(
         "Cost": "dynkit.results",
         "ExponentialSum": "dynkit.exponential.sums",
         "Flow": "dynkit.flows",
+        "Hyperplane": "dynkit.sections",
         "Map": "dynkit.maps",
         "MapAttractor": "dynkit.attractors",
         "OrbitLabel": "dynkit.labels",
         "PoincareMap": "dynkit.sections",
         "PoincareSection": "dynkit.sections",
+        "Stroboscope": "dynkit.sections",
         "Sweep": "dynkit.sweeps",
         "sweep": "dynkit.sweeps",
     },

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from dynkit.flows import NoCrossing
 from dynkit.labels import OrbitLabel, Window, label_orbit
 from dynkit.maps import Map
 from dynkit.results import Cost
@@ -169,12 +170,12 @@ class MapAttractor(Attractor):
     def error(self) -> float:
         """The largest distance, over the states kept, to a twin run that was disturbed throughout.
 
-        The twin is disturbed at the start and after every iterate, by one unit of rounding (2^-52,
-        relative) of either sign in every coordinate. So the error measures how far rounding alone
-        may have moved the states: near 1e-16 of their size on a stable periodic orbit, and as large
-        as the attractor in chaos, whose single states cannot be computed, only their distribution.
-        It is infinite when the twin runs away, and says nothing about errors inside one call of the
-        map that exceed rounding.
+        The twin is disturbed at the start and after every iterate, by the map's `accuracy`
+        (relative; one unit of rounding unless the map says otherwise) of either sign in every
+        coordinate. So the error measures how far the errors of single calls may have moved the
+        states: near that accuracy on a stable periodic orbit, and as large as the attractor in
+        chaos, whose single states cannot be computed, only their distribution. It is infinite when
+        the twin runs away, or has no next state.
         """
         return self._error
 
@@ -186,9 +187,9 @@ class MapAttractor(Attractor):
         for i in range(self._last + 1):
             try:
                 twin = self._system(twin) if i else twin
-            except ValueError:
+            except (ValueError, NoCrossing):
                 return np.inf
-            twin *= 1.0 + 2.0**-52 * signs.choice((-1.0, 1.0), size=twin.size)
+            twin *= 1.0 + self._system.accuracy * signs.choice((-1.0, 1.0), size=twin.size)
             if i >= self._transient:
                 gap = self._system.difference(twin, self._states[i - self._transient])
                 largest = max(largest, float(np.linalg.norm(gap)))

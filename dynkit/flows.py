@@ -52,7 +52,7 @@ class Flow(Family, ABC):
        rounding, has not crossed it yet. When no crossing comes by the time limit it raises
        `NoCrossing`: no search goes on for ever.
 
-    and may offer ``parameters`` and ``replace`` as a map does.
+    and may offer ``parameters``, ``replace`` and `accuracy` as a map does.
 
     None of these changes its arguments or the flow, and a state that is not finite, or not of the
     right shape, is refused with ValueError. Instances are immutable.
@@ -75,6 +75,11 @@ class Flow(Family, ABC):
     @abstractmethod
     def derivative(self, state: Array, duration: float) -> Array:
         """Return the derivative, (d, d), of the advanced state with respect to the state."""
+
+    @property
+    def accuracy(self) -> float:
+        """How wrong a crossing may be, relative to the size of the state: one rounding, 2^-52."""
+        return 2.0**-52
 
     @abstractmethod
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:

@@ -66,6 +66,7 @@ class Map(Family, ABC):
        arguments are (..., d) and broadcast; it is antisymmetric, and zero where a equals b.
     5. ``parameters`` and ``replace``, when it belongs to a family of maps and is no dataclass; see
        `Family`.
+    6. `accuracy`, when a call is wrong by more than rounding.
 
     Instances are immutable. `dynkit.testing.check_map` runs any subclass through this contract.
 
@@ -150,6 +151,11 @@ class Map(Family, ABC):
         (..., d) array
         """
         return np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+
+    @property
+    def accuracy(self) -> float:
+        """How wrong one call may be, relative to the size of the state: one rounding, 2^-52."""
+        return 2.0**-52
 
     @final
     def iterate(self, state: Array, n: int) -> Array:

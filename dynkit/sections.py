@@ -2,7 +2,7 @@
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self, final
 
@@ -10,7 +10,16 @@ import numpy as np
 
 from dynkit.flows import Crossing, Flow
 from dynkit.maps import Map
-from dynkit.validation import Array, finite_array, finite_scalar, positive
+from dynkit.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    non_negative_integer,
+    positive,
+    positive_integer,
+)
+
+_TURN = 2.0 * np.pi
 
 
 class TangentCrossing(RuntimeError):
@@ -30,6 +39,11 @@ class PoincareSection(ABC):
        ``lift(reduced)``, the (d,) state on the surface that has these coordinates: inverse to one
        another. ``reduce`` is smooth, and defined, beside the surface too.
     6. ``reduce_derivative(state)``, (d - 1, d), and ``lift_derivative(reduced)``, (d, d - 1).
+
+    and may offer:
+
+    7. ``difference(a, b)``, when coordinates on the surface are angles, as a `Map` does; ``reduce``
+       may then jump by a whole turn.
 
     None of these changes its argument, and what is not finite, or not of the right shape, is
     refused with ValueError. Instances are immutable. `dynkit.testing.check_section` runs any
@@ -70,6 +84,10 @@ class PoincareSection(ABC):
     def lift_derivative(self, reduced: Array) -> Array:
         """Return the derivative, (d, d - 1), of `lift` at coordinates on the surface, (d - 1,)."""
 
+    def difference(self, a: Array, b: Array) -> Array:
+        """Return a - b, (..., d - 1); a section with angles wraps them to the shortest way."""
+        return np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+
 
 @final
 class Hyperplane(PoincareSection):
@@ -85,11 +103,15 @@ class Hyperplane(PoincareSection):
     offset : float
     direction : {+1, -1}
         +1 counts crossings along the normal, -1 against it.
+    angles : sequence of int
+        Which coordinates of the state are angles: `reduce` takes them modulo 2 pi. The normal has
+        to be zero there.
 
     Raises
     ------
     ValueError
-        When the normal is zero, or anything is not finite or not of that shape.
+        When the normal is zero, or not zero at an angle; when anything is not finite or not of that
+        shape, or an angle is no index of the normal.
 
     Examples
     --------
@@ -100,7 +122,13 @@ class Hyperplane(PoincareSection):
     (array([1., 2.]), array([ 1.,  2., 27.]))
     """
 
-    def __init__(self, normal: Array, offset: float = 0.0, direction: int = 1) -> None:
+    def __init__(
+        self,
+        normal: Array,
+        offset: float = 0.0,
+        direction: int = 1,
+        angles: Sequence[int] = (),
+    ) -> None:
         given = finite_array("normal", normal, (None,))
         if given.size < 2:
             raise ValueError(f"normal must have 2 or more coordinates; got {given.size}")
@@ -115,6 +143,7 @@ class Hyperplane(PoincareSection):
         self._distance = finite_scalar("offset", offset) / size / length
         self._direction = int(direction)
         self._chart = _orthonormal_complement(self._unit)
+        self._angles = self._places_of(angles, given)
         for array in (self._unit, self._chart):
             array.setflags(write=False)
 
@@ -134,7 +163,9 @@ class Hyperplane(PoincareSection):
         return self._unit.copy()
 
     def reduce(self, state: Array) -> Array:
-        return np.asarray(self._chart @ self._checked(state))
+        coordinates = np.asarray(self._chart @ self._checked(state))
+        coordinates[self._angles] %= _TURN
+        return coordinates
 
     def lift(self, reduced: Array) -> Array:
         coordinates = finite_array("reduced", reduced, (self.dimension - 1,))
@@ -148,11 +179,103 @@ class Hyperplane(PoincareSection):
         finite_array("reduced", reduced, (self.dimension - 1,))
         return self._chart.T.copy()
 
+    def difference(self, a: Array, b: Array) -> Array:
+        gap = super().difference(a, b)
+        gap[..., self._angles] -= _TURN * np.rint(gap[..., self._angles] / _TURN)
+        return gap
+
     def __repr__(self) -> str:
         return f"Hyperplane({self._unit.tolist()}, {self._distance}, {self._direction:+d})"
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self.dimension,))
+
+    def _places_of(self, angles: Sequence[int], normal: Array) -> list[int]:
+        """The places, in the chart, of coordinates along which the normal is zero."""
+        places = []
+        for i, angle in enumerate(angles):
+            index = non_negative_integer(f"angles[{i}]", angle)
+            if index >= self.dimension:
+                raise ValueError(f"angles[{i}] must be less than {self.dimension}; got {index}")
+            if normal[index] != 0.0:
+                raise ValueError(
+                    f"normal[{index}], an angle's, must be zero; got {float(normal[index])}"
+                )
+            # such a coordinate's row of the chart is the coordinate itself
+            places.append(int(np.argmax(self._chart[:, index])))
+        return places
+
+
+@final
+class Stroboscope(PoincareSection):
+    """The states in which a phase has a given value, modulo 2 pi: light that flashes once a period.
+
+    The phase is the last coordinate, and grows: that of a flow that is driven in time. The value is
+    sin(last coordinate - phase). It is zero half a period later too, but passes through zero the
+    other way; that does not count. The chart is the list of the other coordinates.
+
+    Parameters
+    ----------
+    dimension : int
+        Number d of the state's coordinates; d >= 2.
+    phase : float
+        At which the light flashes.
+
+    Raises
+    ------
+    ValueError
+        When the dimension is no integer >= 2, or the phase is not finite.
+
+    Examples
+    --------
+    >>> flashes = Stroboscope(3, phase=0.5)
+    >>> flashes.lift([1.0, 2.0])
+    array([1. , 2. , 0.5])
+    >>> abs(flashes.value([1.0, 2.0, 0.5 + 2.0 * np.pi])) < 1e-15
+    True
+    """
+
+    def __init__(self, dimension: int, phase: float = 0.0) -> None:
+        self._dimension = positive_integer("dimension", dimension)
+        if self._dimension < 2:
+            raise ValueError(f"dimension must be 2 or more; got {dimension}")
+        self._phase = finite_scalar("phase", phase)
+
+    @property
+    def dimension(self) -> int:
+        return self._dimension
+
+    @property
+    def direction(self) -> int:
+        return 1
+
+    def value(self, state: Array) -> float:
+        return float(np.sin(self._checked(state)[-1] - self._phase))
+
+    def gradient(self, state: Array) -> Array:
+        gradient = np.zeros(self._dimension)
+        gradient[-1] = np.cos(self._checked(state)[-1] - self._phase)
+        return gradient
+
+    def reduce(self, state: Array) -> Array:
+        return self._checked(state)[:-1].copy()
+
+    def lift(self, reduced: Array) -> Array:
+        return np.append(finite_array("reduced", reduced, (self._dimension - 1,)), self._phase)
+
+    def reduce_derivative(self, state: Array) -> Array:
+        self._checked(state)
+        return np.eye(self._dimension - 1, self._dimension)
+
+    def lift_derivative(self, reduced: Array) -> Array:
+        finite_array("reduced", reduced, (self._dimension - 1,))
+        return np.eye(self._dimension, self._dimension - 1)
+
+    def __repr__(self) -> str:
+        return f"Stroboscope({self._dimension}, {self._phase})"
+
+    def _checked(self, state: Array) -> Array:
+        return finite_array("state", state, (self._dimension,))
 
 
 @final
@@ -205,6 +328,14 @@ class PoincareMap(Map):
 
     def replace(self, **parameters: float) -> Self:
         return dataclasses.replace(self, flow=self.flow.replace(**parameters))
+
+    @property
+    def accuracy(self) -> float:
+        """How wrong one call may be, relative to the size of the state: the flow's accuracy."""
+        return self.flow.accuracy
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return self.section.difference(a, b)
 
     def crossing(self, state: Array) -> Crossing:
         """Return time and full state, (d,), of the next crossing from a point of the section.

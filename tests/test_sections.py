@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynkit.flows import Crossing, NoCrossing
-from dynkit.sections import Hyperplane, PoincareMap, PoincareSection, TangentCrossing
+from dynkit.sections import (
+    Hyperplane,
+    PoincareMap,
+    PoincareSection,
+    Stroboscope,
+    TangentCrossing,
+)
 from dynkit.testing import numerical_derivative
 from dynkit.validation import Array
 from tests.example_systems import DampedRotation, Sphere
@@ -62,6 +68,91 @@ def test_a_bad_plane_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         Hyperplane(np.array(normal), offset, direction)
+
+
+@pytest.mark.parametrize(
+    ("normal", "angles", "message"),
+    [
+        ([1.0, 0.0], [2], "angles[0] must be less than 2; got 2"),
+        ([1.0, 0.0], [-1], "angles[0] must be zero or a positive integer; got -1"),
+        ([1.0, 0.0], [1.0], "angles[0] must be zero or a positive integer; got 1.0"),
+        ([1.0, 0.0, 0.0], [1, True], "angles[1] must be zero or a positive integer; got True"),
+        ([3.0, 4.0], [1], "normal[1], an angle's, must be zero; got 4.0"),
+    ],
+)
+def test_bad_angles_are_refused(normal: list[float], angles: list[int], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        Hyperplane(np.array(normal), angles=angles)
+
+
+@pytest.mark.parametrize("angle", [0, 1, 3])
+def test_angles_are_reduced_to_one_turn(angle: int) -> None:
+    state = np.array([7.0, -1.0, 0.0, 20.0])
+    plane = Hyperplane(np.eye(4)[2], angles=[angle])
+    expected = np.where(np.arange(4) == angle, state % (2.0 * np.pi), state)
+    assert plane.reduce(state).tolist() == np.delete(expected, 2).tolist()
+
+
+def test_an_oblique_plane_keeps_its_angle() -> None:
+    plane = Hyperplane(np.array([1.0, 0.0, 2.0]), angles=[1])
+    reduced = plane.reduce(np.array([2.0, 7.0, -1.0]))
+    assert 7.0 - 2.0 * np.pi in reduced.tolist()
+
+
+def test_differences_of_angles_go_the_shortest_way() -> None:
+    plane = Hyperplane(np.array([1.0, 0.0, 0.0]), angles=[2])
+    gap = plane.difference(np.array([[3.0, 0.1], [3.0, 3.0]]), np.array([1.0, 6.2]))
+    assert gap == pytest.approx(np.array([[2.0, 0.1 - 6.2 + 2.0 * np.pi], [2.0, -3.2 + 2 * np.pi]]))
+
+
+def test_a_poincare_map_measures_as_its_section_does() -> None:
+    section = Hyperplane(np.array([0.0, 1.0, 0.0]), angles=[2])
+    system = PoincareMap(DampedRotation(), section, time_limit=10.0)
+    gap = system.difference(np.array([1.0, 0.1]), np.array([1.0, 6.2]))
+    assert gap == pytest.approx([0.0, 0.1 - 6.2 + 2.0 * np.pi])
+
+
+class RoughRotation(DampedRotation):
+    @property
+    def accuracy(self) -> float:
+        return 1e-9
+
+
+def test_a_poincare_map_is_as_accurate_as_its_flow() -> None:
+    assert half_plane().accuracy == 2.0**-52
+    assert half_plane(flow=RoughRotation()).accuracy == 1e-9
+
+
+@pytest.mark.parametrize("turns", [-2, 0, 5])
+def test_a_stroboscope_flashes_once_in_every_turn(turns: int) -> None:
+    state = np.array([1.0, 2.0, 0.7 + 2.0 * np.pi * turns])
+    flashes = Stroboscope(3, phase=0.7)
+    # the phase is rounded to 2^-52 of its size
+    assert flashes.value(state) == pytest.approx(0.0, abs=2.0**-52 * 50.0)
+    assert flashes.gradient(state) == pytest.approx([0.0, 0.0, 1.0])
+
+
+def test_half_a_turn_later_a_stroboscope_is_passed_the_other_way() -> None:
+    flashes = Stroboscope(3, phase=0.7)
+    assert flashes.gradient(np.array([0.0, 0.0, 0.7 + np.pi]))[2] * flashes.direction == -1.0
+
+
+def test_a_stroboscope_forgets_the_phase() -> None:
+    assert Stroboscope(3, phase=0.7).reduce(np.array([1.0, 2.0, 9.0])).tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("dimension", "phase", "message"),
+    [
+        (1, 0.0, "dimension must be 2 or more; got 1"),
+        (0, 0.0, "dimension must be a positive integer; got 0"),
+        (3.0, 0.0, "dimension must be a positive integer; got 3.0"),
+        (3, np.nan, "phase must be a finite number; got nan"),
+    ],
+)
+def test_a_bad_stroboscope_is_refused(dimension: int, phase: float, message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        Stroboscope(dimension, phase)
 
 
 @pytest.mark.parametrize("point", POINTS, ids=str)

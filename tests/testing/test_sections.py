@@ -8,14 +8,23 @@ import numpy as np
 import pytest
 
 from dynkit import testing
-from dynkit.sections import Hyperplane, PoincareSection
+from dynkit.sections import Hyperplane, PoincareSection, Stroboscope
 from dynkit.validation import Array
 from tests.example_systems import Sphere
 from tests.testing.cases import PLANE, POINTS
 
 
 @pytest.mark.parametrize("check", testing.section_checks, ids=testing.check_name)
-@pytest.mark.parametrize("section", [PLANE, Sphere(2.0, -1)], ids=repr)
+@pytest.mark.parametrize(
+    "section",
+    [
+        PLANE,
+        Hyperplane(np.array([1.0, 0.0, -2.0]), 0.3, -1, angles=[1]),
+        Stroboscope(3, phase=-2.0),
+        Sphere(2.0, -1),
+    ],
+    ids=repr,
+)
 def test_sections_conform(check: testing.SectionCheck, section: PoincareSection) -> None:
     check(section, POINTS)
 
