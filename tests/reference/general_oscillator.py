@@ -21,7 +21,7 @@ from typing import Any, Final, Literal, ParamSpec, TypeVar
 
 import mpmath
 from flint import arb, arb_mat, ctx
-from mpmath import mp
+from mpmath import mp, mpf
 
 from tests.reference.general_roots import first_root
 from tests.reference.linear_motion import LinearMotion, Row
@@ -361,3 +361,36 @@ class GeneralOscillator:
         z = motion.move(segment.state, (at - segment.time).mid())
         numbers = [to_mpf(x) for x in (z if stop is None else stop.let_go(z)).entries()]
         return tuple(numbers[: self.size]), tuple(numbers[self.size : 2 * self.size])
+
+
+def chain_of(
+    masses: Sequence[float],
+    springs: Sequence[float],
+    damping: float | Sequence[float],
+    **parameters: Any,
+) -> GeneralOscillator:
+    """A chain tied to a wall at its first mass; arguments as for ``ImpactChain``, matrices exact.
+
+    One number of damping makes it exactly proportional to the stiffness.
+    """
+    with mp.workprec(BITS):
+        rigidity = [mpf(k) for k in springs]
+        if isinstance(damping, (int, float)):
+            dashpots = [mpf(damping) * k for k in rigidity]
+        else:
+            dashpots = [mpf(c) for c in damping]
+        damper, stiffness = _links(dashpots), _links(rigidity)
+    mass = [[m if i == j else 0.0 for j in range(len(masses))] for i, m in enumerate(masses)]
+    return GeneralOscillator(mass, damper, stiffness, **parameters)
+
+
+def _links(values: Sequence[Real]) -> list[list[Real]]:
+    n = len(values)
+    matrix = [[mpf(0)] * n for _ in range(n)]
+    for i, k in enumerate(values):
+        matrix[i][i] += k
+        if i:
+            matrix[i - 1][i - 1] += k
+            matrix[i][i - 1] -= k
+            matrix[i - 1][i] -= k
+    return matrix

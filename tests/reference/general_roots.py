@@ -68,7 +68,7 @@ def first_root(
         if high - low < negligible * (elapsed + low):
             last = ((low + high) / 2).mid()
             return Root((elapsed + last).mid(), index, motion.move(z, last), count)
-        if count and low < negligible * elapsed:
+        if count and low < arb((1, -ctx.prec // 3)) * elapsed:
             raise ArithmeticError("grazing cannot be decided at this precision")
         low = motion.short(low.min(LONGEST / motion.fastest))
         z = motion.move(z, low)
@@ -77,7 +77,9 @@ def first_root(
 
 
 def _never(motion: LinearMotion, rows: Sequence[Row], z: arb_mat) -> bool:
-    return all(motion.lowest_ever(row, z) > 0 for row in rows)
+    # By more than rounding can lift it.
+    rounding = arb((1, -ctx.prec // 2))
+    return all(motion.lowest_ever(row, z) > rounding * Row.size(row.entries, z) for row in rows)
 
 
 def _leave(motion: LinearMotion, row: Row, z: arb_mat, order: int) -> arb:
