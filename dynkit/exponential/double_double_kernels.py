@@ -91,3 +91,65 @@ def fill_steps(
             _dd_matmul(total, total, product)
             for i in range(8):
                 total[i] = product[i]
+
+
+@kernel()
+def _dense_product(
+    a: Array, a_low: Array, b: Array, b_low: Array, out: Array, out_low: Array
+) -> None:
+    """Product of two square double-double matrices; `out` and `out_low` are modified in place."""
+    n = a.shape[0]
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            low = 0.0
+            for k in range(n):
+                p, p_low = dd_multiply(a[i, k], a_low[i, k], b[k, j], b_low[k, j])
+                total, low = dd_add(total, low, p, p_low)
+            out[i, j] = total
+            out_low[i, j] = low
+
+
+@kernel()
+def fill_coupled_steps(
+    generator: Array, generator_low: Array, smallest: float, step: Array, work: Array
+) -> None:
+    """Propagators (rungs, n, n) of coupled numbers over every rung, computed in double-double.
+
+    Taylor series over the smallest step, then repeated squaring. `step` and the scratch
+    (6, n, n) array `work` are modified in place.
+    """
+    n = generator.shape[0]
+    term = work[0]
+    term_low = work[1]
+    total = work[2]
+    total_low = work[3]
+    for i in range(n):
+        for j in range(n):
+            term[i, j] = 1.0 if i == j else 0.0
+            term_low[i, j] = 0.0
+            total[i, j] = term[i, j]
+            total_low[i, j] = 0.0
+    for order in range(1, 40):
+        _dense_product(term, term_low, generator, generator_low, work[4], work[5])
+        for i in range(n):
+            for j in range(n):
+                # The smallest step is a power of two: exact. Then a division by a small integer.
+                value = work[4, i, j] * smallest
+                quotient = value / order
+                p, e = two_product(quotient, float(order))
+                rest = ((value - p) - e + work[5, i, j] * smallest) / order
+                term[i, j] = quotient + rest
+                term_low[i, j] = rest - (term[i, j] - quotient)
+                total[i, j], total_low[i, j] = dd_add(
+                    total[i, j], total_low[i, j], term[i, j], term_low[i, j]
+                )
+    for rung in range(step.shape[0]):
+        for i in range(n):
+            for j in range(n):
+                step[rung, i, j] = total[i, j]
+        _dense_product(total, total_low, total, total_low, work[4], work[5])
+        for i in range(n):
+            for j in range(n):
+                total[i, j] = work[4, i, j]
+                total_low[i, j] = work[5, i, j]

@@ -2,7 +2,8 @@
 
 A sum is f(s) = offset + sum_k rows_k . y_k(s), y_k' = G_k y_k, with one pair y_k of two numbers in
 each slot: a mode (displacement, velocity), two real exponentials, or (sine, cosine) of the table.
-Arrays are C-contiguous float64, slots last; slots beyond the last term hold zeros.
+Links let the pair of a slot be driven by others. Arrays are C-contiguous float64, slots last; slots
+beyond the last term hold zeros. The sum sees the first slots only; the others are carried along.
 
 States are addressed as states[k], never passed as views: taking a view costs more than the loop
 over a few slots.
@@ -11,6 +12,9 @@ over a few slots.
 from __future__ import annotations
 
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.compiled import kernel
 from dynkit.validation import Array
@@ -23,8 +27,15 @@ DEGREE = 14
 REACH = 0.5
 """Largest |lambda| h of the smallest step."""
 
-SCRATCH, START, FOUND, STATES = 3, 3, 4, 5
-"""Number of scratch states; places of the start and of the result; number of states."""
+SCRATCH, START, FOUND, TERM, KEPT, STATES = 3, 3, 4, 5, 7, 8
+"""Scratch states; places of the start, of the result, of two Taylor terms and of one kept; number
+of states."""
+
+
+BOUND, TAIL, DRIFT = 8, 14, 16
+"""Where in the rows of a ladder the bounds begin."""
+
+Indices = NDArray[np.intp]
 
 
 class Ladder(NamedTuple):
@@ -32,34 +43,42 @@ class Ladder(NamedTuple):
 
     Attributes
     ----------
-    step : (rungs, 8, slots) propagators exp(G h), entries 11, 12, 21, 22, then the low parts of the
-        same
-    cell : (rungs, 8, slots) rows that give f, f', f'' after the step from the state before it, two
-        each, then the
-        weights of |y| in the bound of the quintic Hermite error on a cell of that size
-    rows : (8, slots) rows that give f, f', f'', f^(3) from y, two each
-    bound : (6, slots) weights of |y| that bound sup |f_k|, sup |f_k^(4)| and the last
-        sup |f_k^(DEGREE + 1)| / (DEGREE + 1)! for all later times
-    generator : (4, slots) entries 11, 12, 21, 22 of G
-    characteristic : (2, slots) trace and determinant of G
+    step : (all rungs, 8, slots) propagators exp(G h), entries 11, 12, 21, 22, then the low parts of
+        the same
+    cell : (rungs, 8, seen) rows that give f, f', f'' after the step from the state before it, two
+        each, then the weights of |y| in the bound of the quintic Hermite error on a cell of that
+        size
+    rows : (22, seen), two each: rows that give f, f', f'', f^(3) from y; from BOUND on weights of
+        |y| that bound |f_k|, |f_k^(4)| and |f_k^(DEGREE + 1)| / (DEGREE + 1)! for the time `window`
+        (the first of a term that grows is its present size); from TAIL on weights that bound the
+        terms that do not drift, for ever, infinite where there is no bound; from DRIFT on rows that
+        give the terms that drift, their rate and their acceleration
+    generator : (6, slots) entries 11, 12, 21, 22, trace and determinant of G
+    links : (L, 2) slots that are driven and slots that drive them
+    link_step : (1 + all rungs, L, 4) entries 11, 12, 21, 22 of how, then of what the driving slot
+        adds to the driven one in a step
     offset : constant term of f
     smallest : step of rung 0, a power of two
     smooth : largest rung on which every term's bound grows as h^6
-    separate : whether a slot holds two separate exponentials (an overdamped mode)
-    steady : number of the slot that never decays and is bounded by `swing` (the table)
+    apart : whether a seen slot holds two separate numbers, or is driven by another
+    grows : whether a term may grow beyond all bounds
+    window : time for which `bound` holds
+    steady : number of the slot that never decays and is bounded by `swing` (the table), or -1
     swing : amplitude of that slot's term
     """
 
     step: Array
     cell: Array
     rows: Array
-    bound: Array
     generator: Array
-    characteristic: Array
+    links: Indices
+    link_step: Array
     offset: float
     smallest: float
     smooth: int
-    separate: bool
+    apart: bool
+    grows: bool
+    window: float
     steady: int
     swing: float
 
@@ -79,14 +98,34 @@ class Workspace(NamedTuple):
     coefficients: Array
 
 
-@kernel(fuse=True, inline=True)
-def propagate(step: Array, j: int, states: Array, k: int, to: int) -> None:
-    """State `k` after the step of rung `j`, to about one rounding error, into state `to`.
+@kernel(inline=True)
+def _add_driven(links: Indices, b: Array, j: int, states: Array, k: int, to: int) -> None:
+    """What the driving slots of state `k` add to the driven ones of state `to` in a step."""
+    for m in range(links.shape[0]):
+        p = states[k, 0, links[m, 1]]
+        q = states[k, 1, links[m, 1]]
+        states[to, 0, links[m, 0]] += b[j + 1, m, 0] * p + b[j + 1, m, 1] * q
+        states[to, 1, links[m, 0]] += b[j + 1, m, 2] * p + b[j + 1, m, 3] * q
 
-    Fused, the low parts meet the exact product, whose bits beyond the last carry them; a rounded
-    one would swallow them always, and the energy would drift.
+
+@kernel(fuse=True, inline=True)
+def propagate(
+    step: Array,
+    links: Indices,
+    link_step: Array,
+    j: int,
+    states: Array,
+    k: int,
+    to: int,
+    first: int,
+    last: int,
+) -> None:
+    """Slots `first` to `last` - 1 of state `k` after the step of rung `j`, into state `to`.
+
+    To about one rounding error. Fused, the low parts meet the exact product, whose bits beyond the
+    last carry them; a rounded one would swallow them always, and the energy would drift.
     """
-    for i in range(states.shape[2]):
+    for i in range(first, last):
         a = states[k, 0, i]
         b = states[k, 1, i]
         states[to, 0, i] = (
@@ -95,21 +134,35 @@ def propagate(step: Array, j: int, states: Array, k: int, to: int) -> None:
         states[to, 1, i] = (
             (step[j, 6, i] * a + step[j, 7, i] * b) + step[j, 2, i] * a + step[j, 3, i] * b
         )
+    if first == 0:
+        _add_driven(links, link_step, j, states, k, to)
 
 
 @kernel(reorder=True, inline=True)
-def walk(step: Array, j: int, states: Array, k: int, to: int) -> None:
-    """As `propagate` without the low parts: for the search only."""
-    for i in range(states.shape[2]):
+def walk(
+    step: Array, links: Indices, link_step: Array, seen: int, j: int, states: Array, k: int, to: int
+) -> None:
+    """The seen slots as `propagate`, without the low parts: for the search only."""
+    for i in range(seen):
         a = states[k, 0, i]
         b = states[k, 1, i]
         states[to, 0, i] = step[j, 0, i] * a + step[j, 1, i] * b
         states[to, 1, i] = step[j, 2, i] * a + step[j, 3, i] * b
+    _add_driven(links, link_step, j, states, k, to)
 
 
 @kernel()
-def propagate_steps(step: Array, n: int, states: Array, keep: int) -> int:
-    """The start state after `n` smallest steps, one propagation per binary digit.
+def propagate_steps(
+    step: Array,
+    links: Indices,
+    link_step: Array,
+    n: int,
+    states: Array,
+    keep: int,
+    first: int,
+    last: int,
+) -> int:
+    """Slots of the start state after `n` smallest steps, one propagation per binary digit.
 
     Returns the place of the result, one of the two scratch states that are not `keep`.
     """
@@ -117,14 +170,17 @@ def propagate_steps(step: Array, n: int, states: Array, keep: int) -> int:
     k = START
     to = (keep + 1) % SCRATCH
     other = (keep + 2) % SCRATCH
-    for j in range(top):
-        if (n >> j) & 1:
-            propagate(step, j, states, k, to)
+    j = 0
+    while n > 0 and j < top:
+        if n & 1:
+            propagate(step, links, link_step, j, states, k, to, first, last)
             k = to
             to = other
             other = k
-    for _ in range(n >> top):
-        propagate(step, top, states, k, to)
+        n >>= 1
+        j += 1
+    for _ in range(n):
+        propagate(step, links, link_step, top, states, k, to, first, last)
         k = to
         to = other
         other = k
@@ -133,15 +189,21 @@ def propagate_steps(step: Array, n: int, states: Array, keep: int) -> int:
 
 @kernel(reorder=True)
 def shift(
-    generator: Array, characteristic: Array, e: float, states: Array, k: int, to: int
+    generator: Array,
+    e: float,
+    states: Array,
+    k: int,
+    to: int,
+    first: int,
+    last: int,
 ) -> None:
-    """State `k` after a time `e` not beyond the smallest step, into state `to`.
+    """Slots of state `k`, each by itself, after a time `e` not beyond the smallest step.
 
     exp(G e) = x0 + x1 G by the theorem of Cayley and Hamilton, both as Taylor series.
     """
-    for i in range(states.shape[2]):
-        trace = characteristic[0, i] * e
-        determinant = characteristic[1, i] * e * e
+    for i in range(first, last):
+        trace = generator[4, i] * e
+        determinant = generator[5, i] * e * e
         before = 0.0
         now = 1.0
         x0 = 1.0
@@ -159,6 +221,46 @@ def shift(
         states[to, 1, i] = x0 * b + x1 * (generator[2, i] * a + generator[3, i] * b)
 
 
+@kernel()
+def _next_term(ladder: Ladder, factor: float, states: Array, k: int, to: int) -> None:
+    """Rate of change of the seen slots of state `k`, times a factor, into state `to`."""
+    g = ladder.generator
+    for i in range(ladder.rows.shape[1]):
+        p = factor * states[k, 0, i]
+        q = factor * states[k, 1, i]
+        states[to, 0, i] = g[0, i] * p + g[1, i] * q
+        states[to, 1, i] = g[2, i] * p + g[3, i] * q
+    links = ladder.links
+    b = ladder.link_step
+    for m in range(links.shape[0]):
+        p = factor * states[k, 0, links[m, 1]]
+        q = factor * states[k, 1, links[m, 1]]
+        states[to, 0, links[m, 0]] += b[0, m, 0] * p + b[0, m, 1] * q
+        states[to, 1, links[m, 0]] += b[0, m, 2] * p + b[0, m, 3] * q
+
+
+@kernel()
+def shift_linked(ladder: Ladder, e: float, states: Array, k: int, to: int) -> None:
+    """Driven slots of state `k` after a time `e` not beyond the smallest step, into state `to`."""
+    links = ladder.links
+    for i in range(ladder.rows.shape[1]):
+        states[TERM, 0, i] = states[k, 0, i]
+        states[TERM, 1, i] = states[k, 1, i]
+    for m in range(links.shape[0]):
+        states[to, 0, links[m, 0]] = states[k, 0, links[m, 0]]
+        states[to, 1, links[m, 0]] = states[k, 1, links[m, 0]]
+    for j in range(1, DEGREE + 2):
+        old = TERM + (j - 1) % 2
+        new = TERM + j % 2
+        _next_term(ladder, e / j, states, old, new)
+        for m in range(links.shape[0]):
+            t = links[m, 0]
+            # A slot that several others drive is added to once.
+            if m == 0 or links[m - 1, 0] != t:
+                states[to, 0, t] += states[new, 0, t]
+                states[to, 1, t] += states[new, 1, t]
+
+
 @kernel(reorder=True, inline=True)
 def look_ahead(cell: Array, j: int, states: Array, k: int) -> tuple[float, float, float, float]:
     """f, f', f'' after the step of rung `j`, and the bound of the quintic Hermite error on it."""
@@ -166,7 +268,7 @@ def look_ahead(cell: Array, j: int, states: Array, k: int) -> tuple[float, float
     rate = 0.0
     second = 0.0
     error = 0.0
-    for i in range(states.shape[2]):
+    for i in range(cell.shape[2]):
         a = states[k, 0, i]
         b = states[k, 1, i]
         value += cell[j, 0, i] * a + cell[j, 1, i] * b
@@ -177,21 +279,19 @@ def look_ahead(cell: Array, j: int, states: Array, k: int) -> tuple[float, float
 
 
 @kernel(reorder=True, inline=True)
-def start_sums(
-    rows: Array, bound: Array, states: Array, k: int
-) -> tuple[float, float, float, float]:
-    """f'', f^(3), bound of |f^(4)| and of |f| from now on."""
+def start_sums(rows: Array, states: Array, k: int) -> tuple[float, float, float, float]:
+    """f'', f^(3), bound of |f^(4)|, and of |f| as far as it does not grow."""
     second = 0.0
     third = 0.0
     fourth = 0.0
     reach = 0.0
-    for i in range(states.shape[2]):
+    for i in range(rows.shape[1]):
         a = states[k, 0, i]
         b = states[k, 1, i]
         second += rows[4, i] * a + rows[5, i] * b
         third += rows[6, i] * a + rows[7, i] * b
-        reach += bound[0, i] * abs(a) + bound[1, i] * abs(b)
-        fourth += bound[2, i] * abs(a) + bound[3, i] * abs(b)
+        reach += rows[BOUND, i] * abs(a) + rows[BOUND + 1, i] * abs(b)
+        fourth += rows[BOUND + 2, i] * abs(a) + rows[BOUND + 3, i] * abs(b)
     return second, third, fourth, reach
 
 
@@ -203,7 +303,7 @@ def value_and_rates(
     value = 0.0
     rate = 0.0
     second = 0.0
-    for i in range(states.shape[2]):
+    for i in range(rows.shape[1]):
         value += rows[0, i] * states[k, 0, i] + rows[1, i] * states[k, 1, i]
         rate += rows[2, i] * states[k, 0, i] + rows[3, i] * states[k, 1, i]
         second += rows[4, i] * states[k, 0, i] + rows[5, i] * states[k, 1, i]
@@ -211,9 +311,7 @@ def value_and_rates(
 
 
 @kernel(reorder=True)
-def expand(
-    characteristic: Array, rows: Array, offset: float, states: Array, k: int, c: Array
-) -> None:
+def expand(generator: Array, rows: Array, offset: float, states: Array, k: int, c: Array) -> None:
     """Taylor coefficients of f at the state `k`; `c` is modified in place.
 
     Every term obeys its characteristic equation, f'' = trace f' - determinant f, and so do all its
@@ -221,9 +319,9 @@ def expand(
     fast as a loop over the orders.
     """
     c0 = c1 = c2 = c3 = c4 = c5 = c6 = c7 = c8 = c9 = c10 = c11 = c12 = c13 = c14 = 0.0
-    for i in range(states.shape[2]):
-        t = characteristic[0, i]
-        d = characteristic[1, i]
+    for i in range(rows.shape[1]):
+        t = generator[4, i]
+        d = generator[5, i]
         a = rows[0, i] * states[k, 0, i] + rows[1, i] * states[k, 1, i]
         b = rows[2, i] * states[k, 0, i] + rows[3, i] * states[k, 1, i]
         c0 += a
@@ -271,20 +369,17 @@ def expand(
 
 
 @kernel()
-def expand_separate(
-    generator: Array, rows: Array, offset: float, states: Array, k: int, c: Array
-) -> None:
-    """As `expand`, both exponentials of a slot apart: their equation would mix their rates."""
+def expand_apart(ladder: Ladder, states: Array, k: int, c: Array) -> None:
+    """As `expand`, every number by itself: one equation of a slot would mix its rates."""
+    rows = ladder.rows
+    for i in range(rows.shape[1]):
+        states[TERM, 0, i] = states[k, 0, i]
+        states[TERM, 1, i] = states[k, 1, i]
     for j in range(DEGREE + 1):
-        c[j] = 0.0
-    for i in range(states.shape[2]):
-        p = states[k, 0, i]
-        q = states[k, 1, i]
-        c[0] += rows[0, i] * p + rows[1, i] * q
-        for j in range(1, DEGREE + 1):
-            a = p / j
-            b = q / j
-            p = generator[0, i] * a + generator[1, i] * b
-            q = generator[2, i] * a + generator[3, i] * b
-            c[j] += rows[0, i] * p + rows[1, i] * q
-    c[0] += offset
+        old = TERM + j % 2
+        total = 0.0
+        for i in range(rows.shape[1]):
+            total += rows[0, i] * states[old, 0, i] + rows[1, i] * states[old, 1, i]
+        c[j] = total
+        _next_term(ladder, 1.0 / (j + 1.0), states, old, TERM + (j + 1) % 2)
+    c[0] += ladder.offset

@@ -2,37 +2,83 @@
 
 from __future__ import annotations
 
+import math
+
 from dynkit.compiled import kernel
 from dynkit.exponential.evaluation_kernels import (
+    BOUND,
     DEGREE,
+    DRIFT,
     EPSILON,
     FOUND,
     SCRATCH,
     START,
+    TAIL,
     Ladder,
     Workspace,
     expand,
-    expand_separate,
+    expand_apart,
     look_ahead,
     propagate,
     propagate_steps,
     shift,
+    shift_linked,
     start_sums,
     value_and_rates,
     walk,
 )
-from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, ROOT, TOUCH, polynomial_first_root
+from dynkit.exponential.polynomial_kernels import (
+    BEYOND,
+    LIMIT,
+    NEVER,
+    ROOT,
+    TOUCH,
+    polynomial_first_root,
+)
 from dynkit.validation import Array
 
+FOREVER = 2**62
+"""The farthest horizon."""
 
-@kernel(reorder=True)
-def _tail(bound: Array, offset: float, steady: int, swing: float, states: Array, k: int) -> float:
+
+@kernel(reorder=True, inline=True)
+def _weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> float:
+    """Sum of the weights in two rows times abs(y), but for one slot."""
+    total = 0.0
+    for i in range(rows.shape[1]):
+        if i != skipped:
+            total += rows[first, i] * abs(states[k, 0, i])
+            total += rows[first + 1, i] * abs(states[k, 1, i])
+    return total
+
+
+@kernel()
+def _drift(ladder: Ladder, states: Array, k: int) -> tuple[float, float, float]:
+    """Value, rate and acceleration of the terms that drift, with the offset."""
+    d = ladder.rows
+    value = ladder.offset
+    rate = 0.0
+    second = 0.0
+    for i in range(d.shape[1]):
+        a = states[k, 0, i]
+        b = states[k, 1, i]
+        value += d[DRIFT, i] * a + d[DRIFT + 1, i] * b
+        rate += d[DRIFT + 2, i] * a + d[DRIFT + 3, i] * b
+        second += d[DRIFT + 4, i] * a + d[DRIFT + 5, i] * b
+    return value, rate, second
+
+
+@kernel()
+def _tail(ladder: Ladder, states: Array, k: int) -> float:
     """Lower bound of f from now on."""
-    reach = 0.0
-    for i in range(states.shape[2]):
-        if i != steady:
-            reach += bound[0, i] * abs(states[k, 0, i]) + bound[1, i] * abs(states[k, 1, i])
-    return offset - swing - reach
+    lowest = ladder.offset
+    if ladder.grows:
+        lowest, rate, second = _drift(ladder, states, k)
+        if second < 0.0 or (second == 0.0 and rate < 0.0):
+            return -math.inf
+        if rate < 0.0:
+            lowest -= 0.5 * rate * rate / second
+    return lowest - ladder.swing - _weighted(ladder.rows, TAIL, ladder.steady, states, k)
 
 
 @kernel(inline=True)
@@ -111,28 +157,29 @@ def _first_rung(
 
 @kernel()
 def _taylor_rung(
-    bound: Array, states: Array, k: int, smallest: float, most: int, band: float
+    rows: Array, states: Array, k: int, smallest: float, most: int, band: float
 ) -> int:
     """Largest rung, up to `most`, on which the Taylor polynomial's remainder is below rounding."""
     remainder = 0.0
-    for i in range(states.shape[2]):
-        remainder += bound[4, i] * abs(states[k, 0, i]) + bound[5, i] * abs(states[k, 1, i])
+    for i in range(rows.shape[1]):
+        remainder += rows[BOUND + 4, i] * abs(states[k, 0, i])
+        remainder += rows[BOUND + 5, i] * abs(states[k, 1, i])
     for j in range(most, 0, -1):
         if remainder * (smallest * (1 << j)) ** (DEGREE + 1) <= 1e-3 * band:
             return j
     return 0
 
 
-@kernel(reorder=True)
-def _stays_in_band(
-    bound: Array, offset: float, steady: int, swing: float, states: Array, k: int, band: float
-) -> bool:
+@kernel()
+def _stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
     """Whether abs(f) never exceeds the band from now on."""
-    reach = 0.0
-    for i in range(states.shape[2]):
-        if i != steady:
-            reach += bound[0, i] * abs(states[k, 0, i]) + bound[1, i] * abs(states[k, 1, i])
-    return abs(offset) + swing + reach <= band
+    value = ladder.offset
+    if ladder.grows:
+        value, rate, second = _drift(ladder, states, k)
+        if rate != 0.0 or second != 0.0:
+            return False
+    reach = _weighted(ladder.rows, TAIL, ladder.steady, states, k)
+    return abs(value) + ladder.swing + reach <= band
 
 
 @kernel()
@@ -143,13 +190,14 @@ def first_root(
     band_factor: float,
     touches: bool,
     limit: int,
+    horizon: int,
     work: Workspace,
 ) -> tuple[int, int, float, float, int]:
     """Certified first root of f at s > 0, from the state ``work.states[START]``.
 
     A cell [s, s + h] is passed when the Bernstein coefficients of the quintic Hermite polynomial of
     f exceed the bound M_6 h^6 / 46080 of its error; a cell of the smallest size is searched by its
-    Taylor polynomial.
+    Taylor polynomial. Far from the table only the amplitude of its motion counts.
 
     Parameters
     ----------
@@ -162,6 +210,8 @@ def first_root(
         Whether a minimum within the rounding band counts as a root.
     limit
         Largest number of cells.
+    horizon
+        Number of smallest steps beyond which nobody asks.
     work
         Modified in place; ``work.states[FOUND]`` becomes the state at the root.
 
@@ -170,14 +220,19 @@ def first_root(
     outcome, n, e, rate, cells : the root is at ``n * smallest + e``, `rate` is f' there.
     """
     step = ladder.step
+    links = ladder.links
+    link_step = ladder.link_step
     cell = ladder.cell
+    rows = ladder.rows
     offset = ladder.offset
-    top = step.shape[0] - 1
+    top = cell.shape[0] - 1
     smallest = ladder.smallest
+    table = ladder.steady
+    seen = rows.shape[1]
     c = work.coefficients
     states = work.states
     current = START
-    second, third, fourth, reach = start_sums(ladder.rows, ladder.bound, states, START)
+    second, third, fourth, reach = start_sums(rows, states, START)
     band = band_factor * EPSILON * (reach + abs(offset))
     n = 0
     cells = 0
@@ -185,7 +240,7 @@ def first_root(
     slope = 0.0
     j = -1
     if order == 0:
-        value, slope, second = value_and_rates(ladder.rows, offset, states, START)
+        value, slope, second = value_and_rates(rows, offset, states, START)
         j = 0
     elif order == 1:
         j = _first_rung(rate, second, third, fourth, smallest, top, band_factor)
@@ -194,27 +249,59 @@ def first_root(
             value += offset
             if value > 2.0 * band:
                 current = 0
-                walk(step, j, states, START, current)
+                walk(step, links, link_step, seen, j, states, START, current)
                 n = 1 << j
                 cells = 1
             else:
                 j = -1
     expanded = False
     wide = 0
-    while cells < limit:
+    while cells < limit and n <= horizon:
+        if ladder.grows:
+            reach = _weighted(rows, BOUND, -1, states, current)
+            band = max(band, band_factor * EPSILON * (reach + abs(offset)))
         if j >= 0 and not expanded:
             h = smallest * (1 << j)
+            v = value
+            r = slope
+            a = second
+            far = False
+            if ladder.swing > 0.0:
+                p = states[current, 0, table]
+                q = states[current, 1, table]
+                v -= rows[0, table] * p + rows[1, table] * q
+                far = v > 2.0 * ladder.swing
+                if far:
+                    v -= ladder.swing
+                    r -= rows[2, table] * p + rows[3, table] * q
+                    a -= rows[4, table] * p + rows[5, table] * q
+                else:
+                    v = value
             # Rungs whose certificate must fail already at this end of the cell are not tried.
-            while j > 0 and value + h * (0.4 * slope + 0.05 * h * second) <= band:
+            while j > 0 and v + h * (0.4 * r + 0.05 * h * a) <= band:
                 j -= 1
                 h *= 0.5
             new_value, new_slope, new_second, error = look_ahead(cell, j, states, current)
             new_value += offset
             cells += 1
             margin = band * (1.0 + 0.25 * cells)
-            low = _quintic_minimum(h, value, slope, second, new_value, new_slope, new_second)
+            if far:
+                p = states[current, 0, table]
+                q = states[current, 1, table]
+                low = _quintic_minimum(
+                    h,
+                    v,
+                    r,
+                    a,
+                    new_value - (cell[j, 0, table] * p + cell[j, 1, table] * q) - ladder.swing,
+                    new_slope - (cell[j, 2, table] * p + cell[j, 3, table] * q),
+                    new_second - (cell[j, 4, table] * p + cell[j, 5, table] * q),
+                )
+                error -= cell[j, 6, table] * abs(p) + cell[j, 7, table] * abs(q)
+            else:
+                low = _quintic_minimum(h, v, r, a, new_value, new_slope, new_second)
             if low > error + margin:
-                walk(step, j, states, current, (current + 1) % SCRATCH)
+                walk(step, links, link_step, seen, j, states, current, (current + 1) % SCRATCH)
                 current = (current + 1) % SCRATCH
                 n += 1 << j
                 value = new_value
@@ -222,36 +309,26 @@ def first_root(
                 second = new_second
                 if j < top and low > 32.0 * error:
                     j += 1
-                if cells & 15 == 0 and (
-                    _tail(
-                        ladder.bound,
-                        offset,
-                        ladder.steady,
-                        ladder.swing,
-                        states,
-                        current,
-                    )
-                    > band
-                ):
+                if cells & 15 == 0 and _tail(ladder, states, current) > band:
                     return NEVER, n, 0.0, 0.0, cells
                 continue
-            if ladder.separate:
+            if ladder.apart:
                 # Fast exponentials that have died out do not narrow the Taylor polynomial.
-                wide = _taylor_rung(ladder.bound, states, current, smallest, j, band)
+                wide = _taylor_rung(rows, states, current, smallest, j, band)
                 if wide < j:
                     j -= 1
                     continue
             elif j > 0:
                 m = 0
-                if new_value < 0.0:
+                if new_value < 0.0 and not far:
                     m = int((1 << j) * _cubic_root(h, value, slope, new_value, new_slope) - 0.2)
                 if m <= 0:
-                    j = j - 1 if new_value >= 0.0 else 0
+                    j = j - 1 if new_value >= 0.0 or far else 0
                     continue
                 # Jump to the last node before the estimated root, if the way there can be
                 # certified.
-                jumped = propagate_steps(step, n + m, states, current)
-                expand(ladder.characteristic, ladder.rows, offset, states, jumped, c)
+                jumped = propagate_steps(step, links, link_step, n + m, states, current, 0, seen)
+                expand(ladder.generator, rows, offset, states, jumped, c)
                 part = m * smallest / h
                 if j <= ladder.smooth:
                     error *= part * part * part * part * part * part
@@ -266,11 +343,11 @@ def first_root(
         # The smallest cell, or the first one: Taylor polynomial of the state itself.
         first = 0
         if not expanded:
-            current = propagate_steps(step, n, states, current)
-            if ladder.separate:
-                expand_separate(ladder.generator, ladder.rows, offset, states, current, c)
+            current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
+            if ladder.apart:
+                expand_apart(ladder, states, current, c)
             else:
-                expand(ladder.characteristic, ladder.rows, offset, states, current, c)
+                expand(ladder.generator, rows, offset, states, current, c)
         expanded = False
         threshold = band
         if n == 0 and order > 0:
@@ -281,9 +358,7 @@ def first_root(
         elif c[0] <= band:
             # Inside the band and certified not to have crossed: only a crossing beyond the band
             # counts.
-            if _stays_in_band(
-                ladder.bound, offset, ladder.steady, ladder.swing, states, current, band
-            ):
+            if _stays_in_band(ladder, states, current, band):
                 return NEVER, n, 0.0, 0.0, cells
             c[0] += 2.0 * band
         h = smallest * (1 << wide)
@@ -294,19 +369,29 @@ def first_root(
             if m > 0:
                 n += m
                 e -= m * smallest
-                current = propagate_steps(step, n, states, current)
-            shift(ladder.generator, ladder.characteristic, e, states, current, FOUND)
+                current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
+            shift(ladder.generator, e, states, current, FOUND, 0, seen)
+            if links.shape[0] > 0:
+                shift_linked(ladder, e, states, current, FOUND)
+            if seen < states.shape[2]:
+                other = propagate_steps(
+                    step, links, link_step, n, states, current, seen, states.shape[2]
+                )
+                last = states.shape[2]
+                shift(ladder.generator, e, states, other, FOUND, seen, last)
             for _ in range(first):
                 slope *= e
             if first == 0 and outcome == ROOT:
                 # The state keeps the digits that differentiating the polynomial costs.
-                slope = value_and_rates(ladder.rows, offset, states, FOUND)[1]
+                slope = value_and_rates(rows, offset, states, FOUND)[1]
             return outcome, n, e, slope, cells
         # No root here: on to the end of the cell.
         n += 1 << wide
-        propagate(step, wide, states, current, (current + 1) % SCRATCH)
+        propagate(step, links, link_step, wide, states, current, (current + 1) % SCRATCH, 0, seen)
         current = (current + 1) % SCRATCH
-        value, slope, second = value_and_rates(ladder.rows, offset, states, current)
+        value, slope, second = value_and_rates(rows, offset, states, current)
         j = wide
         wide = 0
+    if n > horizon:
+        return BEYOND, n, 0.0, 0.0, cells
     return LIMIT, n, 0.0, 0.0, cells

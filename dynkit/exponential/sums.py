@@ -9,7 +9,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.exponential.ladders import Pairs, ladder, rung_sizes, steps
+from dynkit.exponential.ladders import Propagators, ladder
+from dynkit.exponential.pairs import Pairs
 from dynkit.validation import (
     Array,
     finite_array,
@@ -126,19 +127,20 @@ class ExponentialSum:
             solved = np.linalg.solve(np.moveaxis(mixing, 2, 0), y.T[..., None])
             y = np.asarray(solved[..., 0].T, dtype=np.float64)
             row = np.stack([mixing[0, 0], mixing[0, 1]])
-        smallest, rungs = rung_sizes(pairs)
-        step = steps(pairs, smallest, rungs)
-        state = np.zeros((2, step.shape[2]))
+        propagators = Propagators.of(pairs)
+        state = np.zeros((2, propagators.step.shape[2]))
         state[:, : pairs.count] = y
-        return ladder(pairs, row, self.offset, smallest, step, -1, 0.0), state
+        return ladder(pairs, row, self.offset, propagators, -1, 0.0), state
 
     @property
     def band(self) -> float:
         """Half width of the rounding band: (8 + slots) 2^-52 times the sum of the amplitudes."""
+        from dynkit.exponential.evaluation_kernels import BOUND
+
         sums, state = self._prepared
         slots = state.shape[1]
-        bound: Array = sums.bound
-        reach = float((bound[:2] * abs(state)).sum())
+        rows: Array = sums.rows
+        reach = float((rows[BOUND : BOUND + 2] * abs(state)).sum())
         return float((8.0 + slots) * 2.0**-52 * (reach + abs(self.offset)))
 
     def first_root(
@@ -162,7 +164,7 @@ class ExponentialSum:
             When f(0) is not positive and no slope is given, or the slope is not positive.
         """
         from dynkit.exponential.evaluation_kernels import DEGREE, START, STATES, Workspace
-        from dynkit.exponential.search_kernels import first_root
+        from dynkit.exponential.search_kernels import FOREVER, first_root
 
         sums, state = self._prepared
         order, slope = 0, 0.0
@@ -179,6 +181,7 @@ class ExponentialSum:
             8.0 + state.shape[1],
             touches,
             positive_integer("limit", limit),
+            FOREVER,
             work,
         )
         kind = tuple(RootKind)[outcome]

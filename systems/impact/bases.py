@@ -9,7 +9,7 @@ from typing import final
 
 import numpy as np
 
-from dynkit.exponential.ladders import Pairs
+from dynkit.exponential.pairs import Pairs
 from dynkit.systems.impact.rates import refined_modes
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
@@ -46,6 +46,14 @@ class Basis(ABC):
     @abstractmethod
     def coordinates(self, position: Array, velocity: Array) -> Array:
         """Coordinates (..., 2, n) from positions and velocities (..., n)."""
+
+    @abstractmethod
+    def position_row(self, coefficients: Array) -> Array:
+        """Row (2, n) that gives a sum (n,) of positions from coordinates."""
+
+    @abstractmethod
+    def pushes(self, force: Array) -> Array:
+        """Rates (..., 2, n) of the coordinates under forces (..., n)."""
 
     @abstractmethod
     def energies(self, y: Array) -> Array:
@@ -117,11 +125,22 @@ class NormalModes(Basis):
         return row_by_row(self._modal(y)[1], self.matrix)
 
     def coordinates(self, position: Array, velocity: Array) -> Array:
-        q, p = position @ self.projector.T, velocity @ self.projector.T
+        return self._from_modal(position @ self.projector.T, velocity @ self.projector.T)
+
+    def _from_modal(self, q: Array, p: Array) -> Array:
         if self.unmixing is not None:
             b = self.unmixing
             q, p = b[0, 0] * q + b[0, 1] * p, b[1, 0] * q + b[1, 1] * p
         return np.stack([q, p], axis=-2)
+
+    def position_row(self, coefficients: Array) -> Array:
+        row = coefficients @ self.matrix
+        if self.mixing is None:
+            return np.stack([row, np.zeros_like(row)])
+        return np.asarray(self.mixing[0] * row)
+
+    def pushes(self, force: Array) -> Array:
+        return self._from_modal(np.zeros_like(force), force @ self.matrix)
 
     def energies(self, y: Array) -> Array:
         q, p = self._modal(y)
@@ -217,6 +236,13 @@ class ComplexModes(Basis):
     def coordinates(self, position: Array, velocity: Array) -> Array:
         y = np.concatenate([position, velocity], axis=-1) @ self.inverse.T
         return np.asarray(y.reshape(*y.shape[:-1], 2, len(self.mass)))
+
+    def position_row(self, coefficients: Array) -> Array:
+        return np.asarray((coefficients @ self.position_matrix).reshape(2, -1))
+
+    def pushes(self, force: Array) -> Array:
+        velocity = np.linalg.solve(self.mass, force.T).T
+        return self.coordinates(np.zeros_like(force), np.asarray(velocity, dtype=np.float64))
 
     def energies(self, y: Array) -> Array:
         x, v = self.positions(y), self.velocities(y)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,24 +26,27 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
     run = oscillator._run(state, 1, store=True)
     if run.impacts < 1:
         raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
-    structure, gap = oscillator._structure, oscillator._gap
-    n, slots = structure.size, gap.step.shape[2]
+    structure, free = oscillator._structure, oscillator._free
+    side = run.final._side
+    gap, sign = oscillator._gaps[side], oscillator._stands[side].sign
     r = oscillator.restitution
 
-    y = np.array(state._coordinates)
+    y = free.states(state._coordinates, *state._turn)
     began = 0.0
-    derivative = _lift(oscillator, state.phase)
+    derivative = _lift(oscillator, state)
+    time = np.zeros(derivative.shape[1])
     if len(run.contacts):
-        contact = oscillator._contact
+        contact = oscillator._contacts[state._side]
         began = float(run.contacts[0, 2])
         stuck = transformed(contact.to_stuck, y[None])
         inner = _linear(contact.to_stuck) @ derivative
         end, flow = _flow(contact.force, stuck[0], began)
         inner = flow @ inner
         rate = _rate(contact.force, end)
-        inner -= np.outer(rate, _row(contact.force, 0) @ inner) / float(
-            _row(contact.force, 0) @ rate
-        )
+        row = _row(contact.force, 0)
+        later = -(row @ inner) / float(row @ rate)
+        inner += np.outer(rate, later)
+        time += later
         # Time also moves the phase: it is part of the rate, through sine and cosine of the table.
         derivative = _linear(contact.to_free) @ inner
         y = transformed(contact.to_free, end[None])[0]
@@ -52,64 +54,84 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
     derivative = flow @ derivative
     rate = _rate(gap, end)
     speed = float(_row(gap, 2) @ end.ravel())
-    derivative -= np.outer(rate, _row(gap, 0) @ derivative) / speed
+    later = -(_row(gap, 0) @ derivative) / speed
+    derivative += np.outer(rate, later)
+    time += later
     before = _row(gap, 2) @ derivative
-    kick = np.zeros((2, slots))
-    kick[:, :n] = structure.kick[:2]
+    kick = np.zeros((2, free.layout.slots))
+    kick[:, free.layout.modes] = sign * structure.kick[:2]
     derivative -= (1.0 + r) * np.outer(kick.ravel(), before)
 
-    position = structure.free.positions(_columns(derivative, n, slots)).T
-    velocity = structure.free.velocities(_columns(derivative, n, slots)).T
-    sine, cosine = end[0, n], end[1, n]
-    phase = cosine * derivative[n] - sine * derivative[slots + n]
-    return np.vstack([position[:-1], velocity[:-1], -r * before[None], phase[None]])
+    q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
+    position = free.forced.displacements(q, by_sine, by_cosine).T[structure.others]
+    velocity = free.forced.velocities(q, by_sine, by_cosine).T[structure.others]
+    sine, cosine = run.final._turn
+    if free.layout.table >= 0:
+        phase = cosine * by_sine - sine * by_cosine
+    else:
+        phase = oscillator.frequency * time
+        phase[-1] += 1.0
+    # On the far side of a play relative velocities count negative.
+    speed_by = -r * before if side == 0 else r * before
+    return np.vstack([position, velocity, speed_by[None], phase[None]])
 
 
-def _lift(oscillator: ImpactOscillator, phase: float) -> Array:
-    """Derivative (2 slots, 2N) of the free coordinates, table included, by the section ones."""
-    structure, table = oscillator._structure, oscillator._table
-    n, slots = structure.size, oscillator._gap.step.shape[2]
-    sine, cosine = math.sin(phase), math.cos(phase)
+def _lift(oscillator: ImpactOscillator, state: ImpactState) -> Array:
+    """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
+    structure, free = oscillator._structure, oscillator._free
+    n, c, others = structure.size, structure.contact, structure.others
+    sine, cosine = state._turn
+    sign = oscillator._stands[state._side].sign
     x, v = np.zeros((2 * n, n)), np.zeros((2 * n, n))
-    x[np.arange(n - 1), np.arange(n - 1)] = 1.0
-    v[np.arange(n - 1) + n - 1, np.arange(n - 1)] = 1.0
-    v[2 * n - 2, n - 1] = 1.0
-    x[2 * n - 1, n - 1] = table.amplitude * cosine
-    v[2 * n - 1, n - 1] = -table.amplitude * table.frequency * sine
-    out = np.zeros((2 * n, 2, slots))
-    out[..., :n] = structure.free.coordinates(x, v)
-    out[-1, 0, n], out[-1, 1, n] = cosine, -sine
+    x[np.arange(n - 1), others] = 1.0
+    v[np.arange(n - 1) + n - 1, others] = 1.0
+    v[2 * n - 2, c] = sign if state._side == 0 else -sign
+    x[2 * n - 1, c] = oscillator.amplitude * cosine
+    v[2 * n - 1, c] = -oscillator.amplitude * oscillator.frequency * sine
+    by_sine, by_cosine = np.zeros(2 * n), np.zeros(2 * n)
+    by_sine[-1], by_cosine[-1] = cosine, -sine
+    q = free.forced.coordinates(x, v, by_sine, by_cosine)
+    out = free.states(q, by_sine, by_cosine)
+    if free.layout.constant >= 0:
+        out[:, 0, free.layout.constant] = 0.0
     return np.asarray(out.reshape(2 * n, -1).T)
 
 
 def _flow(ladder: Any, y: Array, duration: float) -> tuple[Array, Array]:
     """The state after a duration, and its derivative (2 slots, 2 slots) by the state before."""
     slots = y.shape[1]
-    starts = np.zeros((3, 2, slots))
-    starts[0], starts[1, 0], starts[2, 1] = y, 1.0, 1.0
-    ends = evolve(ladder, starts, np.arange(3), np.full(3, duration))
+    # The columns of pairs that nothing links are known from two states for all of them at once.
+    linked = np.unique(ladder.links)
+    alone = np.setdiff1d(np.arange(slots), linked)
+    starts = np.zeros((3 + 2 * len(linked), 2, slots))
+    starts[0], starts[1, 0, alone], starts[2, 1, alone] = y, 1.0, 1.0
+    for i, slot in enumerate(linked.tolist()):
+        starts[3 + 2 * i, 0, slot] = starts[4 + 2 * i, 1, slot] = 1.0
+    count = len(starts)
+    ends = evolve(ladder, starts, np.arange(count), np.full(count, duration))
     flow = np.zeros((2, slots, 2, slots))
-    place = np.arange(slots)
     for j in range(2):
-        for i in range(2):
-            flow[i, place, j, place] = ends[1 + j, i]
+        flow[:, alone, j, alone] = ends[1 + j][:, alone]
+        for i, slot in enumerate(linked.tolist()):
+            flow[:, :, j, slot] = ends[3 + 2 * i + j]
     return ends[0], flow.reshape(2 * slots, 2 * slots)
 
 
 def _rate(ladder: Any, y: Array) -> Array:
     """Rate of change (2 slots,) of a state."""
     g = ladder.generator
-    return np.concatenate([g[0] * y[0] + g[1] * y[1], g[2] * y[0] + g[3] * y[1]])
+    rate = np.stack([g[0] * y[0] + g[1] * y[1], g[2] * y[0] + g[3] * y[1]])
+    for (target, source), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
+        rate[:, target] += b.reshape(2, 2) @ y[:, source]
+    return rate.ravel()
 
 
 def _row(ladder: Any, order: int) -> Array:
     """The row of f (0) or f' (2) of an exponential sum, (2 slots,)."""
-    return np.asarray(ladder.rows[order : order + 2].ravel())
+    row = np.zeros((2, ladder.step.shape[2]))
+    row[:, : ladder.rows.shape[1]] = ladder.rows[order : order + 2]
+    return row.ravel()
 
 
 def _linear(matrix: Array) -> Array:
     return matrix[:, :-1]
-
-
-def _columns(derivative: Array, n: int, slots: int) -> Array:
-    return np.asarray(derivative.T.reshape(-1, 2, slots)[..., :n])

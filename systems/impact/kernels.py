@@ -17,15 +17,17 @@ from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
     EPSILON,
     FOUND,
+    KEPT,
     START,
     Ladder,
     Workspace,
     propagate_steps,
     shift,
+    shift_linked,
     start_sums,
 )
-from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, TOUCH
-from dynkit.exponential.search_kernels import first_root
+from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, ROOT, TOUCH
+from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.validation import Array
 
 Indices = NDArray[np.intp]
@@ -37,26 +39,33 @@ COUNT_REACHED, NO_FURTHER_CONTACT, CONTACT_FOR_EVER, SEARCH_LIMIT, CONTACTS_FULL
 """Endings of a run."""
 
 # Places in the clock, the scalar part of the state of a run.
-TIME, TIME_LOW, SPEED, PHASE_OF_MOTION, CHATTER_ERROR, IMPACTS, CELLS, TOUCHES, CONTACTS, SEED = (
-    range(10)
-)
-CLOCK = 10
+(
+    TIME,
+    TIME_LOW,
+    SPEED,
+    SIDE,
+    PHASE_OF_MOTION,
+    CHATTER_ERROR,
+    IMPACTS,
+    CELLS,
+    TOUCHES,
+    CONTACTS,
+    SEED,
+) = range(11)
+CLOCK = 11
 
 
-class Mechanics(NamedTuple):
-    """Everything the loop needs of one impact oscillator.
+class Stop(NamedTuple):
+    """What the contact coordinate meets on one side.
 
     Attributes
     ----------
     gap : exponential sum of the gap in free flight
     force : exponential sum of the contact force while stuck
-    kick : (4, slots) change of the state by a unit jump of the velocity of the contact mass, then
-        the low parts of the same
+    kick : (4, slots) change of the state by a unit jump of the rate of the gap, then the low parts
+        of the same
     to_stuck : (2 * stuck slots, 2 * slots + 1) from the free state (and 1) to the stuck one
     to_free : (2 * slots, 2 * stuck slots + 1) back
-    restitution : coefficient of restitution
-    coupling : largest effect of a unit displacement of the contact mass on another mass
-    tolerance : largest error of the state by which the rest of a chatter is replaced by contact
     """
 
     gap: Ladder
@@ -64,6 +73,22 @@ class Mechanics(NamedTuple):
     kick: Array
     to_stuck: Array
     to_free: Array
+
+
+class Mechanics(NamedTuple):
+    """Everything the loop needs of one impact oscillator.
+
+    Attributes
+    ----------
+    stops : one or two of them
+    modes : (N,) slots of the modes
+    restitution : coefficient of restitution
+    coupling : largest effect of a unit displacement of the contact mass on another mass
+    tolerance : largest error of the state by which the rest of a chatter is replaced by contact
+    """
+
+    stops: tuple[Stop, ...]
+    modes: Indices
     restitution: float
     coupling: float
     tolerance: float
@@ -86,6 +111,8 @@ def _advance_clock(clock: Array, n: int, smallest: float, e: float) -> None:
 @kernel()
 def _normalise(states: Array, slot: int) -> None:
     """Sine and cosine of the table in the start state back to the unit circle."""
+    if slot < 0:
+        return
     s = states[START, 0, slot]
     c = states[START, 1, slot]
     factor = 1.5 - 0.5 * (s * s + c * c)
@@ -107,19 +134,25 @@ def transform(matrix: Array, states: Array, k: int, out: Array) -> None:
 
 @kernel()
 def _chatter_completes(
-    mechanics: Mechanics, u: float, second: float, third: float, fourth: float, error: float
+    mechanics: Mechanics,
+    window: float,
+    u: float,
+    second: float,
+    third: float,
+    fourth: float,
+    error: float,
 ) -> bool:
     """Whether the bounces from relative velocity `u` on must accumulate before contact can be lost.
 
     With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 -
-    r)/4 over 2T.
+    r)/4 over 2T. The bound of f^(4) holds for the time `window`.
     """
     r = mechanics.restitution
     a = -second
     if a <= 0.0 or r >= 1.0 or error > mechanics.tolerance:
         return False
     rest = 4.0 * u / (a * (1.0 - r))
-    return (abs(third) + 0.5 * fourth * rest) * rest <= 0.25 * (1.0 - r) * a
+    return rest <= window and (abs(third) + 0.5 * fourth * rest) * rest <= 0.25 * (1.0 - r) * a
 
 
 @kernel()
@@ -132,7 +165,7 @@ def _order_at_rest(rows: Array, states: Array, band_factor: float) -> int:
     for order in range(2, 4):
         total = 0.0
         size = 0.0
-        for i in range(states.shape[2]):
+        for i in range(rows.shape[1]):
             a = rows[2 * order, i] * states[START, 0, i]
             b = rows[2 * order + 1, i] * states[START, 1, i]
             total += a + b
@@ -143,18 +176,18 @@ def _order_at_rest(rows: Array, states: Array, band_factor: float) -> int:
 
 
 @kernel()
-def _chatter_rest(mechanics: Mechanics, u: float, second: float, third: float) -> float:
+def _chatter_rest(stop: Stop, restitution: float, u: float, second: float, third: float) -> float:
     """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`.
 
     In flight the gap obeys D'' = -a - b s - c D' + ...; c is what a unit of velocity adds.
     """
-    gap = mechanics.gap
-    kick = mechanics.kick
+    gap = stop.gap
+    kick = stop.kick
     c = 0.0
-    for i in range(kick.shape[1]):
+    for i in range(gap.rows.shape[1]):
         c -= gap.rows[4, i] * kick[0, i] + gap.rows[5, i] * kick[1, i]
     a = -second - c * u
-    first = 2.0 * u / (a * (1.0 - mechanics.restitution))
+    first = 2.0 * u / (a * (1.0 - restitution))
     return first * (1.0 - (1.5 * c * a - third) * first / (3.0 * a))
 
 
@@ -184,22 +217,32 @@ def _add_jump(kick: Array, jump: float, states: Array) -> None:
 
 
 @kernel()
-def _perturb(states: Array, clock: Array, noise: float, extra: float) -> None:
-    """Add (noise * number + extra) * xi to the state, xi pseudo-random in [-1, 1]."""
+def _random(clock: Array) -> float:
+    """Pseudo-random number in [-1, 1]."""
     seed = np.uint64(clock[SEED])
-    for i in range(states.shape[2]):
-        for row in range(2):
-            seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
-            xi = float(seed) / 1073741824.0 - 1.0
-            states[START, row, i] += (noise * states[START, row, i] + extra) * xi
     seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
-    clock[SPEED] *= 1.0 + noise * (float(seed) / 1073741824.0 - 1.0)
     clock[SEED] = float(seed)
+    return float(seed) / 1073741824.0 - 1.0
+
+
+@kernel()
+def _perturb(
+    slots: Indices, table: int, states: Array, clock: Array, noise: float, extra: float
+) -> None:
+    """Add (noise * number + extra) * xi to the modes, xi pseudo-random in [-1, 1]; noise to all."""
+    for m in range(slots.shape[0]):
+        for row in range(2):
+            number = states[START, row, slots[m]]
+            states[START, row, slots[m]] += (noise * number + extra) * _random(clock)
+    if table >= 0:
+        for row in range(2):
+            states[START, row, table] *= 1.0 + noise * _random(clock)
+    clock[SPEED] *= 1.0 + noise * _random(clock)
 
 
 @kernel()
 def contact_phase(
-    mechanics: Mechanics,
+    stop: Stop,
     clock: Array,
     band_factor: float,
     limit: int,
@@ -214,17 +257,56 @@ def contact_phase(
     -------
     outcome of the search for the zero of the contact force
     """
-    transform(mechanics.to_stuck, flight.states, START, contact.states)
+    transform(stop.to_stuck, flight.states, START, contact.states)
     outcome, n, e, _, cells = first_root(
-        mechanics.force, 0, 0.0, band_factor, False, limit, contact
+        stop.force, 0, 0.0, band_factor, False, limit, FOREVER, contact
     )
     clock[CELLS] += cells
     if outcome in (NEVER, LIMIT):
         return outcome
-    transform(mechanics.to_free, contact.states, FOUND, flight.states)
-    _normalise(flight.states, mechanics.gap.steady)
-    _advance_clock(clock, n, mechanics.force.smallest, e)
+    transform(stop.to_free, contact.states, FOUND, flight.states)
+    _normalise(flight.states, stop.gap.steady)
+    _advance_clock(clock, n, stop.force.smallest, e)
     return outcome
+
+
+@kernel()
+def _copy(states: Array, k: int, to: int) -> None:
+    """State `k` into state `to`."""
+    for row in range(2):
+        for i in range(states.shape[2]):
+            states[to, row, i] = states[k, row, i]
+
+
+@kernel(inline=True)
+def _next_contact(
+    mechanics: Mechanics,
+    side: int,
+    order: int,
+    u: float,
+    band_factor: float,
+    limit: int,
+    work: Workspace,
+) -> tuple[int, int, float, float, int, int]:
+    """First root of the gaps: what `first_root` returns, and the side."""
+    outcome, n, e, rate, cells = first_root(
+        mechanics.stops[side].gap, order, u, band_factor, True, limit, FOREVER, work
+    )
+    if len(mechanics.stops) == 2:
+        other = mechanics.stops[1 - side].gap
+        _copy(work.states, FOUND, KEPT)
+        horizon = FOREVER if outcome == NEVER else n
+        found, m, d, slope, more = first_root(
+            other, 0, 0.0, band_factor, True, limit, horizon, work
+        )
+        cells += more
+        hit = found in (ROOT, TOUCH)
+        if hit and (outcome in (NEVER, LIMIT) or (m - n) * other.smallest < e - d):
+            return found, m, d, slope, cells, 1 - side
+        if found == LIMIT:
+            outcome = LIMIT
+        _copy(work.states, KEPT, FOUND)
+    return outcome, n, e, rate, cells, side
 
 
 @kernel()
@@ -246,7 +328,8 @@ def run(
     ----------
     states
         (count or 0, 2 * modes + 4), modified in place: the pairs of the modes, sine and cosine of
-        the phase, relative velocity, time, after each impact. With no rows nothing is stored.
+        the phase, relative velocity (negative at the second stop), time, after each impact. With no
+        rows nothing is stored.
     contacts
         (k, 3), modified in place: impacts before the contact, its start and its end.
     noise
@@ -259,23 +342,27 @@ def run(
     -------
     impacts, ending
     """
-    gap = mechanics.gap
     y = flight.states
-    modes = gap.steady
+    slots = mechanics.modes
+    modes = slots.shape[0]
+    smallest = mechanics.stops[0].gap.smallest
+    table = mechanics.stops[0].gap.steady
     store = states.shape[0] > 0
     done = 0
     while done < count:
+        side = int(clock[SIDE])
         phase = clock[PHASE_OF_MOTION]
         u = clock[SPEED]
         order = 0
         if phase == RELEASED:
             order = 3
         elif phase != FLIGHT:
-            second, third, fourth, _ = start_sums(gap.rows, gap.bound, y, START)
+            gap = mechanics.stops[side].gap
+            second, third, fourth, _ = start_sums(gap.rows, y, START)
             error = chatter_error(mechanics, u, second)
             if u > 0.0:
                 order = 1
-                sticks = _chatter_completes(mechanics, u, second, third, fourth, error)
+                sticks = _chatter_completes(mechanics, gap.window, u, second, third, fourth, error)
             else:
                 order = _order_at_rest(gap.rows, y, band_factor)
                 sticks = order <= 0
@@ -286,12 +373,13 @@ def run(
                 contacts[k, 0] = clock[IMPACTS]
                 contacts[k, 1] = clock[TIME]
                 contacts[k, 2] = math.inf
+                stop = mechanics.stops[side]
                 if u > 0.0:
-                    contacts[k, 1] += _chatter_rest(mechanics, u, second, third)
+                    contacts[k, 1] += _chatter_rest(stop, mechanics.restitution, u, second, third)
                     clock[CHATTER_ERROR] += error
                     if noise > 0.0:
-                        _perturb(y, clock, 0.0, error)
-                outcome = contact_phase(mechanics, clock, band_factor, limit, flight, contact)
+                        _perturb(slots, table, y, clock, 0.0, error)
+                outcome = contact_phase(stop, clock, band_factor, limit, flight, contact)
                 clock[CONTACTS] += 1.0
                 if outcome == NEVER:
                     return done, CONTACT_FOR_EVER
@@ -301,7 +389,9 @@ def run(
                 clock[SPEED] = 0.0
                 clock[PHASE_OF_MOTION] = RELEASED
                 order = 3
-        outcome, n, e, rate, cells = first_root(gap, order, u, band_factor, True, limit, flight)
+        outcome, n, e, rate, cells, side = _next_contact(
+            mechanics, side, order, u, band_factor, limit, flight
+        )
         clock[CELLS] += cells
         if outcome == NEVER:
             return done, NO_FURTHER_CONTACT
@@ -310,21 +400,22 @@ def run(
         if outcome == TOUCH:
             clock[TOUCHES] += 1.0
         rate = min(rate, 0.0)
-        jump = -(1.0 + mechanics.restitution) * rate
-        _add_jump(mechanics.kick, jump, y)
-        _normalise(y, modes)
+        _add_jump(mechanics.stops[side].kick, -(1.0 + mechanics.restitution) * rate, y)
+        _normalise(y, table)
+        clock[SIDE] = side
         clock[SPEED] = 0.0 - mechanics.restitution * rate
         clock[PHASE_OF_MOTION] = BOUNCED
-        _advance_clock(clock, n, gap.smallest, e)
+        _advance_clock(clock, n, smallest, e)
         if noise > 0.0:
-            _perturb(y, clock, noise, 0.0)
+            _perturb(slots, table, y, clock, noise, 0.0)
         if store:
             for i in range(modes):
-                states[done, i] = y[START, 0, i]
-                states[done, modes + i] = y[START, 1, i]
-            states[done, 2 * modes] = y[START, 0, modes]
-            states[done, 2 * modes + 1] = y[START, 1, modes]
-            states[done, 2 * modes + 2] = clock[SPEED]
+                states[done, i] = y[START, 0, slots[i]]
+                states[done, modes + i] = y[START, 1, slots[i]]
+            if table >= 0:
+                states[done, 2 * modes] = y[START, 0, table]
+                states[done, 2 * modes + 1] = y[START, 1, table]
+            states[done, 2 * modes + 2] = -clock[SPEED] if side == 1 else clock[SPEED]
             states[done, 2 * modes + 3] = clock[TIME]
         done += 1
         clock[IMPACTS] += 1.0
@@ -352,15 +443,12 @@ def sample(
             states[START, 0, i] = starts[which[m], 0, i]
             states[START, 1, i] = starts[which[m], 1, i]
         n = int(durations[m] / ladder.smallest)
-        k = propagate_steps(ladder.step, n, states, 0)
-        shift(
-            ladder.generator,
-            ladder.characteristic,
-            durations[m] - n * ladder.smallest,
-            states,
-            k,
-            FOUND,
-        )
+        e = durations[m] - n * ladder.smallest
+        last = starts.shape[2]
+        k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, last)
+        shift(ladder.generator, e, states, k, FOUND, 0, last)
+        if ladder.links.shape[0] > 0:
+            shift_linked(ladder, e, states, k, FOUND)
         for i in range(starts.shape[2]):
             out[m, 0, i] = states[FOUND, 0, i]
             out[m, 1, i] = states[FOUND, 1, i]

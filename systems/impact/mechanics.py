@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynkit.exponential.ladders import Pairs, ladder, padded, rung_sizes, steps
-from dynkit.systems.impact.bases import Basis, NormalModes, basis_of
+from dynkit.exponential.ladders import Propagators, ladder
+from dynkit.systems.impact.bases import Basis, basis_of
+from dynkit.systems.impact.forced import HIDDEN, Forced, Load
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
@@ -20,222 +22,264 @@ if TYPE_CHECKING:
 
 @final
 class Structure:
-    """What follows from mass, damping and stiffness alone: shared by all parameters of the impacts.
+    """What follows from mass, damping, stiffness and contact: shared by all other parameters."""
 
-    The last coordinate is the one that meets the table.
-    """
-
-    def __init__(self, modes: Modes, mass: Array, damping: Array, stiffness: Array) -> None:
-        if not modes.frequencies[0] > 0.0:
-            raise ValueError(
-                "springs must tie the structure to the wall; got one that can move as a rigid body"
-            )
+    def __init__(
+        self, modes: Modes, mass: Array, damping: Array, stiffness: Array, contact: int
+    ) -> None:
         self.mass = mass
         self.damping = damping
         self.stiffness = stiffness
+        self.contact = contact
         self.free = basis_of(modes, mass, damping, stiffness)
         self.size = len(mass)
-        self._steps: dict[tuple[int, float, int], Array] = {}
+        self.others = np.delete(np.arange(self.size), contact)
+        self._propagators: dict[tuple[int, float, int], Array] = {}
 
     @cached_property
     def kick_velocity(self) -> Array:
         """Velocity changes (N,) of an impulse that changes the contact velocity by one."""
-        response = np.linalg.solve(self.mass, np.eye(self.size)[-1])
-        return np.asarray(response / response[-1])
+        response = np.linalg.solve(self.mass, np.eye(self.size)[self.contact])
+        return np.asarray(response / response[self.contact])
 
     @cached_property
     def kick(self) -> Array:
         """(4, N) change of the coordinates by `kick_velocity`, then its low parts."""
-        return self.free.kick(self.kick_velocity, len(self.kick_velocity) - 1)
-
-    @cached_property
-    def contact_row(self) -> Array:
-        """(2, N) row that gives the contact position from the free coordinates."""
-        basis = np.eye(2 * self.size).reshape(2 * self.size, 2, self.size)
-        return np.asarray(self.free.positions(basis)[:, -1].reshape(2, self.size))
+        return self.free.kick(self.kick_velocity, self.contact)
 
     @cached_property
     def stuck(self) -> Basis | None:
         """Basis of the structure whose contact coordinate is held; None when nothing is left."""
-        n = self.size - 1
-        if n == 0:
+        if self.size == 1:
             return None
+        place = np.ix_(self.others, self.others)
         mass, damping, stiffness = (
-            np.ascontiguousarray(m[:n, :n]) for m in (self.mass, self.damping, self.stiffness)
+            np.ascontiguousarray(m[place]) for m in (self.mass, self.damping, self.stiffness)
         )
         return basis_of(Modes.from_matrices(mass, damping, stiffness), mass, damping, stiffness)
 
     @cached_property
     def coupling(self) -> float:
         """Largest effect of a unit displacement of the contact coordinate on another."""
-        n = self.size - 1
-        if n == 0:
+        if self.size == 1:
             return 1.0  # no other: then the contact coordinate itself
-        inverse = np.linalg.inv(self.mass[:n, :n])
-        pull = [inverse @ m[:n] @ self.kick_velocity for m in (self.stiffness, self.damping)]
+        place = np.ix_(self.others, self.others)
+        inverse = np.linalg.inv(self.mass[place])
+        pull = [
+            inverse @ m[self.others] @ self.kick_velocity for m in (self.stiffness, self.damping)
+        ]
         return float(np.abs(pull).max())
 
-    def steps(self, basis: Basis | None, table: Pairs, smallest: float, rungs: int) -> Array:
-        """Propagators of the basis and the table; the basis' own are computed once."""
-        count = 0 if basis is None else basis.pairs.count
-        out = np.zeros((rungs, 8, padded(count + 1)))
-        if basis is not None:
-            key = (id(basis), smallest, rungs)
-            if key not in self._steps:
-                self._steps[key] = steps(basis.pairs, smallest, rungs)[:, :, :count]
-            out[:, :, :count] = self._steps[key]
-        out[:, :, count] = steps(table, smallest, rungs)[:, :, 0]
-        return out
 
-
-_structures: WeakKeyDictionary[Any, Structure] = WeakKeyDictionary()
+_structures: WeakKeyDictionary[Any, dict[int, Structure]] = WeakKeyDictionary()
 
 
 def structure_of(oscillator: ImpactOscillator) -> Structure:
-    """The shared part, computed once for all oscillators of equal structure."""
-    derivation = oscillator._derivation
-    if derivation not in _structures:
-        _structures[derivation] = Structure(
-            oscillator.modes, oscillator.mass, oscillator.damping_matrix, oscillator.stiffness
+    """The shared part, computed once for all oscillators of equal structure and contact."""
+    known = _structures.setdefault(oscillator._derivation, {})
+    contact = oscillator.contact % oscillator.degrees_of_freedom
+    if contact not in known:
+        known[contact] = Structure(
+            oscillator.modes,
+            oscillator.mass,
+            oscillator.damping_matrix,
+            oscillator.stiffness,
+            contact,
         )
-    return _structures[derivation]
+    return known[contact]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What acts from outside: forces on all coordinates (N,), and the table, at one frequency.
+
+    The table is at amplitude sin(phase) + offset, phase' = frequency.
+    """
+
+    frequency: float
+    amplitude: float
+    harmonic: Any
+    constant: Array
+
+    @property
+    def turns(self) -> bool:
+        """Whether anything depends on the phase."""
+        return self.amplitude > 0.0 or bool(self.harmonic.any())
 
 
 @final
 @dataclass(frozen=True)
-class Table:
-    """The moving table, x_T = amplitude sin(phase) + offset, phase' = frequency."""
+class Stand:
+    """One place of the table: its middle, and on which side of it the structure stays (1 or -1)."""
 
-    amplitude: float
     offset: float
-    frequency: float
-
-    @property
-    def pairs(self) -> Pairs:
-        """Evolution of the sine and cosine of the table's phase."""
-        return Pairs.rotation(self.frequency)
+    sign: int
 
 
-def gap_ladder(structure: Structure, table: Table) -> Any:
-    """The gap x_N - x_T as an exponential sum."""
-    pairs = Pairs.join(structure.free.pairs, table.pairs)
-    smallest, rungs = rung_sizes(pairs)
+@final
+class Regime:
+    """A regime of the motion in the slots of the kernels: free flight, or contact with the table.
+
+    Attributes
+    ----------
+    forced : Forced
+    layout : Layout
+    pairs : Pairs
+    """
+
+    def __init__(self, forced: Forced, drive: Drive, seen: NDArray[np.bool_]) -> None:
+        self.forced = forced
+        self.layout, self.pairs = forced.arranged(~seen, turns=drive.turns)
+
+    @cached_property
+    def propagators(self) -> Propagators:
+        """The steps of all slots."""
+        return Propagators.of(self.pairs)
+
+    def row(self, coefficients: Array) -> Array:
+        """Row (2, slots) of a sum (N,) of positions, without their rest."""
+        out = np.zeros((2, self.layout.slots))
+        if self.forced.basis is not None:
+            coefficients_of_modes = coefficients[self.forced.free]
+            out[:, self.layout.modes] = self.forced.basis.position_row(coefficients_of_modes)
+        if self.layout.table >= 0:
+            turn = coefficients @ self.forced.shape
+            out[:, self.layout.table] = turn.real, turn.imag
+        return out
+
+    def states(self, q: Array, sine: Any, cosine: Any) -> Array:
+        """States (..., 2, slots) of coordinates (..., 2, m) and the phase."""
+        out = np.zeros((*q.shape[:-1], self.layout.slots))
+        out[..., self.layout.modes] = q
+        if self.layout.table >= 0:
+            out[..., 0, self.layout.table], out[..., 1, self.layout.table] = sine, cosine
+        if self.layout.constant >= 0:
+            out[..., 0, self.layout.constant] = 1.0
+        return out
+
+    def parts(self, states: Array) -> tuple[Array, Array, Array]:
+        """Coordinates (..., 2, m), sine and cosine (...) of states (..., 2, slots)."""
+        q = states[..., self.layout.modes]
+        if self.layout.table < 0:
+            none = np.zeros(q.shape[:-2])
+            return q, none, none
+        return q, states[..., 0, self.layout.table], states[..., 1, self.layout.table]
+
+    def sum(self, row: Array, offset: float) -> Any:
+        """The exponential sum ``offset + row . y`` as the kernels take it."""
+        table = self.layout.table
+        swing = float(np.hypot(*row[:, table])) if table >= 0 else 0.0
+        row = row[:, : self.layout.seen]
+        return ladder(self.pairs, row, offset, self.propagators, table, swing)
+
+
+def _visible(rows: Array) -> NDArray[np.bool_]:
+    """Modes (m,) with a share in any of the rows (k, m)."""
+    share = abs(rows)
+    return np.asarray((share > HIDDEN * share.max(axis=1, keepdims=True, initial=0.0)).any(axis=0))
+
+
+def free_regime(structure: Structure, drive: Drive) -> Regime:
+    """Free flight."""
     n = structure.size
-    row = np.zeros((2, n + 1))
-    row[:, :n] = structure.contact_row
-    row[0, n] = -table.amplitude
-    step = structure.steps(structure.free, table.pairs, smallest, rungs)
-    return ladder(pairs, row, -table.offset, smallest, step, n, table.amplitude)
+    load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
+    forced = Forced(structure.free, np.arange(n), load)
+    row = structure.free.position_row(np.eye(n)[structure.contact])
+    return Regime(forced, drive, _visible(np.concatenate([row, structure.kick[:2]])))
+
+
+def gap_of(regime: Regime, structure: Structure, drive: Drive, stand: Stand) -> Any:
+    """The gap between contact coordinate and table as an exponential sum."""
+    c = structure.contact
+    row = regime.row(np.eye(structure.size)[c])
+    if regime.layout.table >= 0:
+        row[0, regime.layout.table] -= drive.amplitude
+    return regime.sum(stand.sign * row, stand.sign * (regime.forced.rest[c] - stand.offset))
 
 
 @final
 class Contact:
-    """The stuck structure driven by the table: its contact force and the changes of basis.
+    """The stuck structure driven by the table: its contact force and the changes of basis."""
 
-    While stuck, positions are Im(shape exp(i phase)) + rest + those of the stuck basis.
-    """
+    def __init__(self, structure: Structure, drive: Drive, free: Regime, stand: Stand) -> None:
+        self._structure = structure
+        self._drive = drive
+        self._free = free
+        self._stand = stand
+        s, w, c, others = structure, drive.frequency, structure.contact, structure.others
+        told = (s.stiffness + 1j * w * s.damping - w * w * s.mass)[others, c] * drive.amplitude
+        shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
+        shape[c], rest[c] = drive.amplitude, stand.offset
+        load = Load(
+            w,
+            drive.harmonic[others] - told,
+            drive.constant[others] - s.stiffness[others, c] * stand.offset,
+            shape,
+            rest,
+        )
+        self.forced = Forced(s.stuck, others, load)
 
-    def __init__(self, structure: Structure, table: Table) -> None:
-        self.structure = structure
-        self.table = table
-        self.shape, self.rest = _driven_motion(structure, table)
+    @cached_property
+    def regime(self) -> Regime:
+        """The motion on the table."""
+        s, c = self._structure, self._structure.contact
+        seen = np.ones(0, dtype=bool)
+        if s.stuck is not None:
+            pulls = (s.stiffness, s.damping, s.mass)
+            seen = _visible(np.concatenate([s.stuck.position_row(m[c, s.others]) for m in pulls]))
+        return Regime(self.forced, self._drive, seen)
 
     @cached_property
     def force(self) -> Any:
-        """The force of the table on the contact mass as an exponential sum."""
-        s, w = self.structure, self.table.frequency
-        n = s.size - 1
-        basis = s.stuck
-        pairs = self.table.pairs if basis is None else Pairs.join(basis.pairs, self.table.pairs)
-        smallest, rungs = rung_sizes(pairs)
-        row = np.zeros((2, n + 1))
-        if basis is not None:
-            unit = np.eye(2 * n).reshape(2 * n, 2, n)
-            x, v = basis.positions(unit), basis.velocities(unit)
-            row[:, :n] = (x @ s.stiffness[n, :n] + v @ s.damping[n, :n]).reshape(2, n)
-            if s.mass[n, :n].any():
-                inertia = (x @ s.mass[n, :n]).reshape(2, n)
-                row[:, :n] += basis.pairs.derivative_rows(inertia, 2)
-        drive = (s.stiffness[n] + 1j * w * s.damping[n] - w * w * s.mass[n]) @ self.shape
-        row[:, n] = drive.real, drive.imag
-        offset = float(s.stiffness[n] @ self.rest)
-        step = s.steps(basis, self.table.pairs, smallest, rungs)
-        return ladder(pairs, row, offset, smallest, step, n, abs(drive))
+        """The force of the table on the contact mass, towards the structure's side."""
+        s, c, regime = self._structure, self._structure.contact, self.regime
+        row = regime.row(s.stiffness[c])
+        row = row + regime.pairs.derivative_rows(regime.row(s.damping[c]), 1)
+        row = row + regime.pairs.derivative_rows(regime.row(s.mass[c]), 2)
+        if regime.layout.table >= 0:
+            own = self._drive.harmonic[c]
+            row[:, regime.layout.table] -= own.real, own.imag
+        offset = s.stiffness[c] @ self.forced.rest - self._drive.constant[c]
+        if regime.layout.constant >= 0:
+            # Accelerations of what nothing holds.
+            offset += row[0, regime.layout.constant]
+            row[0, regime.layout.constant] = 0.0
+        return regime.sum(self._stand.sign * row, self._stand.sign * float(offset))
 
     @cached_property
     def to_stuck(self) -> Array:
-        """(2 stuck slots, 2 slots + 1) matrix of the kernels' `Mechanics`."""
-        s = self.structure
-        n = s.size - 1
-        free, stuck = padded(s.size + 1), padded(n + 1)
-        inputs = np.zeros((2 * free + 1, 2, free))
-        inputs[np.arange(2 * free), np.arange(2 * free) // free, np.arange(2 * free) % free] = 1.0
-        x, v = s.free.positions(inputs[..., : s.size]), s.free.velocities(inputs[..., : s.size])
-        sine, cosine = inputs[:, 0, s.size], inputs[:, 1, s.size]
-        driven_x, driven_v = self._driven(sine, cosine)
-        x, v = x - driven_x, v - driven_v
-        x[-1] -= self.rest
+        """(2 stuck slots, 2 slots + 1) matrix of the kernels' `Stop`."""
+        s, free, stuck = self._structure, self._free.forced, self.forced
+        (q, sine, cosine), origin = _units(self._free)
+        x, v = free.displacements(q, sine, cosine), free.velocities(q, sine, cosine)
         # The impacts left out take the relative velocity, and what it gives masses coupled by
         # inertia.
-        v -= np.outer(v[:, n], s.kick_velocity)
-        out = np.zeros((2 * free + 1, 2, stuck))
-        if s.stuck is not None:
-            out[..., :n] = s.stuck.coordinates(x[:, :n], v[:, :n])
-        out[:, 0, n], out[:, 1, n] = sine, cosine
-        return np.ascontiguousarray(out.reshape(2 * free + 1, -1).T)
+        told = 1j * self._drive.frequency * self._drive.amplitude
+        lost = v[:, s.contact] - sine * told.real - cosine * told.imag
+        v = v - np.outer(lost, s.kick_velocity)
+        x[origin] += free.rest - stuck.rest
+        return _matrix(self.regime, stuck.coordinates(x, v, sine, cosine), sine, cosine, origin)
 
     @cached_property
     def to_free(self) -> Array:
-        """(2 slots, 2 stuck slots + 1) matrix of the kernels' `Mechanics`."""
-        s = self.structure
-        n = s.size - 1
-        free, stuck = padded(s.size + 1), padded(n + 1)
-        inputs = np.zeros((2 * stuck + 1, 2, stuck))
-        inputs[
-            np.arange(2 * stuck), np.arange(2 * stuck) // stuck, np.arange(2 * stuck) % stuck
-        ] = 1.0
-        sine, cosine = inputs[:, 0, n], inputs[:, 1, n]
-        x, v = self._driven(sine, cosine)
-        x[-1] += self.rest
-        if s.stuck is not None:
-            x[:, :n] += s.stuck.positions(inputs[..., :n])
-            v[:, :n] += s.stuck.velocities(inputs[..., :n])
-        out = np.zeros((2 * stuck + 1, 2, free))
-        out[..., : s.size] = s.free.coordinates(x, v)
-        out[:, 0, s.size], out[:, 1, s.size] = sine, cosine
-        return np.ascontiguousarray(out.reshape(2 * stuck + 1, -1).T)
-
-    def _driven(self, sine: Array, cosine: Array) -> tuple[Array, Array]:
-        rate = 1j * self.table.frequency * self.shape
-        return (
-            np.outer(sine, self.shape.real) + np.outer(cosine, self.shape.imag),
-            np.outer(sine, rate.real) + np.outer(cosine, rate.imag),
-        )
+        """(2 slots, 2 stuck slots + 1) matrix of the kernels' `Stop`."""
+        free, stuck = self._free.forced, self.forced
+        (q, sine, cosine), origin = _units(self.regime)
+        x, v = stuck.displacements(q, sine, cosine), stuck.velocities(q, sine, cosine)
+        x[origin] += stuck.rest - free.rest
+        return _matrix(self._free, free.coordinates(x, v, sine, cosine), sine, cosine, origin)
 
 
-def _driven_motion(structure: Structure, table: Table) -> tuple[Any, Array]:
-    """Complex shape (N,) of the harmonic motion on the table, and the rest position (N,)."""
-    n = structure.size - 1
-    shape = np.zeros(n + 1, dtype=complex)
-    rest = np.zeros(n + 1)
-    shape[n], rest[n] = table.amplitude, table.offset
-    basis, w = structure.stuck, table.frequency
-    if basis is None:
-        return shape, rest
-    m, c, k = structure.mass, structure.damping, structure.stiffness
-    load = -(k[:n, n] + 1j * w * c[:n, n] - w * w * m[:n, n]) * table.amplitude
-    if isinstance(basis, NormalModes) and basis.mixing is None:
-        decay = -0.5 * basis.pairs.generator[3]
-        response = basis.stiffness - w * w + 2j * w * decay
-        pushed = basis.matrix.T @ load
-        if np.any(pushed[response == 0.0]):
-            raise ValueError(
-                "frequency must not equal an undamped natural frequency of the structure held at "
-                f"the contact; got {w}"
-            )
-        shape[:n] = basis.matrix @ (pushed / np.where(response == 0.0, 1.0, response))
-        rest[:n] = -basis.matrix @ ((basis.matrix.T @ k[:n, n]) / basis.stiffness) * table.offset
-    else:
-        shape[:n] = np.linalg.solve(k[:n, :n] + 1j * w * c[:n, :n] - w * w * m[:n, :n], load)
-        rest[:n] = -np.linalg.solve(k[:n, :n], k[:n, n]) * table.offset
-    return shape, rest
+def _units(regime: Regime) -> tuple[tuple[Array, Array, Array], int]:
+    """Coordinates, sine and cosine of each unit state, and of no state at all, the last row."""
+    count = 2 * regime.layout.slots
+    return regime.parts(np.eye(count + 1, count).reshape(count + 1, 2, -1)), count
+
+
+def _matrix(regime: Regime, q: Array, sine: Array, cosine: Array, origin: int) -> Array:
+    """Affine change of basis from the images (count + 1, ...) of the unit states and of none."""
+    out = regime.states(q, sine, cosine)
+    if regime.layout.constant >= 0:
+        out[:origin, 0, regime.layout.constant] = 0.0
+    return np.ascontiguousarray(out.reshape(origin + 1, -1).T)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.systems.impact.bases import row_by_row
+from dynkit.systems.impact.mechanics import Regime
 from dynkit.systems.impact.runs import Run, workspace
 from dynkit.validation import Array
 
@@ -14,62 +15,62 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
 
 
-def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> Array:
-    """Free coordinates (k, 2, N) at times (k,) within a run."""
-    n = oscillator.degrees_of_freedom
-    slots = oscillator._gap.step.shape[2]
-    starts = np.zeros((run.impacts + 1, 2, slots))
-    starts[0] = run.start._coordinates
-    starts[1:, :, :n] = run.states[:, : 2 * n].reshape(-1, 2, n)
-    starts[1:, 0, n], starts[1:, 1, n] = run.states[:, 2 * n], run.states[:, 2 * n + 1]
-    began = np.append(0.0, run.states[:, -1])
+def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> tuple[Array, Array]:
+    """Positions and velocities (k, N) at times (k,) within a run."""
+    n, free, gap = oscillator.degrees_of_freedom, oscillator._free, oscillator._gaps[0]
+    rows = run.states
+    q = np.concatenate([run.start._coordinates[None], rows[:, : 2 * n].reshape(-1, 2, n)])
+    sine = np.append(run.start._turn[0], rows[:, 2 * n])
+    cosine = np.append(run.start._turn[1], rows[:, 2 * n + 1])
+    starts = free.states(q, sine, cosine)
+    began = np.append(0.0, rows[:, -1])
     which = np.searchsorted(began, times, side="right") - 1
     since = times - began[which]
     if not len(run.contacts):
-        return evolve(oscillator._gap, starts, which, since)[..., :n]
+        return _moved(free, evolve(gap, starts, which, since))
 
-    to_stuck, to_free = oscillator._contact.to_stuck, oscillator._contact.to_free
-    force = oscillator._contact.force
+    speeds = np.append(run.start.relative_velocity, rows[:, -2])
     before = run.contacts[:, 0].astype(np.intp)
-    stuck = transformed(to_stuck, starts[before])
+    sides = np.signbit(speeds[before]).astype(np.intp)
     contact = np.full(run.impacts + 1, -1)
     contact[before] = np.arange(len(before))
     during = contact[which]
     length = np.append(run.contacts[:, 2] - began[before], -np.inf)[during]
     in_contact = since < length
     released = (during >= 0) & ~in_contact
+    speed, rest = abs(speeds[before]), run.contacts[:, 1] - began[before]
 
-    # Flights after a release start from the released state, all others from the state after the
-    # impact.
-    ended = np.isfinite(run.contacts[:, 2])
-    ends = np.flatnonzero(ended)
-    at_release = transformed(
-        to_free, evolve(force, stuck, ends, run.contacts[ends, 2] - began[before[ends]])
-    )
-    place = np.cumsum(ended) - 1
-    flight_starts = np.concatenate([starts, at_release])
-    flight = np.where(released, len(starts) + place[during], which)
-    out = np.empty((len(times), 2, slots))
-    free = ~in_contact
-    out[free] = evolve(
-        oscillator._gap,
-        flight_starts,
-        flight[free],
-        np.where(released, since - length, since)[free],
-    )
-    out[in_contact] = transformed(
-        to_free, evolve(force, stuck, during[in_contact], since[in_contact])
-    )
-    _add_bounces(oscillator, run, out, during, since, in_contact)
-    return out[..., :n]
+    x, v = np.empty((len(times), n)), np.empty((len(times), n))
+    flying = ~in_contact & ~released
+    x[flying], v[flying] = _moved(free, evolve(gap, starts, which[flying], since[flying]))
+    for side in np.unique(sides).tolist():
+        held = oscillator._contacts[side]
+        stuck = transformed(held.to_stuck, starts[before])
+        # Flights after a release start from the released state.
+        ended = np.flatnonzero(np.isfinite(run.contacts[:, 2]) & (sides == side))
+        lasted = run.contacts[ended, 2] - began[before[ended]]
+        at_release = transformed(held.to_free, evolve(held.force, stuck, ended, lasted))
+        part = np.flatnonzero(released & (sides[during] == side))
+        at = np.searchsorted(ended, during[part])
+        x[part], v[part] = _moved(free, evolve(gap, at_release, at, since[part] - length[part]))
+        part = np.flatnonzero(in_contact & (sides[during] == side))
+        states = evolve(held.force, stuck, during[part], since[part])
+        x[part], v[part] = _moved(held.regime, states)
+        part = part[since[part] < rest[during[part]]]
+        k = during[part]
+        lift, rise = _bounces(oscillator.restitution, speed[k], rest[k], since[part])
+        sign = oscillator._stands[side].sign
+        x[part, oscillator.contact] += sign * lift
+        v[part] += sign * np.outer(rise, oscillator._structure.kick_velocity)
+    return x, v
 
 
 def longest_sample(oscillator: ImpactOscillator, run: Run) -> float:
     """Time up to which a run that ended by itself is sampled: 2^24 of the longest steps."""
-    ladders = [oscillator._gap]
+    ladders = [oscillator._gaps[0]]
     if len(run.contacts):
-        ladders.append(oscillator._contact.force)
-    return float(min(2.0 ** (23 + len(part.step)) * part.smallest for part in ladders))
+        ladders.append(oscillator._contacts[0].force)
+    return float(min(2.0 ** (23 + len(part.cell)) * part.smallest for part in ladders))
 
 
 def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
@@ -82,31 +83,25 @@ def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
 
 
 def transformed(matrix: Array, states: Array) -> Array:
-    """States (k, 2, slots) in the other basis, by a matrix of the kernels' `Mechanics`."""
+    """States (k, 2, slots) in the other basis, by a matrix of the kernels' `Stop`."""
     flat = states.reshape(len(states), states.shape[1] * states.shape[2])
     out = row_by_row(flat, matrix[:, :-1]) + matrix[:, -1]
     return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))
 
 
-def _add_bounces(
-    oscillator: ImpactOscillator, run: Run, out: Array, during: Any, since: Array, in_contact: Any
-) -> None:
-    """Add the bounces that were replaced by contact: ever smaller parabolas."""
-    r, structure = oscillator.restitution, oscillator._structure
-    n = structure.size
-    before = run.contacts[:, 0].astype(np.intp)
-    speed = np.append(run.start.relative_velocity, run.states[:, -2])[before]
-    began = np.append(0.0, run.states[:, -1])[before]
-    rest = run.contacts[:, 1] - began
-    inside = np.flatnonzero(in_contact & (since < np.append(rest, 0.0)[during]))
-    if not len(inside):
-        return
-    k = during[inside]
-    left = 1.0 - since[inside] / rest[k]
-    bounce = np.floor(np.log(left) / np.log(r)) if r > 0.0 else np.zeros(len(k))
-    u = speed[k] * r**bounce
-    acceleration = 2.0 * speed[k] / (rest[k] * (1.0 - r))
-    s = since[inside] - rest[k] * (1.0 - r**bounce)
-    lift, rise = s * (u - 0.5 * acceleration * s), u - acceleration * s
-    unit = structure.free.coordinates(np.eye(n)[-1], np.zeros(n))
-    out[inside, :, :n] += lift[:, None, None] * unit + rise[:, None, None] * structure.kick[:2]
+def _moved(regime: Regime, states: Array) -> tuple[Array, Array]:
+    """Positions and velocities (k, N) of states (k, 2, slots)."""
+    q, sine, cosine = regime.parts(states)
+    forced = regime.forced
+    return forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
+
+
+def _bounces(restitution: float, speed: Array, rest: Array, since: Array) -> tuple[Array, Array]:
+    """Gap and its rate in bounces that were replaced by contact: ever smaller parabolas."""
+    r = restitution
+    left = 1.0 - since / rest
+    bounce = np.floor(np.log(left) / np.log(r)) if r > 0.0 else np.zeros(len(left))
+    u = speed * r**bounce
+    acceleration = 2.0 * speed / (rest * (1.0 - r))
+    s = since - rest * (1.0 - r**bounce)
+    return s * (u - 0.5 * acceleration * s), u - acceleration * s

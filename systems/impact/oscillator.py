@@ -1,4 +1,4 @@
-"""Impact oscillators: linear structures whose last coordinate hits a vibrating table."""
+"""Impact oscillators: linear structures of which one coordinate hits a table or a stop."""
 
 from __future__ import annotations
 
@@ -15,10 +15,27 @@ from dynkit.flows import NoCrossing
 from dynkit.maps import Map
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative
-from dynkit.systems.impact.mechanics import Contact, Structure, Table, gap_ladder, structure_of
+from dynkit.systems.impact.mechanics import (
+    Contact,
+    Drive,
+    Regime,
+    Stand,
+    Structure,
+    free_regime,
+    gap_of,
+    structure_of,
+)
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run, run
-from dynkit.systems.impact.state import ImpactState, Motion
+from dynkit.systems.impact.state import (
+    ImpactState,
+    Motion,
+    entered,
+    packed,
+    start,
+    state_at,
+    unpacked,
+)
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.validation import (
     Array,
@@ -33,29 +50,41 @@ from dynkit.validation import (
 
 TWO_PI = 2.0 * math.pi
 
-_CACHES = frozenset({"_structure", "_table", "_gap", "_contact"})
+_CACHES = frozenset({"_structure", "_drive", "_free", "_gaps", "_contacts"})
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactOscillator(LagrangianStructure, Map):
-    """The map from just after one impact with a vibrating table to just after the next.
+    """The map from just after one impact with a table to just after the next.
 
-    A subclass owes its energies, as every `LagrangianStructure` does. The last coordinate x_N is
-    free to hit the table at x_T = amplitude sin(phase) + offset, phase' = frequency, and stays on
-    the far side: gap x_N - x_T >= 0. An impact turns the relative velocity u- into -restitution u-
-    and changes nothing else.
+    A subclass owes its energies, as every `LagrangianStructure` does. Its motion is
+    M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency. One coordinate x_c is free to
+    hit the table at x_T = amplitude sin(phase) + offset and stays on one side of it: gap
+    x_c - x_T >= 0 above it, x_T - x_c >= 0 below. An impact turns the rate u- of the gap into
+    -restitution u- by an impulse on this coordinate.
 
-    As a `Map` its states are the 2N section coordinates: positions x_1..x_{N-1}, velocities
-    v_1..v_{N-1}, relative velocity u just after the impact, phase of the table.
+    As a `Map` its states are the 2N section coordinates: the positions but for x_c, the velocities
+    but for v_c, the relative velocity u (the rate of the gap) just after the impact, and the phase.
 
     Parameters
     ----------
     frequency : float
-        Angular frequency of the table, positive.
+        Angular frequency of the table and of the forces, positive.
     restitution : float
         Coefficient of restitution in [0, 1].
     amplitude, offset : float
-        Of the table; the amplitude is not negative.
+        Of the table; the amplitude is not negative. A stop at rest has amplitude 0.
+    contact : int
+        Which coordinate hits the table; the last one by default.
+    side : {"above", "below"}
+        On which side of the table it stays.
+    play : float
+        Distance to a second stop, which faces the first and moves with it; positive, by default
+        infinite: there is none. Relative velocities after impacts with it count negative.
+    harmonic_forces : (N,) array_like of complex, optional
+        F. A real F_j is the force F_j sin(phase) on coordinate j.
+    constant_forces : (N,) array_like of float, optional
+        g, such as weights.
     chatter_tolerance : float
         Chatter is replaced by contact when that changes no position or velocity by more than this,
         to leading order; 0 for never. The changes made are summed up in the record's
@@ -76,6 +105,11 @@ class ImpactOscillator(LagrangianStructure, Map):
     restitution: float = 0.85
     amplitude: float = 0.1
     offset: float = 0.0
+    contact: int = -1
+    side: str = "above"
+    play: float = math.inf
+    harmonic_forces: tuple[complex, ...] = ()
+    constant_forces: tuple[float, ...] = ()
     chatter_tolerance: float = 1e-16
 
     structure_independent: ClassVar[frozenset[str]] = _CACHES | {
@@ -83,6 +117,11 @@ class ImpactOscillator(LagrangianStructure, Map):
         "restitution",
         "amplitude",
         "offset",
+        "contact",
+        "side",
+        "play",
+        "harmonic_forces",
+        "constant_forces",
         "chatter_tolerance",
     }
 
@@ -94,6 +133,10 @@ class ImpactOscillator(LagrangianStructure, Map):
         self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
         self._set("amplitude", non_negative("amplitude", self.amplitude))
         self._set("offset", finite_scalar("offset", self.offset))
+        if self.play != math.inf:
+            self._set("play", positive("play", self.play))
+        if self.side not in ("above", "below"):
+            raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
         self._set("chatter_tolerance", non_negative("chatter_tolerance", self.chatter_tolerance))
 
     def _set(self, name: str, value: object) -> None:
@@ -108,7 +151,9 @@ class ImpactOscillator(LagrangianStructure, Map):
     def parameters(self) -> Mapping[str, float]:
         """The numbers that set this oscillator apart in its family, by name."""
         return {
-            k: v for k, v in super().parameters.items() if k not in ("chatter_tolerance", "masses")
+            name: value
+            for name, value in super().parameters.items()
+            if name not in ("chatter_tolerance", "contact", "masses")
         }
 
     def replace(self, **parameters: Any) -> Self:
@@ -148,17 +193,39 @@ class ImpactOscillator(LagrangianStructure, Map):
     def _structure(self) -> Structure:
         return structure_of(self)
 
+    @cached_property
+    def _drive(self) -> Drive:
+        n = self.degrees_of_freedom
+        return Drive(
+            self.frequency,
+            self.amplitude,
+            np.array(self.harmonic_forces or np.zeros(n), dtype=complex),
+            np.array(self.constant_forces or np.zeros(n), dtype=float),
+        )
+
     @property
-    def _table(self) -> Table:
-        return Table(self.amplitude, self.offset, self.frequency)
+    def _stands(self) -> tuple[Stand, ...]:
+        sign = 1 if self.side == "above" else -1
+        near = Stand(self.offset, sign)
+        if self.play == math.inf:
+            return (near,)
+        return near, Stand(self.offset + sign * self.play, -sign)
 
     @cached_property
-    def _gap(self) -> Any:
-        return gap_ladder(self._structure, self._table)
+    def _free(self) -> Regime:
+        return free_regime(self._structure, self._drive)
 
     @cached_property
-    def _contact(self) -> Contact:
-        return Contact(self._structure, self._table)
+    def _gaps(self) -> tuple[Any, ...]:
+        return tuple(
+            gap_of(self._free, self._structure, self._drive, stand) for stand in self._stands
+        )
+
+    @cached_property
+    def _contacts(self) -> tuple[Contact, ...]:
+        return tuple(
+            Contact(self._structure, self._drive, self._free, stand) for stand in self._stands
+        )
 
     # --- states -----------------------------------------------------------------------------------
 
@@ -170,98 +237,32 @@ class ImpactOscillator(LagrangianStructure, Map):
         Parameters
         ----------
         position, velocity : (N,) array_like
-            By default at rest in the shape of the first mode with modal amplitude one, on the far
-            side of the table (the start of Cusumano & Bai).
+            By default at rest in the shape of the first mode with modal amplitude one, the contact
+            coordinate on its side of zero (the start of Cusumano & Bai).
         phase : float
             Phase of the table, taken modulo 2 pi.
 
         Raises
         ------
         ValueError
-            When a number is not finite; when the contact mass is below the table by more than
+            When a number is not finite; when the contact mass is beyond the table by more than
             rounding, or on it and moving into it.
         """
         n = self.degrees_of_freedom
-        x = (
-            self.modal_matrix[:, 0]
-            if position is None
-            else finite_array("position", position, (n,))
-        )
-        v = np.zeros(n) if velocity is None else finite_array("velocity", velocity, (n,))
-        angle = finite_scalar("phase", phase)
-        sine, cosine = math.sin(angle), math.cos(angle)
-        table = self.amplitude * sine + self.offset
-        speed = self.amplitude * self.frequency * cosine
-        gap, u = float(x[-1]) - table, float(v[-1]) - speed
-        rounding = 4.0 * 2.0**-53 * (abs(float(x[-1])) + self.amplitude + abs(self.offset))
-        if gap < -rounding:
-            raise ValueError(
-                f"position[{n - 1}] must not be below the table at {table}; got {float(x[-1])}"
-            )
-        motion = Motion.FLIGHT
-        if gap <= rounding:
-            motion = Motion.TABLE
-            rounding = 4.0 * 2.0**-53 * (abs(float(v[-1])) + abs(speed))
-            if u < -rounding:
-                raise ValueError(
-                    f"velocity[{n - 1}] must not be below the table's {speed} when the mass is on "
-                    f"the table; got {float(v[-1])}"
-                )
-            u = 0.0 if u <= rounding else u
-        return self._make_state(x, v, sine, cosine, u, motion)
-
-    def _make_state(
-        self, x: Array, v: Array, sine: float, cosine: float, u: float, motion: Motion
-    ) -> ImpactState:
-        n = self.degrees_of_freedom
-        y = np.zeros((2, self._gap.step.shape[2]))
-        with np.errstate(over="ignore", invalid="ignore"):  # told by _state_of
-            y[:, :n] = self._structure.free.coordinates(x, v)
-        y[:, n] = sine, cosine
-        return self._state_of(y, u, motion)
-
-    def _state_of(self, y: Array, u: float, motion: Motion) -> ImpactState:
-        n = self.degrees_of_freedom
-        coordinates = y.copy()
-        free = self._structure.free
-        with np.errstate(over="ignore", invalid="ignore"):
-            x, v = free.positions(y[:, :n]), free.velocities(y[:, :n])
-        if not np.isfinite([x, v]).all():
-            raise ValueError(f"positions and velocities must not overflow; got {x} and {v}")
-        for array in (x, v, coordinates):
-            array.setflags(write=False)
-        phase = math.atan2(float(y[0, n]), float(y[1, n])) % TWO_PI
-        return ImpactState(x, v, phase, float(u), motion, self, coordinates)
-
-    def _entered(self, start: ImpactState | None) -> ImpactState:
-        """A state of this oscillator, from one of an oscillator with other parameters.
-
-        On the table the contact mass is put onto the table of this oscillator, with the same
-        relative velocity.
-        """
-        if start is None:
-            return self.state()
-        if not isinstance(start, ImpactState):
-            raise ValueError(f"start must be an ImpactState; got {start!r}")
-        if start._system is self or start._system == self:
-            return start
-        n = self.degrees_of_freedom
-        if start.position.shape != (n,):
-            raise ValueError(f"start must have {n} masses; got {start.position.size}")
-        sine, cosine = (float(part) for part in start._coordinates[:, start.position.size])
-        x, v = start.position.copy(), start.velocity.copy()
-        table = self.amplitude * sine + self.offset
-        if start.motion is Motion.FLIGHT:
-            if x[-1] < table:
-                raise ValueError(
-                    f"start must not be below the table at {table}; got {float(x[-1])}"
-                )
+        if position is None:
+            x = self.modal_matrix[:, 0]
+            x = x * self._stands[0].sign * (-1.0 if x[self.contact] < 0.0 else 1.0)
         else:
-            x[-1] = table
-            v[-1] = self.amplitude * self.frequency * cosine + start.relative_velocity
-        # Where the table released it under other parameters, its contact force is not zero here.
-        motion = Motion.FLIGHT if start.motion is Motion.FLIGHT else Motion.TABLE
-        return self._make_state(x, v, sine, cosine, start.relative_velocity, motion)
+            x = finite_array("position", position, (n,))
+        v = np.zeros(n) if velocity is None else finite_array("velocity", velocity, (n,))
+        return start(self, x, v, finite_scalar("phase", phase))
+
+    def _entered(self, given: ImpactState | None) -> ImpactState:
+        if given is None:
+            return self.state()
+        if not isinstance(given, ImpactState):
+            raise ValueError(f"start must be an ImpactState; got {given!r}")
+        return entered(self, given)
 
     def pack_state(self, state: ImpactState) -> Array:
         """Return numbers, one array, from which `unpack_state` makes the same state, bit for bit.
@@ -272,11 +273,9 @@ class ImpactOscillator(LagrangianStructure, Map):
         Raises
         ------
         ValueError
-            When it is no state of this structure, or below the table.
+            When it is no state of this structure, or beyond the table.
         """
-        own = self._entered(state)
-        motion = tuple(Motion).index(own.motion)
-        return np.concatenate([[motion, own.relative_velocity], own._coordinates.ravel()])
+        return packed(self._entered(state))
 
     def unpack_state(self, packed: Array) -> ImpactState:
         """Return the state of this oscillator that `pack_state` turned into numbers.
@@ -286,10 +285,7 @@ class ImpactOscillator(LagrangianStructure, Map):
         ValueError
             When they are not finite, or not as many as a state of this oscillator has.
         """
-        slots = self._gap.step.shape[2]
-        numbers = finite_array("packed", packed, (2 + 2 * slots,))
-        motion = tuple(Motion)[int(numbers[0])]
-        return self._state_of(numbers[2:].reshape(2, slots), float(numbers[1]), motion)
+        return unpacked(self, packed)
 
     # --- simulation -------------------------------------------------------------------------------
 
@@ -358,9 +354,9 @@ class ImpactOscillator(LagrangianStructure, Map):
 
     def section_state(self, state: ImpactState) -> Array:
         """Section coordinates, (2N,), of a state on the table."""
-        return np.concatenate(
-            [state.position[:-1], state.velocity[:-1], [state.relative_velocity, state.phase]]
-        )
+        others = self._structure.others
+        x, v = state.position[others], state.velocity[others]
+        return np.concatenate([x, v, [state.relative_velocity, state.phase]])
 
     def impact_state(self, state: Array) -> ImpactState:
         """The state just after an impact that has the given section coordinates, (2N,).
@@ -368,15 +364,21 @@ class ImpactOscillator(LagrangianStructure, Map):
         Raises
         ------
         ValueError
-            When the state is not finite or not of that shape, or the relative velocity is negative.
+            When the state is not finite or not of that shape, or the relative velocity is negative
+            without play.
         """
         y = finite_array("state", state, (self.dimension,))
-        n = self.degrees_of_freedom
-        u, phase = non_negative(f"state[{2 * n - 2}]", y[2 * n - 2]), float(y[2 * n - 1])
-        sine, cosine = math.sin(phase), math.cos(phase)
-        x = np.append(y[: n - 1], self.amplitude * sine + self.offset)
-        v = np.append(y[n - 1 : 2 * n - 2], self.amplitude * self.frequency * cosine + u)
-        return self._make_state(x, v, sine, cosine, u, Motion.TABLE)
+        n, others, stands = self.degrees_of_freedom, self._structure.others, self._stands
+        u, phase = float(y[-2]), float(y[-1])
+        if len(stands) == 1:
+            u = non_negative(f"state[{2 * n - 2}]", u) + 0.0
+        stand = stands[int(math.copysign(1.0, u) < 0.0)]
+        turn = np.array([math.sin(phase), math.cos(phase)])
+        x, v = np.empty(n), np.empty(n)
+        x[others], v[others] = y[: n - 1], y[n - 1 : -2]
+        x[self.contact] = self.amplitude * turn[0] + stand.offset
+        v[self.contact] = self.amplitude * self.frequency * turn[1] + stand.sign * abs(u)
+        return state_at(self, x, v, turn, u, Motion.TABLE)
 
     def __call__(self, state: Array) -> Array:
         done = self._run(self.impact_state(state), 1, store=False)

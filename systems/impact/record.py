@@ -77,7 +77,7 @@ class ImpactRecord:
 
     @property
     def relative_velocity(self) -> Array:
-        """Contact velocity relative to the table just after the impacts, (n,)."""
+        """Rate (n,) of the gap just after the impacts; negative on the far side of a play."""
         return self._run.states[:, -2]
 
     @property
@@ -87,30 +87,32 @@ class ImpactRecord:
         return np.asarray(np.arctan2(sine, cosine) % TWO_PI)
 
     @property
-    def _coordinates(self) -> Array:
-        n = self.system.degrees_of_freedom
-        return self._run.states[:, : 2 * n].reshape(-1, 2, n)
+    def _coordinates(self) -> tuple[Array, Array, Array]:
+        states, n = self._run.states, self.system.degrees_of_freedom
+        return states[:, : 2 * n].reshape(-1, 2, n), states[:, 2 * n], states[:, 2 * n + 1]
 
     @cached_property
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
-        return self.system._structure.free.positions(self._coordinates)
+        return self.system._free.forced.positions(*self._coordinates)
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
-        return self.system._structure.free.velocities(self._coordinates)
+        return self.system._free.forced.velocities(*self._coordinates)
 
     @cached_property
     def energy(self) -> Array:
         """Kinetic plus elastic energy (n,) just after the impacts."""
-        return self.system._structure.free.energies(self._coordinates)
+        system = self.system
+        return system._free.forced.energies(*self._coordinates, system.mass, system.stiffness)
 
     @property
     def states(self) -> Array:
         """Section coordinates (n, 2N) just after the impacts."""
-        u, phase = self.relative_velocity[:, None], self.phase[:, None]
-        return np.concatenate([self.position[:, :-1], self.velocity[:, :-1], u, phase], axis=1)
+        u, phase, others = self.relative_velocity, self.phase, self.system._structure.others
+        parts = [self.position[:, others], self.velocity[:, others], u[:, None], phase[:, None]]
+        return np.concatenate(parts, axis=1)
 
     @property
     def sticking(self) -> Array:
@@ -191,6 +193,4 @@ class ImpactRecord:
             last = float(self.time[-1]) if len(self) else 0.0
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
-        coordinates = sample_run(self.system, self._run, asked)
-        free = self.system._structure.free
-        return free.positions(coordinates), free.velocities(coordinates)
+        return sample_run(self.system, self._run, asked)

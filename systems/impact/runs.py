@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.systems.impact.state import ImpactState, Motion
+from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -79,21 +80,24 @@ def run(
     from dynkit.systems.impact import kernels
 
     began = time.perf_counter()
-    n = oscillator.degrees_of_freedom
-    slots = oscillator._gap.step.shape[2]
-    flight = workspace(slots)
-    flight.states[START] = start._coordinates
+    n, free = oscillator.degrees_of_freedom, oscillator._free
+    q, turn = start._coordinates, start._turn
     clock = np.zeros(kernels.CLOCK)
-    clock[kernels.SPEED] = start.relative_velocity
+    clock[kernels.SPEED] = abs(start.relative_velocity)
+    clock[kernels.SIDE] = start._side
     clock[kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
     clock[kernels.SEED] = seed
     if noise > 0.0:
         random = np.random.default_rng(seed)
-        flight.states[START] *= 1.0 + noise * random.uniform(-1.0, 1.0, start._coordinates.shape)
+        q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
+        turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
         clock[kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
+    slots = free.layout.slots
+    flight = workspace(slots)
+    flight.states[START] = free.states(q, *turn)
     states = np.empty((count if store else 0, 2 * n + 4))
     contacts = np.empty((0, 3))
-    if "_contact" in vars(oscillator):
+    if "_contacts" in vars(oscillator):
         contacts = np.empty((16, 3))
     done = 0
     while True:
@@ -115,13 +119,18 @@ def run(
         if ending != kernels.CONTACTS_FULL:
             break
         contacts = np.concatenate([contacts, np.empty((max(16, len(contacts)), 3))])
+    q, *phasor = free.parts(flight.states[START])
+    turn = np.array(phasor)
+    if free.layout.table < 0:
+        # Nothing turns: the phase is a clock.
+        angles = start.phase + oscillator.frequency * states[:done, -1]
+        states[:done, -4], states[:done, -3] = np.sin(angles), np.cos(angles)
+        angle = start.phase + oscillator.frequency * float(clock[kernels.TIME])
+        turn = np.array([math.sin(angle), math.cos(angle)])
+    speed = -clock[kernels.SPEED] if clock[kernels.SIDE] == 1.0 else clock[kernels.SPEED]
     return Run(
         start,
-        oscillator._state_of(
-            flight.states[START],
-            clock[kernels.SPEED],
-            _MOTIONS[int(clock[kernels.PHASE_OF_MOTION])],
-        ),
+        state_of(oscillator, q, turn, speed, _MOTIONS[int(clock[kernels.PHASE_OF_MOTION])]),
         states[:done],
         contacts[:used],
         done,
@@ -137,22 +146,24 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
     """What the kernels take, and a workspace for contact; empty arrays where there is none."""
     from dynkit.systems.impact import kernels
 
-    structure, gap = oscillator._structure, oscillator._gap
-    kick = np.zeros((4, gap.step.shape[2]))
-    kick[:, : structure.size] = structure.kick
-    if with_contact:
-        parts = oscillator._contact
-        force, to_stuck, to_free = parts.force, parts.to_stuck, parts.to_free
-    else:
+    structure, free = oscillator._structure, oscillator._free
+    kick = np.zeros((4, free.layout.slots))
+    kick[:, free.layout.modes] = structure.kick
+    kick[:, free.layout.seen :] = 0.0
+    stops = []
+    slots = 1
+    for side, (stand, gap) in enumerate(zip(oscillator._stands, oscillator._gaps, strict=True)):
         force, to_stuck, to_free = gap, np.empty((0, 0)), np.empty((0, 0))
+        if with_contact:
+            held = oscillator._contacts[side]
+            force, to_stuck, to_free = held.force, held.to_stuck, held.to_free
+            slots = held.regime.layout.slots
+        stops.append(kernels.Stop(gap, force, stand.sign * kick, to_stuck, to_free))
     mechanics = kernels.Mechanics(
-        gap,
-        force,
-        kick,
-        to_stuck,
-        to_free,
+        tuple(stops),
+        free.layout.modes,
         oscillator.restitution,
         structure.coupling,
         oscillator.chatter_tolerance,
     )
-    return mechanics, workspace(force.step.shape[2])
+    return mechanics, workspace(slots)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, final
 
-from dynkit.validation import Array
+import numpy as np
+
+from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
+
+TWO_PI = 2.0 * math.pi
 
 
 class Motion(Enum):
@@ -33,8 +38,8 @@ class ImpactState:
     phase : float
         Phase of the table in [0, 2 pi).
     relative_velocity : float
-        Contact velocity less the table's; exact after an impact, where the difference of the two
-        velocities would have lost digits.
+        Rate of the gap; exact after an impact, where the difference of two velocities would have
+        lost digits. Negative, if only its zero, on the far side of a play.
     motion : Motion
     """
 
@@ -45,3 +50,108 @@ class ImpactState:
     motion: Motion
     _system: ImpactOscillator = field(repr=False)
     _coordinates: Array = field(repr=False)
+    _turn: Array = field(repr=False)
+
+    @property
+    def _side(self) -> int:
+        return int(math.copysign(1.0, self.relative_velocity) < 0.0)
+
+
+def state_of(
+    oscillator: ImpactOscillator, q: Array, turn: Array, u: float, motion: Motion
+) -> ImpactState:
+    """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase."""
+    q, turn = q.copy(), turn.copy()
+    forced = oscillator._free.forced
+    with np.errstate(over="ignore", invalid="ignore"):
+        x, v = forced.positions(q, *turn), forced.velocities(q, *turn)
+    if not np.isfinite([x, v]).all():
+        raise ValueError(f"positions and velocities must not overflow; got {x} and {v}")
+    for array in (x, v, q, turn):
+        array.setflags(write=False)
+    phase = math.atan2(*turn.tolist()) % TWO_PI
+    return ImpactState(x, v, phase, float(u), motion, oscillator, q, turn)
+
+
+def state_at(
+    oscillator: ImpactOscillator, x: Array, v: Array, turn: Array, u: float, motion: Motion
+) -> ImpactState:
+    """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
+    forced = oscillator._free.forced
+    with np.errstate(over="ignore", invalid="ignore"):  # told by state_of
+        q = forced.coordinates(x - forced.rest, v, *turn)
+    return state_of(oscillator, q, turn, u, motion)
+
+
+def start(oscillator: ImpactOscillator, x: Array, v: Array, angle: float) -> ImpactState:
+    """A state to start from; ValueError where it is beyond a stop."""
+    turn = np.array([math.sin(angle), math.cos(angle)])
+    c = oscillator.contact % oscillator.degrees_of_freedom
+    middle = oscillator.amplitude * float(turn[0])
+    speed = oscillator.amplitude * oscillator.frequency * float(turn[1])
+    place, moving = float(x[c]), float(v[c])
+    for side, stand in enumerate(oscillator._stands):
+        table = middle + stand.offset
+        gap, u = stand.sign * (place - table), stand.sign * (moving - speed)
+        rounding = 4.0 * 2.0**-53 * (abs(place) + oscillator.amplitude + abs(stand.offset))
+        word = "below" if stand.sign > 0 else "above"
+        if gap < -rounding:
+            raise ValueError(f"position[{c}] must not be {word} the table at {table}; got {place}")
+        if gap <= rounding:
+            rounding = 4.0 * 2.0**-53 * (abs(moving) + abs(speed))
+            if u < -rounding:
+                raise ValueError(
+                    f"velocity[{c}] must not be {word} the table's {speed} when the mass is on "
+                    f"the table; got {moving}"
+                )
+            u = 0.0 if u <= rounding else u
+            return state_at(oscillator, x, v, turn, -u if side else u, Motion.TABLE)
+    u = oscillator._stands[0].sign * (moving - speed)
+    return state_at(oscillator, x, v, turn, abs(u), Motion.FLIGHT)
+
+
+def entered(oscillator: ImpactOscillator, start: ImpactState) -> ImpactState:
+    """A state of this oscillator, from one of an oscillator with other parameters.
+
+    On the table the contact mass is put onto the table of this oscillator, with the same relative
+    velocity.
+    """
+    if start._system is oscillator or start._system == oscillator:
+        return start
+    n, c = oscillator.degrees_of_freedom, oscillator.contact % oscillator.degrees_of_freedom
+    if start.position.shape != (n,):
+        raise ValueError(f"start must have {n} masses; got {start.position.size}")
+    turn = start._turn
+    x, v, u = start.position.copy(), start.velocity.copy(), start.relative_velocity
+    stands = oscillator._stands
+    if start.motion is Motion.FLIGHT:
+        for stand in stands:
+            table = oscillator.amplitude * float(turn[0]) + stand.offset
+            if stand.sign * (x[c] - table) < 0.0:
+                word = "below" if stand.sign > 0 else "above"
+                raise ValueError(
+                    f"start must not be {word} the table at {table}; got {float(x[c])}"
+                )
+        return state_at(oscillator, x, v, turn, u, Motion.FLIGHT)
+    if start._side >= len(stands):
+        raise ValueError(f"start must not be on a far stop without play; got {start!r}")
+    stand = stands[start._side]
+    x[c] = oscillator.amplitude * float(turn[0]) + stand.offset
+    v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stand.sign * abs(u)
+    # Where the table released it under other parameters, its contact force is not zero here.
+    return state_at(oscillator, x, v, turn, u, Motion.TABLE)
+
+
+def packed(state: ImpactState) -> Array:
+    """All numbers of a state, (2N + 4,)."""
+    motion = tuple(Motion).index(state.motion)
+    own = [motion, state.relative_velocity, *state._turn.tolist()]
+    return np.concatenate([own, state._coordinates.ravel()])
+
+
+def unpacked(oscillator: ImpactOscillator, numbers: object) -> ImpactState:
+    """The state that `packed` turned into numbers."""
+    n = oscillator.degrees_of_freedom
+    array = finite_array("packed", numbers, (4 + 2 * n,))
+    motion = tuple(Motion)[int(array[0])]
+    return state_of(oscillator, array[4:].reshape(2, n), array[2:4], float(array[1]), motion)

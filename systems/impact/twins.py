@@ -30,12 +30,11 @@ def growth_of_distance(oscillator: ImpactOscillator, start: ImpactState, impacts
     blocks = impacts // BLOCK
     if base.impacts < impacts:
         return np.full(blocks, -np.inf)
-    n = oscillator.degrees_of_freedom
-    slots = oscillator._gap.step.shape[2]
+    n, free = oscillator.degrees_of_freedom, oscillator._free
+    slots = free.layout.slots
     # Coordinates, sine and cosine of the phase, relative velocity; the time does not count.
     motion = np.empty((blocks + 1, 2 * n + 3))
-    motion[0, : 2 * n] = start._coordinates[:, :n].ravel()
-    motion[0, 2 * n :] = *start._coordinates[:, n], start.relative_velocity
+    motion[0] = [*start._coordinates.ravel(), *start._turn, start.relative_velocity]
     motion[1:] = base.states[BLOCK - 1 : blocks * BLOCK : BLOCK, :-1]
     size = abs(base.states[:, :-1]).max(axis=0)
     size = np.maximum(size, 1e-3 * size.max())
@@ -49,10 +48,10 @@ def growth_of_distance(oscillator: ImpactOscillator, start: ImpactState, impacts
     logs = np.empty(blocks)
     for i in range(blocks):
         twin = motion[i] + gap
-        flight.states[START, :, :n] = twin[: 2 * n].reshape(2, n)
-        flight.states[START, :, n] = twin[2 * n : 2 * n + 2]
+        flight.states[START] = free.states(twin[: 2 * n].reshape(2, n), *twin[2 * n : -1])
         clock = np.zeros(kernels.CLOCK)
         clock[kernels.SPEED] = abs(twin[-1])
+        clock[kernels.SIDE] = motion[i, -1] < 0.0
         clock[kernels.PHASE_OF_MOTION] = kernels.BOUNCED
         done, _ = kernels.run(
             mechanics,
@@ -66,8 +65,11 @@ def growth_of_distance(oscillator: ImpactOscillator, start: ImpactState, impacts
             flight,
             contact,
         )
-        end = np.append(flight.states[START, :, :n].ravel(), flight.states[START, :, n])
-        gap = np.append(end, clock[kernels.SPEED]) - motion[i + 1]
+        q, *turn = free.parts(flight.states[START])
+        speed = -clock[kernels.SPEED] if clock[kernels.SIDE] == 1.0 else clock[kernels.SPEED]
+        gap = np.array([*q.ravel(), *turn, speed]) - motion[i + 1]
+        if free.layout.table < 0:
+            gap[2 * n : -1] = 0.0
         length = float(np.linalg.norm(gap / size))
         if done < BLOCK or length == 0.0:
             return np.full(blocks, -np.inf)

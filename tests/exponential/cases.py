@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.exponential.evaluation_kernels import DEGREE, START, STATES, Workspace
+from dynkit.exponential.evaluation_kernels import BOUND, DEGREE, START, STATES, Workspace
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER
-from dynkit.exponential.search_kernels import first_root
+from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.exponential.sums import ExponentialSum
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ def find(group: Group, *, slopes: Array | None = None, limit: int = 1_000_000) -
         work.states[START] = 0.0
         work.states[START, 0, :n] = group.value[i]
         work.states[START, 1, :n] = group.rate[i]
-        reach = float((ladder.bound[:2] * abs(work.states[START])).sum())
+        reach = float((ladder.rows[BOUND : BOUND + 2] * abs(work.states[START])).sum())
         sums = ladder._replace(offset=float(group.offset[i]))
         outcome, k, e, rate, _ = first_root(
             sums,
@@ -58,6 +58,7 @@ def find(group: Group, *, slopes: Array | None = None, limit: int = 1_000_000) -
             factor,
             True,
             limit,
+            FOREVER,
             work,
         )
         end = k * ladder.smallest + e
