@@ -16,6 +16,7 @@ def numerical_derivative(
     *,
     step: float = 1e-3,
     difference: Callable[[Array, Array], Array] = np.subtract,
+    accuracy: float = 2.0**-52,
 ) -> tuple[Array, Array]:
     """Differentiate by central differences, extrapolated to step zero.
 
@@ -27,12 +28,15 @@ def numerical_derivative(
         First step, relative to the point's largest coordinate; it is halved four times.
     difference : callable
         Difference of two values, for values that hold angles.
+    accuracy : float
+        How wrong the values are, relative to the largest: by one rounding, unless they are
+        integrated.
 
     Returns
     -------
     derivative : (m, d) array
     error : (m, d) array
-        Estimate of its error: how much the last extrapolation changed it, and rounding.
+        Estimate of its error: how much the last extrapolation changed it, and the values' own.
 
     References
     ----------
@@ -57,10 +61,10 @@ def numerical_derivative(
             width = ahead[k] - behind[k]
             values = function(ahead), function(behind)
             row = [np.asarray(difference(*values)) / width]
-            rounding = 2.0**-52 * np.abs(values).max(initial=0.0) / width
+            own = accuracy * np.abs(values).max(initial=0.0) / width
             for order, coarse in enumerate(previous, start=1):
                 row.append(row[-1] + (row[-1] - coarse) / (4.0**order - 1.0))
-                change = np.maximum(abs(row[-1] - row[-2]), abs(row[-1] - coarse)) + rounding
+                change = np.maximum(abs(row[-1] - row[-2]), abs(row[-1] - coarse)) + own
                 if not best.size:
                     best, error = row[-1], change
                 better = change < error

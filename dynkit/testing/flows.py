@@ -58,7 +58,13 @@ def velocity_is_the_rate_of_advance(flow: Flow, states: Array) -> None:
     for state in states:
         velocity = flow.velocity(flow.advance(state, _DURATION))
         path = partial(_path, flow, state)
-        require_derivative("the velocity", velocity[:, None], path, np.array([_DURATION]))
+        require_derivative(
+            "the velocity",
+            velocity[:, None],
+            path,
+            np.array([_DURATION]),
+            accuracy=flow.accuracy,
+        )
 
 
 def flow_derivative_is_the_derivative(flow: Flow, states: Array) -> None:
@@ -69,6 +75,7 @@ def flow_derivative_is_the_derivative(flow: Flow, states: Array) -> None:
             flow.derivative(state, _DURATION),
             lambda start: flow.advance(start, _DURATION),
             state,
+            accuracy=flow.accuracy,
         )
 
 

@@ -47,7 +47,12 @@ def jacobian_is_the_derivative(system: Map, states: Array) -> None:
     """The jacobian equals differences of the call."""
     for state in states:
         require_derivative(
-            "the jacobian", system.jacobian(state), system, state, difference=system.difference
+            "the jacobian",
+            system.jacobian(state),
+            system,
+            state,
+            difference=system.difference,
+            accuracy=system.accuracy,
         )
 
 

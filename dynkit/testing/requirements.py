@@ -81,9 +81,10 @@ def require_derivative(
     point: Array,
     *,
     difference: Callable[[Array, Array], Array] = np.subtract,
+    accuracy: float = 2.0**-52,
 ) -> None:
     """Equal to differences, within twenty times the error that these estimate."""
-    found, error = numerical_derivative(function, point, difference=difference)
+    found, error = numerical_derivative(function, point, difference=difference, accuracy=accuracy)
     require_shape(name, claimed, found.shape)
     size = float(np.abs(found).max(initial=0.0))
     clear = float(error.max(initial=0.0)) <= 1e-3 * max(size, 1e-3)
