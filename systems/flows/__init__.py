@@ -1,0 +1,1 @@
+"""Textbook flows, and what they share: integration and the search for crossings."""

@@ -1,0 +1,149 @@
+"""The first crossing of a section by an integrated motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.flows import Crossing, NoCrossing
+from dynkit.systems.flows.integration import CannotFollow, Velocity, integrate, steps
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from scipy.integrate import DenseOutput
+
+    from dynkit.sections import PoincareSection
+
+# A step is looked at in so many cells: the section's value has one extremum at most in each.
+_CELLS = 4
+# On the section, to rounding: `dynkit.testing.lift_lands_on_the_section` allows as much.
+_ON_SECTION = 1e-13
+# Newton's method needs a handful; bisection, where that does not converge, as many as bits.
+_ITERATIONS = 60
+
+
+@dataclass(frozen=True)
+class Look:
+    """The section as seen from the motion; its value counts positive beyond it."""
+
+    time: float
+    state: Array
+    value: float
+    rate: float
+    reach: float
+
+    @property
+    def behind(self) -> bool:
+        """Whether the section is clearly still to come."""
+        return self.value < -_ON_SECTION * self.reach
+
+
+@dataclass(frozen=True)
+class Search:
+    """The search for the first crossing of a section by the motion that a velocity makes."""
+
+    velocity: Velocity
+    section: PoincareSection
+    tolerance: float
+
+    def first(self, start: Array, time_limit: float) -> Crossing:
+        """Return the first crossing after the start, (d,).
+
+        What counts is a motion that was clearly behind the section and then is not: neither a start
+        on the section nor rounding beside it is a crossing.
+
+        Raises
+        ------
+        NoCrossing
+            When there is none within the time limit, or as far as the motion can be followed.
+        """
+        last = self._look(0.0, start)
+        armed = last.behind
+        try:
+            for solver in steps(self.velocity, start, time_limit, self.tolerance):
+                begin, path = last, solver.dense_output()
+                for here in self._looks(path, begin, float(solver.t), np.array(solver.y)):
+                    if armed and last.value < 0.0 <= here.value:
+                        hit = self._landed(path, begin, last, here)
+                        if hit is not None:
+                            return hit
+                    armed = armed or here.behind
+                    last = here
+        except CannotFollow as end:
+            raise NoCrossing(
+                f"no crossing within {time_limit}: the motion cannot be followed {end}"
+            ) from end
+        raise NoCrossing(f"no crossing within {time_limit}")
+
+    def _look(self, time: float, state: Array) -> Look:
+        sign, gradient = self.section.direction, self.section.gradient(state)
+        rate = float(gradient @ self.velocity(state))
+        reach = float(np.linalg.norm(gradient)) * (1.0 + float(np.linalg.norm(state)))
+        return Look(time, state, sign * self.section.value(state), sign * rate, reach)
+
+    def _looks(self, path: DenseOutput, begin: Look, end: float, state: Array) -> Iterator[Look]:
+        """Looks at the ends of a step's cells, and at the extremum in each that has one."""
+        times = np.linspace(begin.time, end, _CELLS + 1)[1:-1]
+        inner = [self._look(float(t), y) for t, y in zip(times, path(times).T, strict=True)]
+        ends = [*inner, self._look(end, state)]
+        for before, after in pairwise([begin, *ends]):
+            if before.rate * after.rate < 0.0:
+                yield self._extremum(path, before, after)
+            yield after
+
+    def _extremum(self, path: DenseOutput, before: Look, after: Look) -> Look:
+        from scipy.optimize import brentq
+
+        # by table at the ends, where rounding might change a sign
+        rates = {before.time: before.rate, after.time: after.rate}
+        time = brentq(
+            lambda t: rates[t] if t in rates else self._look(t, path(t)).rate,
+            before.time,
+            after.time,
+            xtol=1e-9 * (after.time - before.time),
+        )
+        return self._look(time, path(time))
+
+    def _landed(self, path: DenseOutput, begin: Look, before: Look, after: Look) -> Crossing | None:
+        """Return the crossing between two looks, on the motion itself and not on its interpolation.
+
+        None when the interpolation reaches the section and the motion does not: the two are as near
+        to a tangency as the integration's error.
+        """
+
+        def cut_short(duration: float) -> Array:
+            # a step cut short is at least as accurate as the step
+            return integrate(
+                self.velocity, begin.state, duration, self.tolerance, first_step=duration
+            )
+
+        # times since the step began: they resolve more than times since the start
+        low, high = before.time - begin.time, after.time - begin.time
+        guess = self._root(lambda t: path(begin.time + t), 0.5 * (low + high), low, high)
+        hit = self._root(cut_short, guess.time, low, high)
+        reached = hit.value >= -_ON_SECTION * hit.reach
+        return Crossing(begin.time + hit.time, hit.state) if reached else None
+
+    def _root(
+        self, state_at: Callable[[float], Array], time: float, low: float, high: float
+    ) -> Look:
+        """Return the look whose value is nearest to zero: Newton's method, kept in a bracket."""
+        best = self._look(time, state_at(time))
+        here = best
+        for _ in range(_ITERATIONS):
+            if abs(here.value) < abs(best.value):
+                best = here
+            if abs(best.value) <= 2.0**-53 * best.reach:
+                break
+            low, high = (here.time, high) if here.value < 0.0 else (low, here.time)
+            time = here.time - here.value / here.rate if here.rate > 0.0 else low
+            if not low < time < high:
+                time = 0.5 * (low + high)
+            if time in (low, high):
+                break
+            here = self._look(time, state_at(time))
+        return best

@@ -1,0 +1,191 @@
+"""Flows given by their velocity."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from dynkit.flows import Crossing, Flow
+from dynkit.systems.flows.crossings import Search
+from dynkit.systems.flows.integration import CannotFollow, Velocity, integrate
+from dynkit.validation import Array, finite_array, in_interval, non_negative, positive
+
+if TYPE_CHECKING:
+    from dynkit.sections import PoincareSection
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntegratedFlow(Flow):
+    """A flow given by its velocity alone; states, derivatives and crossings are integrated.
+
+    A subclass owes:
+
+    1. `dimension`, the number d of the state's coordinates.
+    2. ``velocity(state)``, the (d,) rate of the state, twice differentiable or smoother.
+    3. ``velocity_jacobian(state)``, its exact (d, d) derivative: row i belongs to coordinate i of
+       the velocity.
+
+    Both refuse a state that is not finite, or not of that shape, with ValueError:
+    `dynkit.validation.finite_array` does it. Give the coordinates units in which they are of order
+    one: the tolerance is absolute for coordinates below one and relative above.
+
+    The integrator is SciPy's DOP853, a Runge-Kutta method of order 8 (not for stiff systems); the
+    derivative is that of the variational equations, integrated with the state. The error of every
+    step is estimated and held below ``tolerance * (1 + |x_i|)``, root mean square over the
+    coordinates. Errors of the steps add up, and grow as the motion itself lets disturbances grow:
+    `advance_error` estimates what they come to.
+
+    A crossing is found wherever the section's value has no more than one extremum in a quarter of a
+    step, and then refined on the flow itself until its value is rounding. What touches the section
+    within the integration's error may be called a crossing or passed.
+
+    Parameters
+    ----------
+    tolerance : float
+        Error allowed in a step; in [1e-13, 1e-2].
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    References
+    ----------
+    E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
+    Springer 1993, section II.10 (DOP853) and I.14 (variational equations).
+
+    Examples
+    --------
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class Pendulum(IntegratedFlow):
+    ...     damping: float = 0.1
+    ...     dimension = 2
+    ...
+    ...     def velocity(self, state):
+    ...         angle, rate = finite_array("state", state, (2,))
+    ...         return np.array([rate, -np.sin(angle) - self.damping * rate])
+    ...
+    ...     def velocity_jacobian(self, state):
+    ...         angle, _ = finite_array("state", state, (2,))
+    ...         return np.array([[0.0, 1.0], [-np.cos(angle), -self.damping]])
+    >>> pendulum = Pendulum(damping=0.0)
+    >>> pendulum.advance([1.0, 0.0], 10.0)
+    array([-0.99894981, -0.04203338])
+    >>> pendulum.advance_error([1.0, 0.0], 10.0) < 1e-10
+    True
+
+    The period of a swing, against its closed form:
+
+    >>> from dynkit import Hyperplane, PoincareMap
+    >>> from scipy.special import ellipk
+    >>> swing = PoincareMap(pendulum, Hyperplane([0.0, 1.0], direction=-1), time_limit=100.0)
+    >>> bool(abs(swing.return_time([1.0]) - 4.0 * ellipk(np.sin(0.5) ** 2)) < 1e-11)
+    True
+    """
+
+    tolerance: float = 1e-12
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tolerance", in_interval("tolerance", self.tolerance, 1e-13, 1e-2))
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The numbers that set this flow apart in its family, by name; not its tolerance."""
+        return {k: v for k, v in super().parameters.items() if k != "tolerance"}
+
+    def replace(self, **parameters: float) -> Self:
+        """Return the same flow with some of its parameters, or its tolerance, changed.
+
+        Raises
+        ------
+        ValueError
+            When a name is not one of these, or a value is refused.
+        """
+        tolerance = parameters.pop("tolerance", self.tolerance)
+        return dataclasses.replace(super().replace(**parameters), tolerance=tolerance)
+
+    @property
+    def accuracy(self) -> float:
+        """How wrong a crossing may be, relative: ten times the tolerance, an order of magnitude.
+
+        So it is where the way to the section takes tens of steps; `advance_error` is more exact.
+        """
+        return 10.0 * self.tolerance
+
+    @abstractmethod
+    def velocity_jacobian(self, state: Array) -> Array:
+        """Return the derivative, (d, d), of the velocity at a state, (d,)."""
+
+    def advance(self, state: Array, duration: float) -> Array:
+        """Return the state, (d,), a duration >= 0 after a state, (d,).
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite or not of that shape, the duration is negative, or the
+            motion cannot be followed so far: it runs away to infinity, or so fast that 10^8 steps
+            of the integrator would not do.
+        """
+        return self._integrated(self.velocity, self._checked(state), duration, self.tolerance)
+
+    def advance_error(self, state: Array, duration: float) -> float:
+        """Return an estimate of how wrong `advance` is: its distance from a rougher integration.
+
+        That one has ten times the tolerance, and so about ten times the error. So the estimate is
+        about ten times too large; on random starts of the flows that dynkit ships it was too small
+        once in fifty with tolerances of 1e-10 and less, once in five with larger ones.
+
+        Raises
+        ------
+        ValueError
+            As `advance`.
+        """
+        fine = self.advance(state, duration)
+        start = self._checked(state)
+        rough = self._integrated(self.velocity, start, duration, 10.0 * self.tolerance)
+        return float(np.linalg.norm(rough - fine))
+
+    def derivative(self, state: Array, duration: float) -> Array:
+        """Return the derivative, (d, d), of the advanced state with respect to the state.
+
+        Raises
+        ------
+        ValueError
+            As `advance`.
+        """
+        d = self.dimension
+        start = np.concatenate([self._checked(state), np.eye(d).ravel()])
+
+        def velocity(both: Array) -> Array:
+            change = self.velocity_jacobian(both[:d]) @ both[d:].reshape(d, d)
+            return np.concatenate([self.velocity(both[:d]), change.ravel()])
+
+        return self._integrated(velocity, start, duration, self.tolerance)[d:].reshape(d, d)
+
+    def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
+        start = self._checked(state)
+        if section.dimension != self.dimension:
+            raise ValueError(
+                f"section must have the flow's dimension {self.dimension}; got {section.dimension}"
+            )
+        limit = positive("time_limit", time_limit)
+        return Search(self.velocity, section, self.tolerance).first(start, limit)
+
+    def _checked(self, state: Array) -> Array:
+        return finite_array("state", state, (self.dimension,))
+
+    def _integrated(
+        self, velocity: Velocity, start: Array, duration: float, tolerance: float
+    ) -> Array:
+        try:
+            return integrate(velocity, start, non_negative("duration", duration), tolerance)
+        except CannotFollow as end:
+            raise ValueError(
+                f"state must lead to a motion that can be followed for {duration}; "
+                f"got {start[: self.dimension].tolist()}, which cannot be {end}"
+            ) from end

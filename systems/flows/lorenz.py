@@ -1,0 +1,68 @@
+"""Lorenz's equations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynkit.systems.flows.integrated import IntegratedFlow
+from dynkit.validation import Array, finite_array, finite_scalar
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lorenz(IntegratedFlow):
+    """Lorenz's equations: x' = sigma (y - x), y' = rho x - y - x z, z' = x y - beta z.
+
+    Volumes shrink at the rate sigma + 1 + beta everywhere, and (-x, -y, z) moves as (x, y, z) does.
+    For rho > 1 there are two fixed points besides the origin, at x = y = +-sqrt(beta (rho - 1)),
+    z = rho - 1; they lose stability at rho = sigma (sigma + beta + 3)/(sigma - beta - 1), which is
+    24.74 for the other parameters as below.
+
+    Parameters
+    ----------
+    sigma, rho, beta : float
+        By default Lorenz's own.
+    tolerance : float
+        As for `IntegratedFlow`.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    References
+    ----------
+    E. N. Lorenz, Deterministic nonperiodic flow, J. Atmos. Sci. 20 (1963) 130-141, equations 25 to
+    27. C. Sparrow, The Lorenz Equations, Springer 1982.
+
+    Examples
+    --------
+    >>> from dynkit import Hyperplane, PoincareMap
+    >>> lorenz = Lorenz()
+    >>> plane = Hyperplane([0.0, 0.0, 1.0], offset=lorenz.rho - 1.0, direction=-1)
+    >>> returns = PoincareMap(lorenz, plane, time_limit=10.0)
+    >>> returns([2.0, 2.0]).round(6)
+    array([ 3.571732, -0.040406])
+    """
+
+    sigma: float = 10.0
+    rho: float = 28.0
+    beta: float = 8.0 / 3.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("sigma", "rho", "beta"):
+            object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
+
+    @property
+    def dimension(self) -> int:
+        return 3
+
+    def velocity(self, state: Array) -> Array:
+        x, y, z = finite_array("state", state, (3,))
+        return np.array([self.sigma * (y - x), x * (self.rho - z) - y, x * y - self.beta * z])
+
+    def velocity_jacobian(self, state: Array) -> Array:
+        x, y, z = finite_array("state", state, (3,))
+        return np.array(
+            [[-self.sigma, self.sigma, 0.0], [self.rho - z, -1.0, -x], [y, x, -self.beta]]
+        )
