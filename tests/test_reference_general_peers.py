@@ -12,14 +12,13 @@ from mpmath import mp, mpf
 from dynkit.systems.impact.chain import ImpactChain
 from tests.impact.exact import ExactMotion
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
-from tests.reference.impact_chain import Impact as ChainImpact
 from tests.reference.impact_chain import ReferenceChain
 
 DIGITS = 80
 CLOSE = mpf("1e-50")
 
 
-def distance(one: ChainImpact, other: Any) -> Any:
+def distance(one: Any, other: Any) -> Any:
     with mp.workdps(DIGITS):
         pairs = [(one.time, other.time), (one.relative_velocity, other.relative_velocity)]
         pairs += zip(one.position + one.velocity, other.position + other.velocity, strict=True)

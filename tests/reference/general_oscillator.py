@@ -28,7 +28,7 @@ from tests.reference.linear_motion import LinearMotion, Row
 from tests.reference.mode_bounds import INFINITE, Real, to_mpf
 from tests.reference.stops import Side, Stop
 
-BITS: Final = 640
+BITS: Final = 768
 STICK_BELOW: Final = "1e-30"
 COMPLETES: Final = "1e-6"
 """Largest relative change of a chatter's acceleration, over 1 - restitution, in its rest."""
@@ -157,6 +157,9 @@ class GeneralOscillator:
                 arb_mat([[arb(x) for x in row] for row in part])
                 for part in (mass, damping, stiffness)
             )
+            for part in (self.mass, self.damping, self.stiffness):
+                if part.entries() != part.transpose().entries():
+                    raise ValueError(f"matrices must be symmetric; got {part}")
             self.frequency, self.restitution = arb(frequency), arb(restitution)
             self.amplitude, near = arb(amplitude), arb(offset)
             self.forcing = arb_mat(n, 3)

@@ -99,21 +99,24 @@ def _leave(motion: LinearMotion, row: Row, z: arb_mat, order: int) -> arb:
 def _step(motion: LinearMotion, row: Row, z: arb_mat) -> tuple[arb, arb]:
     """A time before which f cannot vanish, and one before which it must, or infinity."""
     jets = row.derivatives(z)
-    value, rate = row.structural(motion, z, jets)
-    harmonic = row.harmonic * motion.frequency**2
     if not jets[0] > 0:
         raise ArithmeticError(f"f must be positive; got {jets[0]}")
+    harmonic = row.harmonic * motion.frequency**2
+    structural = row.structural(motion, z, jets)
+    turning = jets[0] - structural[0], jets[1] - structural[1]
     low, high = arb(0), INFINITE
-    for bound in motion.bounds(row, z, 2):
-        total = bound.value + harmonic
-        low = low.max(_earliest(jets[0], jets[1], total).min(bound.window)).lower()
-        latest = _latest(jets[0], jets[1], total)
-        if latest < bound.window:
-            high = high.min(latest).upper()
-        # With the table, or whatever turns with it, at its worst all the time.
-        if value > row.harmonic:
-            far = _earliest((value - row.harmonic).lower(), rate, bound.value)
-            low = low.max(far.min(bound.window)).lower()
+    for floor in motion.floors(row, z, *structural):
+        # With the table, or whatever turns with it, as it is now, or at its worst all the time.
+        moving = floor.value + turning[0], floor.rate + turning[1], floor.curvature + harmonic
+        worst = floor.value - row.harmonic, floor.rate, floor.curvature
+        for value, rate, curvature in (moving, worst):
+            if value.lower() > 0:
+                far = _earliest(value.lower(), rate.lower(), curvature.upper())
+                low = low.max(far.min(floor.window)).lower()
+        if floor.whole:
+            latest = _latest(jets[0], jets[1], moving[2])
+            if latest < floor.window:
+                high = high.min(latest).upper()
     return low, high
 
 

@@ -19,7 +19,7 @@ from typing import Final, final
 
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
-from tests.reference.mode_bounds import INFINITE, Bound, Modes, upper
+from tests.reference.mode_bounds import INFINITE, Bound, Floor, Modes, upper
 
 JETS: Final = 24
 """Derivatives of a row that are kept."""
@@ -168,12 +168,21 @@ class LinearMotion:
         """Bounds (order >= 2) on derivative ``order`` of the structural part of r z."""
         if self.size == 0:
             return [Bound(arb(0), INFINITE)]
-        for _ in range(order - 1):
+        return self.modes.bounds(row, self._derivatives(row, z, order)[order - 1 :])
+
+    def floors(self, row: Row, z: arb_mat, value: arb, rate: arb) -> list[Floor]:
+        """Floors of the structural part of r z, from its value and rate."""
+        if self.size == 0:
+            return [Floor(value, rate, arb(0), INFINITE, True)]
+        return self.modes.floors(row, self._derivatives(row, z, 2), value, rate)
+
+    def _derivatives(self, row: Row, z: arb_mat, order: int) -> list[tuple[arb_mat, int]]:
+        """Derivatives of z with their orders, one more where the row takes velocities."""
+        states = [(z, 0)]
+        for i in range(1, order + row.has_velocity):
             z = self.rate(z)
-        states = [(z, order - 1)]
-        if row.has_velocity:
-            states.append((self.rate(z), order))
-        return self.modes.bounds(row, states)
+            states.append((z, i))
+        return states
 
     def lowest_ever(self, row: Row, z: arb_mat) -> arb:
         """A number below r z at all later times; minus infinity where none is known.

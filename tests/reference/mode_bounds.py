@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, final
 
 import mpmath
 from flint import arb, arb_mat
@@ -13,7 +13,10 @@ from mpmath import mp, mpf
 if TYPE_CHECKING:
     from tests.reference.linear_motion import LinearMotion, Row
 
-MODE_DIGITS: Final = 80
+MODE_DIGITS: Final = 100
+APART: Final = 30
+"""Ratio of natural frequencies from which the faster modes are bounded on their own."""
+
 FOR_EVER: Final = arb("1e40")
 UNCOUPLED: Final = arb("1e-40")
 INFINITE: Final = arb.pos_inf()
@@ -34,12 +37,24 @@ def upper(x: arb) -> arb:
     return x.abs_upper()
 
 
-@dataclass(frozen=True)
-class Bound:
+class Bound(NamedTuple):
     """``value`` bounds a derivative of the structural part of a row for the next ``window``."""
 
     value: arb
     window: arb
+
+
+class Floor(NamedTuple):
+    """f(s) >= value + rate s - curvature s^2 / 2 for 0 <= s < window.
+
+    Where it is ``whole`` nothing is left out: f(s) <= value + rate s + curvature s^2 / 2 too.
+    """
+
+    value: arb
+    rate: arb
+    curvature: arb
+    window: arb
+    whole: bool
 
 
 @final
@@ -52,9 +67,10 @@ class Modes:
         n_k' <= sum_j G_kj n_j + |F^_k|,   G_kj = |K^_kj| / w_j + |C^_kj|,
         G_kk = |K^_kk - w_k^2| / w_k + max(0, -C^_kk),
 
-    and the same for every derivative of q, which obeys the same equation. Besides, the energy of
-    the whole grows by the work of the forces at most. A damping that couples the modes makes the
-    first bound short-lived, stiff modes make the second one weak.
+    and the same for every derivative of q, which obeys the same equation. The rate of an overdamped
+    mode is also bounded by its two exponentials. Besides, the energy of the whole grows by the work
+    of the forces at most. A damping that couples the modes makes the first bound short-lived, stiff
+    modes make the second one weak.
     """
 
     def __init__(self, motion: LinearMotion) -> None:
@@ -79,6 +95,11 @@ class Modes:
             for x, rigid in zip(squares, self.rigid, strict=True)
         ]
         self.decay = [damp[k, k] for k in range(n)]
+        self.exponents = [_exponents(stiff[k, k], damp[k, k]) for k in range(n)]
+        ascending = sorted(self.w)
+        self.cuts = [
+            [k for k in range(n) if self.w[k] >= b] for a, b in pairwise(ascending) if b > APART * a
+        ]
         growth = arb(0)
         self.coupled = False
         for k in range(n):
@@ -92,9 +113,10 @@ class Modes:
                     total += entry
             growth = growth.max(total.upper())
         self.growth = growth
+        self.static = [force[k, 2] / stiff[k, k] if not self.rigid[k] else arb(0) for k in range(n)]
         self.drive = [upper((force[k, 0] ** 2 + force[k, 1] ** 2).sqrt()) for k in range(n)]
         # Of the energy, and of the forces in the norm that goes with it.
-        self.sound = all(x > -top * UNCOUPLED for x in squares)
+        self.sound = all(x > -top * UNCOUPLED for x in squares) and _dissipates(motion.damping)
         columns = [arb_mat(n, 1, [motion.forcing[i, j] for i in range(n)]) for j in range(2)]
         works = [(c.transpose() * motion.inverse_mass * c)[0, 0] for c in columns]
         self.work = upper(upper(works[0]).sqrt() + upper(works[1]).sqrt())
@@ -105,6 +127,21 @@ class Modes:
         q = (self.to_modal * z).entries()
         return [upper(((self.w[k] * q[k]) ** 2 + q[n + k] ** 2).sqrt()) for k in range(n)]
 
+    def rates(self, z: arb_mat) -> list[arb]:
+        """Bounds on |q_k'| for ever, where nothing forces the modes."""
+        n = self.motion.size
+        q = (self.to_modal * z).entries()
+        found = self.norms(z)
+        for k, exponents in enumerate(self.exponents):
+            if exponents is not None:
+                slow, fast = exponents
+                parts = (
+                    upper((q[n + k] + fast * q[k]) * slow),
+                    upper((q[n + k] + slow * q[k]) * fast),
+                )
+                found[k] = found[k].min((parts[0] + parts[1]) / (fast - slow)).upper()
+        return found
+
     def energy_norm(self, z: arb_mat) -> arb:
         """Square root of twice the energy."""
         n = self.motion.size
@@ -112,39 +149,94 @@ class Modes:
         twice = x.transpose() * self.motion.stiffness * x + v.transpose() * self.motion.mass * v
         return upper(upper(twice[0, 0]).sqrt())
 
-    def bounds(self, row: Row, states: Sequence[tuple[arb_mat, int]]) -> list[Bound]:
+    def windows(self) -> list[tuple[arb, arb]]:
+        """Times, and by which part of the largest norm the coupling makes norms grow within them.
+
+        Short windows, in which there is next to no growth, are offered besides long ones.
+        """
+        later = self.later()
+        if self.growth == 0:
+            return [(later, arb(0))]
+        times = [(arb((1, -k)) / self.growth).min(later).lower() for k in (2, 20, 60)]
+        return [(x, (self.growth * x).expm1().upper()) for x in times]
+
+    def later(self) -> arb:
+        """How far bounds reach that grow with the forces."""
+        return (1 / self.motion.frequency).lower() if self.motion.forced else INFINITE
+
+    def _grown(self, norms: list[arb], order: int, window: arb, growth: arb) -> list[arb]:
+        """Bounds within a window, from those without coupling and forces."""
+        if self.motion.forced:
+            share = window * self.motion.frequency**order
+            norms = [upper(a + share * b) for a, b in zip(norms, self.drive, strict=True)]
+        spread = growth * max(norms)
+        return [(a + spread).upper() for a in norms]
+
+    def bounds(
+        self, row: Row, states: Sequence[tuple[arb_mat, int]], fast: Sequence[int] = ()
+    ) -> list[Bound]:
         """From the derivatives (state, order) of the motion that follow a row's order.
 
-        Growth by coupling counts with the fastest of the modes, so that short windows, in which
-        there is next to none, are offered besides long ones.
+        Without the share of the ``fast`` modes.
         """
-        motion, w = self.motion, self.motion.frequency
-        later = (1 / w).lower() if motion.forced else INFINITE
-        windows = [INFINITE]
-        if self.growth > 0:
-            windows = [(arb((1, -k)) / self.growth).lower() for k in (2, 20, 60)]
-        windows = [x.min(later) for x in windows]
-        grown = [(self.growth * x).expm1().upper() if self.growth > 0 else arb(0) for x in windows]
-        totals, whole = [arb(0) for _ in windows], arb(0)
+        windows = self.windows()
+        totals = [arb(0) for _ in windows]
+        whole = arb(0)
         for part, (z, order) in zip((row.on_position, row.on_velocity), states, strict=False):
             weights = [upper(x) for x in (part * self.shape).entries()]
-            norms, speed = self.norms(z), w**order
-            for i, window in enumerate(windows):
-                now = norms
-                if motion.forced:
-                    share = window * speed
-                    now = [upper(a + share * b) for a, b in zip(norms, self.drive, strict=True)]
-                spread = grown[i] * max(now)
+            for k in fast:
+                weights[k] = arb(0)
+            norms, rates = self.norms(z), self.rates(z)
+            for i, (window, growth) in enumerate(windows):
+                spread = max(self._grown(norms, order, window, growth)) * growth
+                now = self._grown(rates, order, window, arb(0))
                 totals[i] += sum((a * (b + spread) for a, b in zip(weights, now, strict=True)))
-            if self.sound and self.coupled:
-                dual = (part * motion.inverse_mass * part.transpose())[0, 0]
-                energy = self.energy_norm(z)
-                if motion.forced:
-                    energy += later * speed * self.work
-                whole += upper(upper(dual).sqrt()) * energy
-        found = [Bound(x.upper(), y) for x, y in zip(totals, windows, strict=True)]
-        if self.sound and self.coupled:
-            found.append(Bound(whole.upper(), later))
+            whole += self._by_energy(part, z, order)
+        found = [Bound(x.upper(), y) for x, (y, _) in zip(totals, windows, strict=True)]
+        if self.sound and self.coupled and not fast:
+            found.append(Bound(whole.upper(), self.later()))
+        return found
+
+    def _by_energy(self, part: arb_mat, z: arb_mat, order: int) -> arb:
+        dual = (part * self.motion.inverse_mass * part.transpose())[0, 0]
+        energy = self.energy_norm(z)
+        if self.motion.forced:
+            energy += self.later() * self.motion.frequency**order * self.work
+        return upper(upper(dual).sqrt()) * energy
+
+    def floors(
+        self, row: Row, states: Sequence[tuple[arb_mat, int]], value: arb, rate: arb
+    ) -> list[Floor]:
+        """Floors of the structural part of a row, from the states (state, order) of orders 0, 1, 2.
+
+        Where fast modes stand apart they are also taken at their worst, and left out of the
+        curvature.
+        """
+        after = states[1:]
+        found = [Floor(value, rate, *bound, True) for bound in self.bounds(row, after)]
+        if not self.cuts:
+            return found
+        n = self.motion.size
+        weights = [(part * self.shape).entries() for part in (row.on_position, row.on_velocity)]
+        q, dq = ((self.to_modal * z).entries() for z, _ in states[:2])
+        offsets = q[:]
+        for k in range(n):
+            offsets[k] -= self.static[k]
+        norms = [upper(((self.w[k] * offsets[k]) ** 2 + q[n + k] ** 2).sqrt()) for k in range(n)]
+        for fast in self.cuts:
+            apart, apart_rate, size = arb(0), arb(0), []
+            for k in fast:
+                a, b = weights[0][k], weights[1][k]
+                apart += a * offsets[k] + b * q[n + k]
+                apart_rate += a * dq[k] + b * dq[n + k]
+                size.append(upper(((a / self.w[k]) ** 2 + b**2).sqrt()))
+            bounds = self.bounds(row, after, fast)
+            for bound, (window, growth) in zip(bounds, self.windows(), strict=True):
+                grown = self._grown(norms, 0, window, growth)
+                worst = sum((a * grown[k] for a, k in zip(size, fast, strict=True)), arb(0))
+                found.append(
+                    Floor((value - apart - worst).lower(), rate - apart_rate, *bound, False)
+                )
         return found
 
     def lowest_free(self, row: Row, free: arb_mat) -> arb:
@@ -179,18 +271,35 @@ class Modes:
         return -upper(upper(square).sqrt()) * self.energy_norm(_pad(free))
 
 
+def _exponents(square: arb, damping: arb) -> tuple[arb, arb] | None:
+    """Decay rates, slow and fast, of an overdamped mode."""
+    discriminant = damping**2 / 4 - square
+    if not (discriminant > 0 and damping > 0):
+        return None
+    fast = damping / 2 + discriminant.sqrt()
+    return square / fast, fast
+
+
 def _pad(free: arb_mat) -> arb_mat:
     return arb_mat(free.nrows() + 3, 1, free.entries() + [arb(0)] * 3)
+
+
+def _dissipates(damping: arb_mat) -> bool:
+    """Whether no eigenvalue is negative, to 30 digits."""
+    with mp.workdps(40):
+        values = mpmath.eigsy(_to_matrix(damping), eigvals_only=True)
+        return bool(min(values) >= -mpf("1e-30") * max(abs(x) for x in values))
+
+
+def _to_matrix(part: arb_mat) -> Real:
+    return mpmath.matrix([[to_mpf(x) for x in row] for row in part.table()])
 
 
 def _shapes(motion: LinearMotion) -> arb_mat:
     """Modes of mass and stiffness to MODE_DIGITS."""
     n = motion.size
     with mp.workdps(MODE_DIGITS):
-        mass, stiffness = (
-            mpmath.matrix([[to_mpf(x) for x in row] for row in part.table()])
-            for part in (motion.mass, motion.stiffness)
-        )
+        mass, stiffness = _to_matrix(motion.mass), _to_matrix(motion.stiffness)
         root = mpmath.cholesky(mass) ** -1
         _, vectors = mpmath.eigsy(root * stiffness * root.T)
         shape = root.T * vectors
