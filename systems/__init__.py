@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from dynkit.systems.flows.lorenz import Lorenz
     from dynkit.systems.flows.rossler import Rossler
     from dynkit.systems.impact.chain import ImpactChain
+    from dynkit.systems.impact.matrices import MatrixOscillator
     from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.maps.henon import Henon
     from dynkit.systems.maps.high_bounce import HighBounce
@@ -26,6 +27,7 @@ __all__ = [
     "LagrangianStructure",
     "Logistic",
     "Lorenz",
+    "MatrixOscillator",
     "Rossler",
 ]
 
@@ -41,6 +43,7 @@ __getattr__, __dir__ = lazy_names(
         "LagrangianStructure": "dynkit.systems.structure.lagrangian",
         "Logistic": "dynkit.systems.maps.logistic",
         "Lorenz": "dynkit.systems.flows.lorenz",
+        "MatrixOscillator": "dynkit.systems.impact.matrices",
         "Rossler": "dynkit.systems.flows.rossler",
     },
 )

@@ -123,8 +123,9 @@ def _links(pairs: Pairs, smallest: float, rungs: int) -> tuple[NDArray[np.intp],
 
 
 def _pad(rows: Array, slots: int) -> Array:
+    """The first slots of rows, filled up with zeros."""
     out = np.zeros((*rows.shape[:-1], slots))
-    out[..., : rows.shape[-1]] = rows
+    out[..., : rows.shape[-1]] = rows[..., :slots]
     return out
 
 

@@ -165,7 +165,7 @@ class Pairs:
             slots, which, growth, decay = parts
             larger = _majorant(growth, decay, window)
             own = weights[which, slots]
-            reached = np.where(own[:, None] * (larger > 0.0) > 0.0, own[:, None] * larger, 0.0)
+            reached = own[:, None] * np.where(own[:, None] > 0.0, larger, 0.0)
             total = reached.sum(axis=0)
             weights[which, slots] = total
             alone = together[slots]

@@ -55,7 +55,6 @@ class ImpactChain(ImpactOscillator):
     damping: float | tuple[float, ...] = 0.1
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if isinstance(self.masses, int | float | np.generic):
             self._set("masses", positive_integer("masses", self.masses))
         else:
@@ -64,6 +63,7 @@ class ImpactChain(ImpactOscillator):
             values = element_values(name, getattr(self, name), self.degrees_of_freedom, zero=zero)
             alone = isinstance(getattr(self, name), int | float | np.generic)
             self._set(name, values[0] if alone else values)
+        super().__post_init__()
 
     @property
     def degrees_of_freedom(self) -> int:

@@ -241,72 +241,11 @@ def _perturb(
 
 
 @kernel()
-def contact_phase(
-    stop: Stop,
-    clock: Array,
-    band_factor: float,
-    limit: int,
-    flight: Workspace,
-    contact: Workspace,
-) -> int:
-    """From the start state of `flight`, on the table, to the release, its new start state.
-
-    The start state of `contact` becomes the stuck state at the start, the clock is advanced.
-
-    Returns
-    -------
-    outcome of the search for the zero of the contact force
-    """
-    transform(stop.to_stuck, flight.states, START, contact.states)
-    outcome, n, e, _, cells = first_root(
-        stop.force, 0, 0.0, band_factor, False, limit, FOREVER, contact
-    )
-    clock[CELLS] += cells
-    if outcome in (NEVER, LIMIT):
-        return outcome
-    transform(stop.to_free, contact.states, FOUND, flight.states)
-    _normalise(flight.states, stop.gap.steady)
-    _advance_clock(clock, n, stop.force.smallest, e)
-    return outcome
-
-
-@kernel()
 def _copy(states: Array, k: int, to: int) -> None:
     """State `k` into state `to`."""
     for row in range(2):
         for i in range(states.shape[2]):
             states[to, row, i] = states[k, row, i]
-
-
-@kernel(inline=True)
-def _next_contact(
-    mechanics: Mechanics,
-    side: int,
-    order: int,
-    u: float,
-    band_factor: float,
-    limit: int,
-    work: Workspace,
-) -> tuple[int, int, float, float, int, int]:
-    """First root of the gaps: what `first_root` returns, and the side."""
-    outcome, n, e, rate, cells = first_root(
-        mechanics.stops[side].gap, order, u, band_factor, True, limit, FOREVER, work
-    )
-    if len(mechanics.stops) == 2:
-        other = mechanics.stops[1 - side].gap
-        _copy(work.states, FOUND, KEPT)
-        horizon = FOREVER if outcome == NEVER else n
-        found, m, d, slope, more = first_root(
-            other, 0, 0.0, band_factor, True, limit, horizon, work
-        )
-        cells += more
-        hit = found in (ROOT, TOUCH)
-        if hit and (outcome in (NEVER, LIMIT) or (m - n) * other.smallest < e - d):
-            return found, m, d, slope, cells, 1 - side
-        if found == LIMIT:
-            outcome = LIMIT
-        _copy(work.states, KEPT, FOUND)
-    return outcome, n, e, rate, cells, side
 
 
 @kernel()
@@ -348,6 +287,9 @@ def run(
     smallest = mechanics.stops[0].gap.smallest
     table = mechanics.stops[0].gap.steady
     store = states.shape[0] > 0
+    # Not literals: for every set of them the search would be compiled once more.
+    zero = count - count
+    for_ever = FOREVER + zero
     done = 0
     while done < count:
         side = int(clock[SIDE])
@@ -379,20 +321,52 @@ def run(
                     clock[CHATTER_ERROR] += error
                     if noise > 0.0:
                         _perturb(slots, table, y, clock, 0.0, error)
-                outcome = contact_phase(stop, clock, band_factor, limit, flight, contact)
+                transform(stop.to_stuck, y, START, contact.states)
+                outcome, n, e, _, cells = first_root(
+                    stop.force, zero, 0.0, band_factor, count < 0, limit, for_ever, contact
+                )
+                clock[CELLS] += cells
                 clock[CONTACTS] += 1.0
                 if outcome == NEVER:
                     return done, CONTACT_FOR_EVER
                 if outcome == LIMIT:
                     return done, SEARCH_LIMIT
+                transform(stop.to_free, contact.states, FOUND, y)
+                _normalise(y, table)
+                _advance_clock(clock, n, stop.force.smallest, e)
                 contacts[k, 2] = clock[TIME]
                 clock[SPEED] = 0.0
                 clock[PHASE_OF_MOTION] = RELEASED
                 order = 3
-        outcome, n, e, rate, cells, side = _next_contact(
-            mechanics, side, order, u, band_factor, limit, flight
+        gap = mechanics.stops[side].gap
+        outcome, n, e, rate, cells = first_root(
+            gap, order, u, band_factor, count > 0, limit, for_ever, flight
         )
         clock[CELLS] += cells
+        if len(mechanics.stops) == 2:
+            # Whether the other stop is reached before.
+            _copy(y, FOUND, KEPT)
+            found, m, d, slope, cells = first_root(
+                mechanics.stops[1 - side].gap,
+                zero,
+                0.0,
+                band_factor,
+                count > 0,
+                limit,
+                for_ever if outcome == NEVER else n,
+                flight,
+            )
+            clock[CELLS] += cells
+            if found in (ROOT, TOUCH) and (outcome in (NEVER, LIMIT) or (m - n) * smallest < e - d):
+                outcome = found
+                n = m
+                e = d
+                rate = slope
+                side = 1 - side
+            else:
+                _copy(y, KEPT, FOUND)
+                if found == LIMIT:
+                    outcome = LIMIT
         if outcome == NEVER:
             return done, NO_FURTHER_CONTACT
         if outcome == LIMIT:

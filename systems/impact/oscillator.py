@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -138,6 +139,12 @@ class ImpactOscillator(LagrangianStructure, Map):
         if self.side not in ("above", "below"):
             raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
         self._set("chatter_tolerance", non_negative("chatter_tolerance", self.chatter_tolerance))
+        n = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
+        if isinstance(self.contact, bool) or not -n <= self.contact < n:
+            raise ValueError(f"contact must lie in [{-n}, {n - 1}]; got {self.contact!r}")
+        self._set("contact", operator.index(self.contact))
+        for name, kind in (("harmonic_forces", complex), ("constant_forces", float)):
+            self._set(name, _forces(name, getattr(self, name), n, kind))
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -199,8 +206,8 @@ class ImpactOscillator(LagrangianStructure, Map):
         return Drive(
             self.frequency,
             self.amplitude,
-            np.array(self.harmonic_forces or np.zeros(n), dtype=complex),
-            np.array(self.constant_forces or np.zeros(n), dtype=float),
+            np.array(self.harmonic_forces or (0j,) * n),
+            np.array(self.constant_forces or (0.0,) * n),
         )
 
     @property
@@ -394,3 +401,14 @@ class ImpactOscillator(LagrangianStructure, Map):
         # Symmetric in both directions, unlike the remainder operator.
         out[..., -1] -= TWO_PI * np.rint(out[..., -1] / TWO_PI)
         return out
+
+
+def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:
+    """Forces on all coordinates as a tuple, empty for none."""
+    if isinstance(given, tuple) and not given:
+        return given
+    array = np.asarray(given)
+    parts = [array.real, array.imag] if kind is complex and np.iscomplexobj(array) else [array]
+    for part in parts:
+        finite_array(name, part, (size,))
+    return tuple(array.astype(kind).tolist())

@@ -128,37 +128,49 @@ class LagrangianStructure(ABC):
         return self._derivation.modes
 
     @cached_property
-    def _derivation(self) -> _Derivation:
+    def _derivation(self) -> Derivation:
         return _shared_derivation(self)
+
+    def _derive(self) -> Derivation:
+        size = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
+        v, x = symbols("v", size), symbols("x", size)
+        mass = quadratic_form("kinetic", self.kinetic(v), v)
+        stiffness = quadratic_form("potential", self.potential(x), x)
+        damping = quadratic_form("dissipation", self.dissipation(v), v)
+        check_definite("the mass matrix of kinetic", mass.dense)
+        check_semidefinite("the stiffness matrix of potential", stiffness.dense)
+        check_semidefinite("the damping matrix of dissipation", damping.dense)
+        return Derivation(mass, damping, stiffness, exact=True)
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in vars(self).items() if name != "_derivation"}
 
 
 @dataclass(frozen=True, eq=False)
-class _Derivation:
-    """What follows from the energies."""
+class Derivation:
+    """What follows from the energies: exact, unless the matrices were given rounded."""
 
     mass: SymmetricMatrix
     damping: SymmetricMatrix
     stiffness: SymmetricMatrix
+    exact: bool
 
     @cached_property
     def modes(self) -> Modes:
         with _lock:
-            return modes_of(self.mass, self.damping, self.stiffness, exact=True)
+            return modes_of(self.mass, self.damping, self.stiffness, exact=self.exact)
 
 
 _lock = RLock()
-_derivations: OrderedDict[Hashable, _Derivation] = OrderedDict()
+_derivations: OrderedDict[Hashable, Derivation] = OrderedDict()
 
 
-def _shared_derivation(structure: LagrangianStructure) -> _Derivation:
+def _shared_derivation(structure: LagrangianStructure) -> Derivation:
     key = _key(structure)
     with _lock:
         found = _derivations.get(key) if key is not None else None
         if found is None:
-            found = _derive(structure)
+            found = structure._derive()
         if key is not None:
             _derivations[key] = found
             _derivations.move_to_end(key)
@@ -167,18 +179,6 @@ def _shared_derivation(structure: LagrangianStructure) -> _Derivation:
                     break
                 _derivations.popitem(last=False)
     return found
-
-
-def _derive(structure: LagrangianStructure) -> _Derivation:
-    size = positive_integer("degrees_of_freedom", structure.degrees_of_freedom)
-    v, x = symbols("v", size), symbols("x", size)
-    mass = quadratic_form("kinetic", structure.kinetic(v), v)
-    stiffness = quadratic_form("potential", structure.potential(x), x)
-    damping = quadratic_form("dissipation", structure.dissipation(v), v)
-    check_definite("the mass matrix of kinetic", mass.dense)
-    check_semidefinite("the stiffness matrix of potential", stiffness.dense)
-    check_semidefinite("the damping matrix of dissipation", damping.dense)
-    return _Derivation(mass, damping, stiffness)
 
 
 def _key(structure: LagrangianStructure) -> Hashable | None:

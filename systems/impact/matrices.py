@@ -1,0 +1,96 @@
+"""Impact oscillators given by their matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
+from dynkit.systems.structure.lagrangian import Derivation
+from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.validation import finite_array
+
+if TYPE_CHECKING:
+    import sympy
+
+Matrix: TypeAlias = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixOscillator(ImpactOscillator):
+    """An impact oscillator M x'' + C x' + K x = forces, given by its matrices.
+
+    Parameters
+    ----------
+    M, C, K : (N, N) array_like
+        Mass, positive definite; damping and stiffness, positive semidefinite. All symmetric. A
+        frequency is exactly zero, that of a rigid body, where rounding the elements of K could have
+        made it so.
+    frequency, ... : as for `ImpactOscillator`
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    Examples
+    --------
+    Two masses tied to each other and to nothing else, the second one above a stop:
+
+    >>> free = MatrixOscillator(
+    ...     M=[[1, 0], [0, 1]], C=[[0, 0], [0, 0]], K=[[1, -1], [-1, 1]],
+    ...     constant_forces=(-1, -1), amplitude=0, frequency=1,
+    ... )
+    >>> free.natural_frequencies
+    array([0.        , 1.41421356])
+    >>> record = free.simulate(impacts=100, start=free.state([2, 1]))
+    >>> float(record.relative_velocity[0].round(6))
+    0.902694
+    """
+
+    M: Matrix
+    C: Matrix
+    K: Matrix
+
+    def __post_init__(self) -> None:
+        size = None
+        for name in ("M", "C", "K"):
+            matrix = finite_array(name, getattr(self, name), (size, size))
+            size = len(matrix)
+            if matrix.shape != (size, size) or not size:
+                raise ValueError(f"{name} must be a square matrix; got shape {matrix.shape}")
+            for i, j in np.argwhere(matrix != matrix.T)[:1].tolist():
+                raise ValueError(
+                    f"{name} must be symmetric; got {matrix[i, j]} at [{i}, {j}] and "
+                    f"{matrix[j, i]} across"
+                )
+            (check_definite if name == "M" else check_semidefinite)(name, matrix)
+            self._set(name, tuple(map(tuple, matrix.tolist())))
+        super().__post_init__()
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        return len(self.M)
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return _form(self.M, v)
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return _form(self.K, x)
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return _form(self.C, v)
+
+    def _derive(self) -> Derivation:
+        m, c, k = (SymmetricMatrix.from_dense(np.array(a)) for a in (self.M, self.C, self.K))
+        return Derivation(m, c, k, exact=False)
+
+
+def _form(matrix: Matrix, z: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+    from sympy import Add
+
+    rows = enumerate(matrix)
+    return Add(*(e * z[i] * z[j] / 2 for i, row in rows for j, e in enumerate(row) if e))
