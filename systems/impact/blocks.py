@@ -16,13 +16,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.systems.impact.energy_coordinates import EnergyCoordinates, double_double
-from dynkit.systems.impact.schur import SchurForm
+from dynkit.systems.impact.clusters import Cluster, clusters_of
+from dynkit.systems.impact.energy_coordinates import EnergyCoordinates
 from dynkit.systems.structure.double_double import DoubleDouble
 from dynkit.validation import Array
-
-LARGEST_PROJECTOR = 1e3
-"""Clusters are joined until no projector onto one of them, along the others, is larger."""
 
 # Below this, relative to its blocks, a coupling is the rounding error of two equal rates.
 _NO_COUPLING = 2.0**-70
@@ -52,14 +49,14 @@ class Blocks:
 
     Notes
     -----
-    A G with a zero in its place 21 has real rates; it is diagonal where they have nothing in common
-    but the place. Rigid-body motions have a rate that is exactly 0 in such a G: (position,
-    velocity) with G = (0, 1; 0, 0) where no dashpot holds them.
+    A G whose entry 21 is zero has real rates; it is diagonal where they have nothing in common but
+    the place. A rigid-body motion is a pair of position and velocity, up to factors: entry 11 of
+    its G is exactly zero, and so is 22 where no dashpot holds the body.
 
-    The basis of pairs that are linked is orthonormal as measured by the energy, which only falls:
-    but for rigid-body motions, the square sum of their coordinates never grows. Therefore damping
-    bounds the couplings, ``norm(B_ts)^2 <= norm(G_t + G_t') norm(G_s + G_s')``, and doubles are
-    good enough for them.
+    The basis of each pair, and of pairs that are linked, is orthonormal where the energy is half
+    the square sum. As it only falls, that sum never grows, but for rigid-body motions. Therefore
+    damping bounds the couplings, ``norm(B_ts)^2 <= norm(G_t + G_t') norm(G_s + G_s')``, and doubles
+    are good enough for them.
     """
 
     generator: Array
@@ -101,135 +98,46 @@ def real_blocks(mass: Array, damping: Array, stiffness: Array) -> Blocks:
     array([1., 2., 0., 1.])
     """
     coordinates = EnergyCoordinates.of(mass, damping, stiffness)
-    form = SchurForm(coordinates.state_matrix(), coordinates.held)
-    clusters, condition = _clusters(form, coordinates.held)
-    return _assembled(coordinates, form, clusters, condition)
-
-
-# --- clusters -------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Cluster:
-    """Blocks of a Schur form that are taken together.
-
-    Attributes
-    ----------
-    numbers : list
-        Of the blocks.
-    vectors : (n, m) array
-        Orthonormal basis of their invariant subspace.
-    """
-
-    numbers: list[int]
-    vectors: Array
-
-    @staticmethod
-    def of(form: SchurForm, numbers: list[int]) -> _Cluster:
-        return _Cluster(numbers, form.lead(numbers)[0].high)
-
-
-def _clusters(form: SchurForm, held: int) -> tuple[list[_Cluster], float]:
-    """Clusters whose bases make a well-conditioned one together, and its condition number.
-
-    The rates 0 of rigid-body positions, which lead the Schur form, are joined to as many real ones:
-    such pairs are position and velocity, however slow the decay is.
-    """
-    clusters = [_Cluster.of(form, [number]) for number in range(held, len(form.size))]
-    if held:
-        rigid = _Cluster.of(form, list(range(held)))
-        for _ in range(held):
-            real = [c for c in clusters if form.size[c.numbers[0]] == 1]
-            if real:
-                rigid = _joined(form, clusters, rigid, real)
-        clusters.append(rigid)
-    while True:
-        basis = np.concatenate([c.vectors for c in clusters] or [np.eye(0)], axis=1)
-        # The small number keeps the inverse finite where two subspaces are the same.
-        inverse = np.linalg.inv(basis + 1e-14 * np.eye(len(basis)))
-        projectors = _sizes(np.asarray(inverse.T), clusters)
-        if len(clusters) < 2 or projectors.max() <= LARGEST_PROJECTOR:
-            return clusters, float(np.linalg.cond(basis)) if clusters else 1.0
-        worst = clusters.pop(int(np.argmax(projectors)))
-        clusters.append(_joined(form, clusters, worst, clusters))
-
-
-def _sizes(columns: Array, clusters: list[_Cluster]) -> Array:
-    """Norms of the columns that belong to each cluster."""
-    ends = np.cumsum([c.vectors.shape[1] for c in clusters])
-    return np.array([np.linalg.norm(part) for part in np.split(columns, ends[:-1], axis=1)])
-
-
-def _joined(
-    form: SchurForm, clusters: list[_Cluster], one: _Cluster, others: list[_Cluster]
-) -> _Cluster:
-    """A cluster and that of some others with the smallest angle, taken from the list of clusters.
-
-    Sums of squares of cosines are compared.
-    """
-    cosines = one.vectors.T @ np.concatenate([other.vectors for other in others], axis=1)
-    closest = others[int(np.argmax(_sizes(cosines, others)))]
-    clusters[:] = [cluster for cluster in clusters if cluster is not closest]
-    return _Cluster.of(form, one.numbers + closest.numbers)
-
-
-# --- pairs ----------------------------------------------------------------------------------------
-
-
-def _assembled(
-    coordinates: EnergyCoordinates, form: SchurForm, clusters: list[_Cluster], condition: float
-) -> Blocks:
-    size = 2 * len(coordinates.mass)
-    generator = double_double(np.zeros((size, size)))
-    columns: list[DoubleDouble] = []
-    pairs: list[tuple[int, int]] = []
-    alone: list[int] = []  # real rates without a neighbour
-    start = 0
-    for cluster in clusters:
-        numbers, real = _in_order(form, cluster.numbers)
-        vectors, own = form.lead(numbers)
-        zeros = [i for i, number in enumerate(numbers) if number < coordinates.held]
-        stop = start + len(own.high)
-        for part, whole in zip(own, generator, strict=True):
-            part[np.ix_(zeros, zeros)] = 0.0
-            whole[start:stop, start:stop] = part
-        columns.append(vectors)
-        alone += [start] * (real % 2)
-        pairs += [(k, k + 1) for k in range(start + real % 2, stop, 2)]
-        start = stop
-    alone.sort(key=lambda k: -generator.high[k, k])
-    half = len(alone) // 2
-    pairs = [*zip(alone[:half], alone[half:], strict=True), *pairs]
-    free = (size - start) // 2
-    for k in range(start, start + free):
-        generator.high[k, k + free] = 1.0
-        pairs.append((k, k + free))
+    clusters = clusters_of(coordinates)
+    vectors = DoubleDouble(
+        *(np.concatenate(part, axis=1) for part in zip(*(c.vectors for c in clusters), strict=True))
+    )
+    generator, pairs = _arranged(clusters)
     order = np.array(pairs).T.ravel()
-    matrix = np.ascontiguousarray(coordinates.states(columns)[:, order])
+    matrix = np.ascontiguousarray(coordinates.states(vectors)[:, order])
     high, low = (_pairwise(part[np.ix_(order, order)]) for part in generator)
     target, source = _links(high)
-    own_place = np.arange(len(pairs))
+    own = np.arange(len(pairs))
     return Blocks(
-        generator=np.ascontiguousarray(high[own_place, own_place].T),
-        generator_low=np.ascontiguousarray(low[own_place, own_place].T),
+        generator=np.ascontiguousarray(high[own, own].T),
+        generator_low=np.ascontiguousarray(low[own, own].T),
         target=target,
         source=source,
         coupling=high[target, source],
         matrix=matrix,
         inverse=coordinates.inverse(matrix),
-        condition=condition,
+        condition=float(np.linalg.cond(vectors.high)),
     )
 
 
-def _in_order(form: SchurForm, numbers: list[int]) -> tuple[list[int], int]:
-    """Blocks as they make pairs, and how many are real: an odd one, real ones, complex ones.
-
-    What is odd may share its pair with the odd one of another cluster: it drives nothing.
-    """
-    real = sorted(number for number in numbers if form.size[number] == 1)
-    even = len(real) - len(real) % 2
-    turning = [number for number in numbers if form.size[number] == 2]
-    return [*real[even:], *real[:even], *turning], len(real)
+def _arranged(clusters: list[Cluster]) -> tuple[DoubleDouble, list[tuple[int, int]]]:
+    """Derivatives of the coordinates of all clusters, and the coordinates that make pairs."""
+    size = sum(len(cluster.matrix.high) for cluster in clusters)
+    generator = DoubleDouble(np.zeros((size, size)), np.zeros((size, size)))
+    pairs: list[tuple[int, int]] = []
+    alone: list[int] = []  # real rates without a partner
+    start = 0
+    for cluster in clusters:
+        stop, odd = start + len(cluster.matrix.high), cluster.real % 2
+        for part, whole in zip(cluster.matrix, generator, strict=True):
+            whole[start:stop, start:stop] = part
+        alone += [start] * odd
+        pairs += [(k, k + 1) for k in range(start + odd, stop, 2)]
+        start = stop
+    # The first coordinate of a cluster drives no other: two clusters may share a pair.
+    alone.sort(key=lambda k: -generator.high[k, k])
+    half = len(alone) // 2
+    return generator, [*zip(alone[:half], alone[half:], strict=True), *pairs]
 
 
 def _pairwise(matrix: Array) -> Array:

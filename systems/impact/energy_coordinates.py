@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynkit.systems.structure.double_double import ROUNDING, DoubleDouble, add, divide, negative
 from dynkit.systems.structure.modes import Modes
@@ -25,112 +24,79 @@ class EnergyCoordinates:
 
     Attributes
     ----------
-    mass : (N, N) array
-    shapes : (N, n) array
-        Rigid-body motions first; those that no dashpot holds are left out.
-    free : (N, N - n) array
-        Rigid-body motions that no dashpot holds: q'' = 0.
-    held : int
-        Number of rigid-body motions among the shapes.
-    scale : (n,) array
+    shapes : (N, N) array
+        Rigid-body motions first.
+    rigid : int
+        Their number.
+    scale : (N,) array
         Natural frequencies; for rigid-body motions, whose positions have no energy, the smallest
         of the others.
-    damping, stiffness : DoubleDouble, (n, n)
-        M^-1 C and M^-1 K for q. The columns of rigid-body positions vanish.
+    matrix : DoubleDouble, (2N, 2N)
+        Derivatives of the coordinates. The columns of rigid-body positions vanish.
+    mass, damping : (N, N) arrays
     """
 
-    mass: Array
     shapes: Array
-    free: Array
-    held: int
+    rigid: int
     scale: Array
-    damping: DoubleDouble
-    stiffness: DoubleDouble
+    matrix: DoubleDouble
+    mass: Array
+    damping: Array
 
     @staticmethod
     def of(mass: Array, damping: Array, stiffness: Array) -> EnergyCoordinates:
-        """Of checked matrices; whether motions are rigid or undamped is decided up to rounding."""
+        """Of checked matrices; whether a motion is rigid is decided up to rounding of K."""
         modes = Modes.from_matrices(mass, damping, stiffness)
-        shapes = modes.matrix.copy()
+        shapes = np.ascontiguousarray(modes.matrix)
         rigid = int(np.sum(modes.frequencies == 0.0))
-        free = _undamped(shapes[:, :rigid], shapes, damping)
-        kept = np.setdiff1d(np.arange(len(mass)), free)
-        held = rigid - len(free)
-        scale = modes.frequencies[kept]
-        scale[:held] = scale[held] if held < len(kept) else 1.0
-        chosen = np.ascontiguousarray(shapes[:, kept])
-        deviation = add(_congruent(chosen, mass), double_double(-np.eye(len(kept))))
-        springs = _congruent(chosen, stiffness)
+        scale = modes.frequencies.copy()
+        scale[:rigid] = scale[rigid] if rigid < len(scale) else 1.0
+        inertia, drag, springs = (_congruent(shapes, m) for m in (mass, damping, stiffness))
         for part in springs:
-            part[:held] = part[:, :held] = 0.0
-        return EnergyCoordinates(
-            mass=mass,
-            shapes=chosen,
-            free=shapes[:, free],
-            held=held,
-            scale=scale,
-            damping=_divided(_congruent(chosen, damping), deviation),
-            stiffness=_divided(springs, deviation),
+            part[:rigid] = part[:, :rigid] = 0.0
+        deviation = add(inertia, _double_double(-np.eye(len(mass))))
+        drag = _divided(drag, deviation)
+        springs = divide(_divided(springs, deviation), _double_double(scale[None]))
+        zero = np.zeros_like(mass)
+        matrix = DoubleDouble(
+            np.block([[zero, np.diag(scale)], [-springs.high, -drag.high]]),
+            np.block([[zero, zero], [-springs.low, -drag.low]]),
         )
+        return EnergyCoordinates(shapes, rigid, scale, matrix, mass, damping)
 
-    def state_matrix(self) -> DoubleDouble:
-        """(2n, 2n) matrix of the derivatives; its first `held` columns vanish."""
-        forces = divide(self.stiffness, double_double(self.scale[None]))
-        zero = np.zeros_like(forces.high)
-        return DoubleDouble(
-            np.block([[zero, np.diag(self.scale)], [-forces.high, -self.damping.high]]),
-            np.block([[zero, zero], [-forces.low, -self.damping.low]]),
-        )
-
-    def states(self, columns: list[DoubleDouble]) -> Array:
-        """Positions and velocities (2N, 2N) of coordinates (2n, ..), then of the free motions."""
+    def states(self, columns: DoubleDouble) -> Array:
+        """Positions and velocities (2N, m) of coordinates (2N, m), rounded once."""
         n = len(self.scale)
-        parts = [np.concatenate(part, axis=1) for part in zip(*columns, strict=True)]
-        zero = np.zeros_like(self.free)
-        free = np.block([[self.free, zero], [zero, self.free]])
-        if not parts:
-            return free
-        top = divide(DoubleDouble(*(p[:n] for p in parts)), double_double(self.scale[:, None]))
-        both = (np.concatenate([p, q[n:]], axis=1) for p, q in zip(top, parts, strict=True))
-        states = np.split(_times(self.shapes, DoubleDouble(*both)).high, 2, axis=1)
-        return np.concatenate([np.concatenate(states), free], axis=1)
+        top, bottom = (DoubleDouble(*(p[s] for p in columns)) for s in (np.s_[:n], np.s_[n:]))
+        top = divide(top, _double_double(self.scale[:, None]))
+        return np.concatenate([_times(self.shapes, part).high for part in (top, bottom)])
+
+    def uncertain_drag(self, column: Array) -> float:
+        """How much the decay of a motion (2N,) may owe to a rounding of the dashpots."""
+        velocity = np.abs(self.shapes @ column[len(self.scale) :])
+        return float(8.0 * 2.0**-53 * (velocity @ np.abs(self.damping) @ velocity))
 
     def inverse(self, matrix: Array) -> Array:
         """The inverse of a matrix (2N, 2N) of states, to the last bits of its rows."""
-        shapes = np.concatenate([self.shapes, self.free], axis=1)
-        scale = np.concatenate([self.scale, np.ones(self.free.shape[1])])
-        projector = shapes.T @ self.mass
+        projector = self.shapes.T @ self.mass
         zero = np.zeros_like(projector)
-        coordinates = np.block([[scale[:, None] * projector, zero], [zero, projector]])
+        coordinates = np.block([[self.scale[:, None] * projector, zero], [zero, projector]])
         inverse: Array = np.linalg.inv(coordinates @ matrix) @ coordinates
         for _ in range(2):
             product = exact_slices_product(matrix, inverse)
-            residual = add(product, double_double(-np.eye(len(matrix))))
+            residual = add(product, _double_double(-np.eye(len(matrix))))
             inverse = inverse - inverse @ residual.high
         return inverse
 
 
-def double_double(a: Array) -> DoubleDouble:
+def _double_double(a: Array) -> DoubleDouble:
     """Doubles as double-double numbers."""
     return DoubleDouble(a, np.zeros_like(a))
 
 
-def _undamped(rigid: Array, shapes: Array, damping: Array) -> NDArray[np.intp]:
-    """Which rigid-body motions no dashpot resists, but for a rounding of the dashpots.
-
-    `rigid` is modified in place: such motions are separated from the others.
-    """
-    drag = rigid.T @ damping @ rigid
-    if np.any(drag - np.diag(np.diagonal(drag))):
-        rigid[:] = rigid @ np.linalg.eigh(drag)[1]
-    forces = np.abs(_times(rigid.T, exact_slices_product(damping, shapes)).high)
-    level = 8.0 * 2.0**-53 * (np.abs(rigid).T @ np.abs(damping) @ np.abs(shapes))
-    return np.flatnonzero(np.all(forces <= level, axis=1))
-
-
 def _times(a: Array, b: DoubleDouble) -> DoubleDouble:
     """Product of a matrix of doubles with one of double-doubles."""
-    return add(exact_slices_product(a, b.high), double_double(a @ b.low))
+    return add(exact_slices_product(a, b.high), _double_double(a @ b.low))
 
 
 def _congruent(shapes: Array, matrix: Array) -> DoubleDouble:
@@ -145,7 +111,7 @@ def _divided(matrix: DoubleDouble, deviation: DoubleDouble) -> DoubleDouble:
     error = size
     while error > ROUNDING:
         product = _times(deviation.high, quotient)
-        product = add(product, double_double(deviation.low @ quotient.high))
+        product = add(product, _double_double(deviation.low @ quotient.high))
         quotient = add(matrix, negative(product))
         error *= size
     return quotient
