@@ -35,6 +35,8 @@ class Pairs:
         (2, L) targets and sources; no chain of links leads back to where it began.
     coupling
         (4, L) entries 11, 12, 21, 22 of their B.
+    cluster
+        (n,) one of the pairs together with which the norm of a pair never grows; itself by default.
     """
 
     generator: Array
@@ -42,6 +44,7 @@ class Pairs:
     scale: Array
     links: NDArray[np.intp] = field(default_factory=lambda: np.empty((2, 0), dtype=np.intp))
     coupling: Array = field(default_factory=lambda: np.empty((4, 0)))
+    cluster: NDArray[np.intp] | None = None
 
     @property
     def count(self) -> int:
@@ -49,10 +52,14 @@ class Pairs:
         return self.scale.size
 
     @cached_property
+    def _clusters(self) -> NDArray[np.intp]:
+        return np.arange(self.count) if self.cluster is None else self.cluster
+
+    @cached_property
     def grows(self) -> bool:
         """Whether a term may grow beyond all bounds."""
-        parts = self._growing_parts
-        return parts is not None and not np.isfinite(_majorant(*parts[2:], math.inf)).all()
+        parts = self._parts
+        return parts is not None and not np.isfinite(_majorant(*parts[1:], math.inf)).all()
 
     @staticmethod
     def join(*parts: Pairs) -> Pairs:
@@ -64,6 +71,7 @@ class Pairs:
             np.concatenate([p.scale for p in parts]),
             np.concatenate([p.links + b for p, b in zip(parts, before, strict=False)], axis=1),
             np.concatenate([p.coupling for p in parts], axis=1),
+            np.concatenate([p._clusters + b for p, b in zip(parts, before, strict=False)]),
         )
 
     def linked(self, links: Any, coupling: Array) -> Pairs:
@@ -74,6 +82,7 @@ class Pairs:
             self.scale,
             np.concatenate([self.links, np.asarray(links, dtype=np.intp)], axis=1),
             np.concatenate([self.coupling, coupling], axis=1),
+            self.cluster,
         )
 
     def placed(self, slots: NDArray[np.intp], count: int) -> Pairs:
@@ -81,7 +90,9 @@ class Pairs:
         generator, low, scale = np.zeros((4, count)), np.zeros((4, count)), np.ones(count)
         generator[:, slots], low[:, slots] = self.generator, self.generator_low
         scale[slots] = self.scale
-        return Pairs(generator, low, scale, slots[self.links], self.coupling)
+        cluster = np.arange(count)
+        cluster[slots] = slots[self._clusters]
+        return Pairs(generator, low, scale, slots[self.links], self.coupling, cluster)
 
     @staticmethod
     def oscillators(
@@ -157,70 +168,78 @@ class Pairs:
         together = self.scale > 0.0
         scale = np.where(together, self.scale, 1.0)
         norm = np.hypot(row[0], row[1] / scale)
+        if self.cluster is not None:
+            squares = np.bincount(self._clusters, np.where(together, norm * norm, 0.0), self.count)
+            norm = np.sqrt(squares)[self._clusters]
         weights = np.stack(
             [np.where(together, norm, abs(row[0])), np.where(together, norm, abs(row[1]))]
         )
-        parts = self._growing_parts
-        if parts is not None:
-            slots, which, growth, decay = parts
+        if self._parts is not None:
+            number, growth, decay = self._parts
             larger = _majorant(growth, decay, window)
-            own = weights[which, slots]
-            reached = own[:, None] * np.where(own[:, None] > 0.0, larger, 0.0)
-            total = reached.sum(axis=0)
-            weights[which, slots] = total
-            alone = together[slots]
-            weights[1, slots[alone]] = total[alone]
+            own = np.zeros(len(growth))
+            own[number] = weights  # the same for all of a part
+            total = (own[:, None] * np.where(own[:, None] > 0.0, larger, 0.0)).sum(axis=0)
+            weights = np.where(number >= 0, total[number], weights)
         weights[1] *= scale
         return weights
 
     @cached_property
-    def _growing_parts(self) -> tuple[Any, Any, Array, Array] | None:
-        """Parts of the state that feed one another: slots, rows, growth matrix and decays.
+    def _parts(self) -> tuple[NDArray[np.intp], Array, Array] | None:
+        """Parts of the state that feed one another: numbers (2, n), growth matrix and decays.
 
-        A part is the norm of a pair, or one of two separate numbers. Its size n obeys
-        n_i' <= -decay_i n_i + sum_j growth_ij n_j.
+        A part is the norm of a cluster, or one of two separate numbers. Its size n obeys
+        n_i' <= -decay_i n_i + sum_j growth_ij n_j. What feeds nothing has the number -1.
         """
-        rigid = (self.scale == 0.0) & (self.generator[1] != 0.0)
-        involved = np.unique(np.concatenate([self.links.ravel(), np.flatnonzero(rigid)]))
-        if not involved.size:
+        apart = self.scale == 0.0
+        rigid = apart & (self.generator[1] != 0.0)
+        cluster = self._clusters
+        outer = np.flatnonzero(cluster[self.links[0]] != cluster[self.links[1]])
+        involved = np.zeros(self.count, dtype=bool)
+        involved[cluster[self.links[:, outer]]] = True
+        involved = involved[cluster] | rigid
+        if not involved.any():
             return None
-        together = self.scale[involved] > 0.0
-        slots = np.concatenate([involved, involved[~together]])
-        which = np.concatenate([np.zeros(involved.size, int), np.ones((~together).sum(), int)])
-        place = {(int(s), int(w)): i for i, (s, w) in enumerate(zip(slots, which, strict=True))}
-        g = self.generator
-        decay = np.where(which == 0, -g[0, slots], -g[3, slots])
-        # Of a pair that does not rotate and shrink evenly no more is known than that it shrinks.
-        uneven = (self.scale[slots] > 0.0) & (
-            (g[0, slots] != g[3, slots]) | (g[1, slots] != -g[2, slots] * self.scale[slots] ** 2)
-        )
-        decay = np.where(uneven, 0.0, np.maximum(decay, 0.0))
-        growth = np.zeros((slots.size, slots.size))
-        for slot in np.flatnonzero(rigid).tolist():
-            growth[place[slot, 0], place[slot, 1]] += abs(g[1, slot])
-        for k, (t, s) in enumerate(self.links.T.tolist()):
+        # Both numbers of a pair that is not apart share a part, and so do the pairs of a cluster.
+        key = np.stack([2 * cluster, np.where(apart, 2 * cluster + 1, 2 * cluster)])
+        names, number = np.unique(np.where(involved, key, -1), return_inverse=True)
+        number = number.reshape(2, -1) - int(names[0] < 0)
+        count = int(number.max()) + 1
+        growth, decay = np.zeros((count, count)), np.full(count, np.inf)
+        for slot in np.flatnonzero(involved).tolist():
+            for i in range(2):
+                at = number[i, slot]
+                decay[at] = min(decay[at], self._contraction(slot, i))
+            if rigid[slot]:
+                growth[number[0, slot], number[1, slot]] += abs(self.generator[1, slot])
+        for k in outer.tolist():
+            t, source = self.links[:, k].tolist()
             b = abs(self.coupling[:, k].reshape(2, 2))
-            b = (
-                np.diag([1.0, self.scale[t] or 1.0])
-                @ b
-                @ np.diag([1.0, 1.0 / (self.scale[s] or 1.0)])
-            )
-            rows = [b] if self.scale[t] == 0.0 else [np.linalg.norm(b, axis=0)[None]]
-            b = np.concatenate(rows)
-            b = b if self.scale[s] == 0.0 else np.linalg.norm(b, axis=1)[:, None]
-            for i in range(len(b)):
-                for j in range(b.shape[1]):
-                    growth[place[t, i], place[s, j]] += b[i, j]
-        return slots, which, growth, decay
+            b = b * np.array([[1.0], [self.scale[t] or 1.0]]) / [1.0, self.scale[source] or 1.0]
+            # Sums over entries bound every norm of them.
+            for i in range(2):
+                for j in range(2):
+                    growth[number[i, t], number[j, source]] += b[i, j]
+        return number, growth, decay
+
+    def _contraction(self, slot: int, row: int) -> float:
+        """Rate at which a number, or the norm of a pair that turns evenly, decays by itself."""
+        g, scale = self.generator[:, slot], self.scale[slot]
+        if scale == 0.0:
+            return max(0.0, -float(g[3 * row]))
+        even = g[0] == g[3] and g[1] == -g[2] * scale**2 and self._clusters[slot] == slot
+        return max(0.0, -float(g[0])) if even else 0.0
 
     def polynomial_row(self, row: Array) -> Array | None:
         """The part (2, n) of a row that sees rigid bodies; None where all terms stay bounded."""
-        still = np.zeros_like(row, dtype=bool)
         g = self.generator
         apart = self.scale == 0.0
-        still[0] = apart & (g[0] == 0.0)
-        still[1] = apart & (g[3] == 0.0)
-        out = np.where(still, row, 0.0)
+        out = np.zeros_like(row)
+        out[0] = np.where(apart & (g[0] == 0.0), row[0], 0.0)
+        # Drag takes the velocity into the position: where the body will be is what remains.
+        dragged = g[3] < 0.0
+        ahead = out[0] * g[1] / np.where(dragged, -g[3], 1.0)
+        out[1] = np.where(dragged, ahead, np.where(apart & (g[3] == 0.0), row[1], 0.0))
         return out if out.any() else None
 
     def rates(self) -> tuple[Array, Array]:

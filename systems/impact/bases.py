@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 
 from dynkit.exponential.pairs import Pairs
-from dynkit.systems.impact.rates import refined_modes
+from dynkit.systems.impact.blocks import real_blocks
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
@@ -161,8 +161,8 @@ class NormalModes(Basis):
 
 @final
 @dataclass(frozen=True, eq=False)
-class ComplexModes(Basis):
-    """Complex modes of a structure whose damping couples the normal modes.
+class CoupledModes(Basis):
+    """Blocks of a structure whose damping couples the normal modes.
 
     Attributes
     ----------
@@ -181,45 +181,31 @@ class ComplexModes(Basis):
     stiffness: Array
 
     @staticmethod
-    def of(mass: Array, damping: Array, stiffness: Array) -> ComplexModes:
-        """Diagonalise; ValueError where the state matrix is nearly defective."""
-        n = len(mass)
-        inverse_mass = np.linalg.inv(mass)
-        state_matrix = np.block(
-            [[np.zeros((n, n)), np.eye(n)], [-inverse_mass @ stiffness, -inverse_mass @ damping]]
-        )
-        rates, vectors = np.linalg.eig(state_matrix)
-        rates, low, shapes = refined_modes(rates, vectors[:n], mass, damping, stiffness)
-        vectors = np.concatenate([shapes, rates * shapes])
-        oscillating = np.flatnonzero(rates.imag > 0.0)
-        real = np.flatnonzero(rates.imag == 0.0)
-        real = real[np.argsort(-rates[real].real)]
-        first, second = real[: len(real) // 2], real[len(real) // 2 :]
-        columns_1 = np.concatenate([vectors[:, oscillating].real, vectors[:, first].real], axis=1)
-        columns_2 = np.concatenate([-vectors[:, oscillating].imag, vectors[:, second].real], axis=1)
-        matrix = np.concatenate([columns_1, columns_2], axis=1)
-        condition = float(np.linalg.cond(matrix))
-        if condition > 1e8:
-            raise ValueError(
-                "dashpots must not make the state matrix nearly defective: its modes may have a "
-                f"condition number up to 1e8; got {condition:.1e}"
-            )
-        k = len(oscillating)
-        parts = []
-        for each in (rates, low):
-            part = np.zeros((4, n))
-            part[0, :k] = part[3, :k] = each[oscillating].real
-            part[1, :k] = -each[oscillating].imag
-            part[2, :k] = each[oscillating].imag
-            part[0, k:] = each[first].real
-            part[3, k:] = each[second].real
-            parts.append(part)
-        scale = np.concatenate([np.ones(k), np.zeros(n - k)])
-        return ComplexModes(
-            Pairs(parts[0], parts[1], scale),
-            matrix[:n],
-            matrix[n:],
-            np.linalg.inv(matrix),
+    def of(mass: Array, damping: Array, stiffness: Array) -> CoupledModes:
+        """The blocks of a structure, complex modes where they are well apart."""
+        blocks = real_blocks(mass, damping, stiffness)
+        g, n = blocks.generator, len(mass)
+        # Two rates that have nothing in common, and rigid-body motions, are bounded one by one.
+        apart = (g[2] == 0.0) & ((g[1] == 0.0) | (g[0] == 0.0))
+        links = np.stack([blocks.target, blocks.source])
+        # The norm of a cluster never grows, unless it holds rigid bodies.
+        cluster = np.arange(n)
+        rigid = apart & ((g[0] == 0.0) | (g[3] == 0.0))
+        for target, source in links.T.tolist():  # from the first target of a cluster on
+            if not (rigid[target] or rigid[source]):
+                cluster[source] = min(cluster[source], cluster[target])
+        return CoupledModes(
+            Pairs(
+                g,
+                blocks.generator_low,
+                np.where(apart & ((cluster == np.arange(n)) | rigid), 0.0, 1.0),
+                links,
+                blocks.coupling.T,
+                cluster,
+            ),
+            blocks.matrix[:n],
+            blocks.matrix[n:],
+            blocks.inverse,
             mass,
             stiffness,
         )
@@ -251,7 +237,7 @@ class ComplexModes(Basis):
 
 
 def basis_of(modes: Modes, mass: Array, damping: Array, stiffness: Array) -> Basis:
-    """Normal modes where the damping allows, complex ones elsewhere."""
+    """Normal modes where the damping allows, coupled ones elsewhere."""
     if modes.proportional:
         return NormalModes.of(modes, mass)
-    return ComplexModes.of(mass, damping, stiffness)
+    return CoupledModes.of(mass, damping, stiffness)

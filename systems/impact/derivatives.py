@@ -64,7 +64,7 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
     position = free.forced.displacements(q, by_sine, by_cosine).T[structure.others]
-    velocity = free.forced.velocities(q, by_sine, by_cosine).T[structure.others]
+    velocity = free.forced.speeds(q, by_sine, by_cosine).T[structure.others]
     sine, cosine = run.final._turn
     if free.layout.table >= 0:
         phase = cosine * by_sine - sine * by_cosine

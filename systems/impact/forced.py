@@ -81,7 +81,8 @@ class Load:
 class Forced:
     """Motion of N coordinates: those of a basis under forces, the others as they are told to.
 
-    Positions are Im(shape exp(i phase)) + rest + those of the basis.
+    Positions are Im(shape exp(i phase)) + rest + those of the basis, velocities Im(turning exp(i
+    phase)) + drift + those of the basis.
     """
 
     def __init__(self, basis: Basis | None, free: NDArray[np.intp], load: Load) -> None:
@@ -89,13 +90,20 @@ class Forced:
         self.free = free
         self.frequency = load.frequency
         self.shape = np.array(load.shape, dtype=complex)
+        self.turning = 1j * load.frequency * self.shape
         self.rest = np.array(load.rest, dtype=float)
+        self.drift = np.zeros_like(self.rest)
         self._own_links: list[tuple[int, bool, Array]] = []
         if basis is not None and (load.harmonic.any() or load.constant.any()):
             forces = np.stack([load.harmonic.real, load.harmonic.imag, load.constant])
-            sine, cosine, still = basis.positions(self._response(basis, basis.pushes(forces)))
+            response = self._response(basis, basis.pushes(forces))
+            sine, cosine, still = basis.positions(response)
             self.shape[free] += sine + 1j * cosine
             self.rest[free] += still
+            # Where a mode is driven step by step the others alone have velocities of their own.
+            sine, cosine, still = basis.velocities(response)
+            self.turning[free] += sine + 1j * cosine
+            self.drift[free] += still
         self.turns = bool(load.harmonic.any() or self.shape.any())
 
     def _response(self, basis: Basis, push: Array) -> Array:
@@ -156,10 +164,13 @@ class Forced:
         """Positions (..., N)."""
         return np.asarray(self.displacements(q, sine, cosine) + self.rest)
 
+    def speeds(self, q: Array, sine: Any, cosine: Any) -> Array:
+        """Velocities (..., N) less `drift`."""
+        return np.asarray(self._own(q, "velocities") + self._turned(sine, cosine, self.turning))
+
     def velocities(self, q: Array, sine: Any, cosine: Any) -> Array:
         """Velocities (..., N)."""
-        turned = self._turned(sine, cosine, 1j * self.frequency * self.shape)
-        return np.asarray(self._own(q, "velocities") + turned)
+        return np.asarray(self.speeds(q, sine, cosine) + self.drift)
 
     def _turned(self, sine: Any, cosine: Any, shape: Any) -> Any:
         if not self.turns:
@@ -175,16 +186,16 @@ class Forced:
         return out
 
     def coordinates(self, d: Array, v: Array, sine: Any, cosine: Any) -> Array:
-        """Coordinates (..., 2, m) of displacements from `rest` and velocities (..., N)."""
+        """Coordinates (..., 2, m) of positions less `rest` and velocities less `drift` (..., N)."""
         if self.basis is None:
             return np.zeros((*d.shape[:-1], 2, 0))
         d = d - self._turned(sine, cosine, self.shape)
-        v = v - self._turned(sine, cosine, 1j * self.frequency * self.shape)
+        v = v - self._turned(sine, cosine, self.turning)
         return self.basis.coordinates(d[..., self.free], v[..., self.free])
 
     def energies(self, q: Array, sine: Any, cosine: Any, mass: Array, stiffness: Array) -> Array:
         """Kinetic plus elastic energy (...) of all coordinates."""
-        if self.basis is not None and not (self.turns or self.rest.any()):
+        if self.basis is not None and not (self.turns or self.rest.any() or self.drift.any()):
             return self.basis.energies(q)
         x, v = self.positions(q, sine, cosine), self.velocities(q, sine, cosine)
         momentum, force = row_by_row(v, mass), row_by_row(x, stiffness)

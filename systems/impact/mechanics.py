@@ -252,13 +252,15 @@ class Contact:
         """(2 stuck slots, 2 slots + 1) matrix of the kernels' `Stop`."""
         s, free, stuck = self._structure, self._free.forced, self.forced
         (q, sine, cosine), origin = _units(self._free)
-        x, v = free.displacements(q, sine, cosine), free.velocities(q, sine, cosine)
+        x, v = free.displacements(q, sine, cosine), free.speeds(q, sine, cosine)
+        v[origin] += free.drift
         # The impacts left out take the relative velocity, and what it gives masses coupled by
         # inertia.
         told = 1j * self._drive.frequency * self._drive.amplitude
         lost = v[:, s.contact] - sine * told.real - cosine * told.imag
         v = v - np.outer(lost, s.kick_velocity)
         x[origin] += free.rest - stuck.rest
+        v[origin] -= stuck.drift
         return _matrix(self.regime, stuck.coordinates(x, v, sine, cosine), sine, cosine, origin)
 
     @cached_property
@@ -266,8 +268,9 @@ class Contact:
         """(2 slots, 2 stuck slots + 1) matrix of the kernels' `Stop`."""
         free, stuck = self._free.forced, self.forced
         (q, sine, cosine), origin = _units(self.regime)
-        x, v = stuck.displacements(q, sine, cosine), stuck.velocities(q, sine, cosine)
+        x, v = stuck.displacements(q, sine, cosine), stuck.speeds(q, sine, cosine)
         x[origin] += stuck.rest - free.rest
+        v[origin] += stuck.drift - free.drift
         return _matrix(self._free, free.coordinates(x, v, sine, cosine), sine, cosine, origin)
 
 

@@ -79,7 +79,7 @@ def state_at(
     """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
     forced = oscillator._free.forced
     with np.errstate(over="ignore", invalid="ignore"):  # told by state_of
-        q = forced.coordinates(x - forced.rest, v, *turn)
+        q = forced.coordinates(x - forced.rest, v - forced.drift, *turn)
     return state_of(oscillator, q, turn, u, motion)
 
 
