@@ -176,6 +176,22 @@ def test_from_below_everything_is_mirrored() -> None:
         assert abs(one.position[0] + other.position[0]) < CLOSE
 
 
+def test_either_stop_can_be_called_the_near_one() -> None:
+    # Pushed hard enough to stick to both.
+    push = {"harmonic_forces": [0.5, 0.25j, 4.0], "restitution": 0.25}
+    ours = general(far_stop=1.0625, **push).simulate(*START, impacts=120)
+    theirs = general(side="below", offset=1.0625, far_stop=-0.25, **push)
+    other = theirs.simulate(*START, impacts=120)
+    swap = {"near": "far", "far": "near"}
+    assert {contact.side for contact in ours.contacts} == {"near", "far"}
+    for one, two in zip(ours.impacts, other.impacts, strict=True):
+        assert one.side == swap[two.side]
+        assert distance(one, two) < CLOSE
+    for contact, same in zip(ours.contacts, other.contacts, strict=True):
+        assert contact.side == swap[same.side]
+        assert abs(contact.start - same.start) < CLOSE
+
+
 def test_the_contact_coordinate_can_be_any() -> None:
     order = [2, 0, 1]
     parts = [[[part[i][j] for j in order] for i in order] for part in (MASS, DAMPING, STIFFNESS)]

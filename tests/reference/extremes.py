@@ -134,7 +134,7 @@ def extreme_cases() -> dict[str, ExtremeCase]:
 
 @lru_cache(maxsize=1)
 def large_cases() -> dict[str, ExtremeCase]:
-    """Chains of 100 masses, a second each to simulate, and of 1000 masses, half a minute each."""
+    """Chains of 100 masses, seconds each to simulate, and of 1000 masses, a minute each."""
     cases = {}
     for n, damping, r in product((100, 1000), (0.0, 0.1, 1e3), (0.0, 0.85, 1.0)):
         name = f"N={n} damping={damping:g} restitution={r:g}"
