@@ -1,0 +1,111 @@
+"""What a scene does not need is not there: terms, bases, numbers, imports, all counted."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from dynkit.exponential.ladders import padded
+from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.matrices import MatrixOscillator
+from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.record import Ending
+
+
+def terms(system: ImpactOscillator) -> int:
+    """Terms of the gap that are not zero."""
+    return int(np.any(system._gaps[0].rows[:2] != 0.0, axis=0).sum())
+
+
+def star(arms: int) -> MatrixOscillator:
+    """A mass that hits the table, and equal arms tied to it: all but two modes are at rest there."""
+    n = arms + 1
+    stiffness = np.diag([1.0 + arms] + [1.5] * arms)
+    stiffness[0, 1:] = stiffness[1:, 0] = -1.0
+    return MatrixOscillator(
+        M=np.eye(n), C=0.1 * stiffness, K=stiffness, contact=0, frequency=0.9, amplitude=0.3
+    )
+
+
+def test_a_table_at_rest_is_no_term() -> None:
+    chain = ImpactChain(masses=8, frequency=0.9)
+    still = chain.replace(amplitude=0.0)
+    assert (terms(chain), terms(still)) == (9, 8)
+    assert still._free.layout.slots == 8
+    assert chain._free.layout.slots == padded(9) == 16
+
+
+def test_a_table_at_rest_turns_under_harmonic_forces_alone() -> None:
+    chain = ImpactChain(masses=8, frequency=0.9, amplitude=0.0, harmonic_forces=[0.0] * 7 + [1.0])
+    assert terms(chain) == 9
+
+
+def test_what_no_weight_drives_has_no_constant_term() -> None:
+    # The weights of a structure that is held only move its rest.
+    chain = ImpactChain(masses=8, frequency=0.9, amplitude=0.0, constant_forces=[-0.1] * 8)
+    assert chain._free.layout.slots == 8
+    assert not len(chain._gaps[0].links)
+
+
+def test_without_contact_there_is_no_basis_for_it() -> None:
+    chain = ImpactChain(masses=4, springs=(1.0, 1.0, 1.0, 1.25), frequency=1.31)
+    record = chain.simulate(impacts=20)
+    assert not len(record.sticking)
+    assert "_contacts" not in vars(chain)
+    assert "stuck" not in vars(chain._structure)
+
+
+@pytest.mark.parametrize("arms", [3, 20])
+def test_modes_at_rest_where_contact_is_are_not_searched(arms: int) -> None:
+    system = star(arms)
+    layout = system._free.layout
+    assert terms(system) == 3  # two modes and the table
+    assert layout.seen == 8
+    assert layout.slots == 8 + padded(arms - 1)
+
+
+def test_modes_that_are_not_searched_move_all_the_same() -> None:
+    system = star(3)
+    arms = np.array([0.3, -0.1, -0.2])  # their mean is zero: nothing pulls at the mass
+    start = system.state([0.5, *arms])
+    record = system.simulate(impacts=10, start=start)
+    rate, damping = np.sqrt(1.5), 0.1 * 1.5
+    turn = np.sqrt(rate**2 - 0.25 * damping**2)
+    decayed = np.exp(-0.5 * damping * record.time)
+    decayed *= np.cos(turn * record.time) + 0.5 * damping / turn * np.sin(turn * record.time)
+    apart = record.position[:, 1:] - record.position[:, 1:].mean(axis=1, keepdims=True)
+    assert apart == pytest.approx(np.outer(decayed, arms), abs=1e-14)
+
+
+def test_a_transient_is_not_recorded() -> None:
+    chain = ImpactChain(masses=2, frequency=0.35)
+    chain.simulate(impacts=10)
+    tracemalloc.start()
+    attractor = chain.attractor(transient=100_000, impacts=10)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert attractor.record.ending is Ending.COUNT_REACHED
+    stored = attractor.record._run.states.nbytes
+    assert stored == 10 * (2 * 2 + 4) * 8
+    assert peak < 200_000  # a record of the transient would take 6.4 million bytes
+
+
+def test_positions_and_energies_wait_until_they_are_asked_for() -> None:
+    record = ImpactChain(masses=2, frequency=0.9).simulate(impacts=10)
+    assert not {"position", "velocity", "energy", "error"} & set(vars(record))
+
+
+def test_matrices_are_simulated_without_computer_algebra_plots_or_files() -> None:
+    code = """
+import sys
+from dynkit.systems import MatrixOscillator
+system = MatrixOscillator(M=[[1.0]], C=[[0.1]], K=[[1.0]], frequency=0.9)
+system.simulate(impacts=3)
+print(sorted({"sympy", "matplotlib", "h5py", "tqdm"} & set(sys.modules)))
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
