@@ -13,8 +13,8 @@ from dynkit.validation import Array, finite_array, non_negative_integer
 class Family:
     """What has named numeric parameters, and is changed by `replace`.
 
-    For a frozen dataclass both are given: every field that is a number is a parameter. A class that
-    is no dataclass, and has parameters, overrides both.
+    For a frozen dataclass both are given: every argument that is a number is a parameter. A class
+    that is no dataclass, and has parameters, overrides both.
     """
 
     @property
@@ -188,4 +188,4 @@ class Map(Family, ABC):
 def _field_names(instance: object) -> tuple[str, ...]:
     if not dataclasses.is_dataclass(instance):
         return ()
-    return tuple(entry.name for entry in dataclasses.fields(instance))
+    return tuple(entry.name for entry in dataclasses.fields(instance) if entry.init)

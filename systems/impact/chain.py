@@ -28,7 +28,8 @@ class ImpactChain(ImpactOscillator):
     masses : int or array_like, shape (N,)
         How many unit masses, or the masses from the wall outwards, positive.
     springs : float or array_like, shape (N,)
-        Spring constants, positive; the first spring holds mass 1 to the wall.
+        Spring constants, not negative; the first spring holds mass 1 to the wall. With 0 there the
+        chain is free.
     damping : float or array_like, shape (N,)
         One number: every dashpot constant is this times its spring constant. An array: the dashpot
         constants themselves. Not negative.
@@ -59,8 +60,8 @@ class ImpactChain(ImpactOscillator):
             self._set("masses", positive_integer("masses", self.masses))
         else:
             self._set("masses", element_values("masses", self.masses, None, zero=False))
-        for name, zero in (("springs", False), ("damping", True)):
-            values = element_values(name, getattr(self, name), self.degrees_of_freedom, zero=zero)
+        for name in ("springs", "damping"):
+            values = element_values(name, getattr(self, name), self.degrees_of_freedom)
             alone = isinstance(getattr(self, name), int | float | np.generic)
             self._set(name, values[0] if alone else values)
         super().__post_init__()

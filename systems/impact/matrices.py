@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from dynkit.validation import finite_array
 
 if TYPE_CHECKING:
     import sympy
-
-Matrix: TypeAlias = tuple[tuple[float, ...], ...]
-
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixOscillator(ImpactOscillator):
@@ -51,9 +48,10 @@ class MatrixOscillator(ImpactOscillator):
     0.902694
     """
 
-    M: Matrix
-    C: Matrix
-    K: Matrix
+    # Anything that makes an array; kept as tuples of tuples.
+    M: Any
+    C: Any
+    K: Any
 
     def __post_init__(self) -> None:
         size = None
@@ -89,7 +87,7 @@ class MatrixOscillator(ImpactOscillator):
         return Derivation(m, c, k, exact=False)
 
 
-def _form(matrix: Matrix, z: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+def _form(matrix: tuple[tuple[float, ...], ...], z: tuple[sympy.Symbol, ...]) -> sympy.Expr:
     from sympy import Add
 
     rows = enumerate(matrix)

@@ -85,7 +85,9 @@ def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
 def transformed(matrix: Array, states: Array) -> Array:
     """States (k, 2, slots) in the other basis, by a matrix of the kernels' `Stop`."""
     flat = states.reshape(len(states), states.shape[1] * states.shape[2])
-    out = row_by_row(flat, matrix[:, :-1]) + matrix[:, -1]
+    out = np.broadcast_to(matrix[:, -1], (len(flat), len(matrix)))
+    if flat.shape[1]:  # a single mass on a table at rest has no state
+        out = row_by_row(flat, matrix[:, :-1]) + out
     return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))
 
 

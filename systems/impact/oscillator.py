@@ -109,8 +109,8 @@ class ImpactOscillator(LagrangianStructure, Map):
     contact: int = -1
     side: str = "above"
     play: float = math.inf
-    harmonic_forces: tuple[complex, ...] = ()
-    constant_forces: tuple[float, ...] = ()
+    harmonic_forces: Any = ()  # kept as tuples
+    constant_forces: Any = ()
     chatter_tolerance: float = 1e-16
 
     structure_independent: ClassVar[frozenset[str]] = _CACHES | {
@@ -171,7 +171,7 @@ class ImpactOscillator(LagrangianStructure, Map):
         ValueError
             When a name is not an argument of this class, or a value is refused.
         """
-        known = [entry.name for entry in dataclasses.fields(self)]
+        known = self._arguments
         for name in parameters:
             if name not in known:
                 raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
@@ -179,10 +179,13 @@ class ImpactOscillator(LagrangianStructure, Map):
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """Everything that the motion depends on, by name: fields, and matrices of the energies."""
-        fields = {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
-        matrices = ("mass", "damping_matrix", "stiffness")
-        return {**fields, **{name: getattr(self, name) for name in matrices}}
+        """Everything that the motion depends on: arguments, and matrices of the energies."""
+        names = (*self._arguments, "mass", "damping_matrix", "stiffness")
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def _arguments(self) -> tuple[str, ...]:
+        return tuple(entry.name for entry in dataclasses.fields(self) if entry.init)
 
     @property
     def natural_frequencies(self) -> Array:

@@ -22,7 +22,7 @@ def terms(system: ImpactOscillator) -> int:
 
 
 def star(arms: int) -> MatrixOscillator:
-    """A mass that hits the table, and equal arms tied to it: all but two modes are at rest there."""
+    """A mass above the table with equal arms tied to it: all but two modes are at rest there."""
     n = arms + 1
     stiffness = np.diag([1.0 + arms] + [1.5] * arms)
     stiffness[0, 1:] = stiffness[1:, 0] = -1.0
@@ -40,13 +40,13 @@ def test_a_table_at_rest_is_no_term() -> None:
 
 
 def test_a_table_at_rest_turns_under_harmonic_forces_alone() -> None:
-    chain = ImpactChain(masses=8, frequency=0.9, amplitude=0.0, harmonic_forces=[0.0] * 7 + [1.0])
+    chain = ImpactChain(masses=8, frequency=0.9, amplitude=0.0, harmonic_forces=(0.0,) * 7 + (1.0,))
     assert terms(chain) == 9
 
 
 def test_what_no_weight_drives_has_no_constant_term() -> None:
     # The weights of a structure that is held only move its rest.
-    chain = ImpactChain(masses=8, frequency=0.9, amplitude=0.0, constant_forces=[-0.1] * 8)
+    chain = ImpactChain(masses=8, frequency=0.9, amplitude=0.0, constant_forces=(-0.1,) * 8)
     assert chain._free.layout.slots == 8
     assert not len(chain._gaps[0].links)
 

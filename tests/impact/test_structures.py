@@ -12,6 +12,7 @@ import pytest
 from mpmath import mp, mpf
 
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import Ending
 from tests.impact.exact import exact_errors
 
@@ -61,6 +62,47 @@ def tapered_pair(frequency: float) -> tuple[TaperedChain, ImpactChain]:
         TaperedChain(frequency=frequency),
         ImpactChain(masses=sizes, springs=sizes, damping=0.125, frequency=frequency),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Branch(ImpactOscillator):
+    """Two grounded arms of two masses each, joined at the mass that hits the table."""
+
+    degrees_of_freedom = 5
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return sum((z**2 / 2 for z in v), start=0 * v[0])
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        links = (x[0], x[1] - x[0], x[4] - x[1], x[2], x[3] - x[2], 0.75 * (x[4] - x[3]))
+        return sum((z**2 / 2 for z in links), start=0 * x[0])
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return 0.1 * (v[4] - v[1]) ** 2 / 2 + 0.02 * v[2] ** 2 / 2
+
+
+@pytest.mark.parametrize("frequency", [0.3, 0.87])
+def test_a_branching_structure_is_exact_to_1e_13(frequency: float) -> None:
+    branch = Branch(frequency=frequency, amplitude=0.3)
+    record = branch.simulate(impacts=12)
+    assert exact_errors(record).max() < 1e-13
+
+
+def test_a_chain_that_nothing_holds_falls_onto_the_table() -> None:
+    chain = ImpactChain(
+        masses=3,
+        springs=(0.0, 1.0, 1.0),
+        damping=0.05,
+        frequency=0.9,
+        constant_forces=(-0.1, -0.1, -0.1),
+    )
+    assert chain.natural_frequencies == pytest.approx([0.0, 1.0, math.sqrt(3.0)], abs=1e-15)
+    start = chain.state([2.0, 2.0, 2.0], phase=0.2)
+    record = chain.simulate(impacts=1, start=start)
+    # Until it touches the table it falls as one body.
+    time = record.time[0]
+    assert 2.0 - 0.05 * time**2 == pytest.approx(0.1 * math.sin(0.2 + 0.9 * time), abs=1e-14)
+    assert record.position[0] == pytest.approx(2.0 - 0.05 * time**2, abs=1e-14)
 
 
 @pytest.mark.parametrize("frequency", [0.3, 0.45, 0.87])
