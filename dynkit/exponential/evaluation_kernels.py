@@ -63,8 +63,8 @@ class Ladder(NamedTuple):
     apart : whether a seen slot holds two separate numbers, or is driven by another
     grows : whether a term may grow beyond all bounds
     window : time for which `bound` holds
-    steady : number of the slot that never decays and is bounded by `swing` (the table), or -1
-    swing : amplitude of that slot's term
+    steady : number of the slot that never decays (the table), or -1
+    swing : bound of all that comes from that slot; infinite where it drives a mode at resonance
     """
 
     step: Array

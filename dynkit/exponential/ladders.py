@@ -149,7 +149,7 @@ def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[
 
 
 def ladder(
-    pairs: Pairs, row: Array, offset: float, propagators: Propagators, steady: int, swing: float
+    pairs: Pairs, row: Array, offset: float, propagators: Propagators, steady: int
 ) -> Any:
     """The exponential sum ``offset + row . y`` as the kernels take it.
 
@@ -157,8 +157,8 @@ def ladder(
     ----------
     row : (2, seen)
         Of the slots that the sum sees, the first ones.
-    steady, swing
-        Slot of the table, -1 for none, and the amplitude of its term.
+    steady
+        Slot of the table, a sine and cosine; -1 for none.
     """
     from dynkit.exponential.evaluation_kernels import DEGREE, Ladder
 
@@ -205,5 +205,5 @@ def ladder(
         pairs.grows,
         float(window),
         steady,
-        float(swing),
+        float(tail[0, steady]) if steady >= 0 else 0.0,
     )

@@ -266,7 +266,8 @@ def first_root(
             r = slope
             a = second
             far = False
-            if ladder.swing > 0.0:
+            # What the table drives is not bounded by its swing.
+            if ladder.swing > 0.0 and links.shape[0] == 0:
                 p = states[current, 0, table]
                 q = states[current, 1, table]
                 v -= rows[0, table] * p + rows[1, table] * q

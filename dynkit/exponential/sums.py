@@ -130,7 +130,7 @@ class ExponentialSum:
         propagators = Propagators.of(pairs)
         state = np.zeros((2, propagators.step.shape[2]))
         state[:, : pairs.count] = y
-        return ladder(pairs, row, self.offset, propagators, -1, 0.0), state
+        return ladder(pairs, row, self.offset, propagators, -1), state
 
     @property
     def band(self) -> float:

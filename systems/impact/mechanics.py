@@ -168,10 +168,8 @@ class Regime:
 
     def sum(self, row: Array, offset: float) -> Any:
         """The exponential sum ``offset + row . y`` as the kernels take it."""
-        table = self.layout.table
-        swing = float(np.hypot(*row[:, table])) if table >= 0 else 0.0
         row = row[:, : self.layout.seen]
-        return ladder(self.pairs, row, offset, self.propagators, table, swing)
+        return ladder(self.pairs, row, offset, self.propagators, self.layout.table)
 
 
 def _visible(rows: Array) -> NDArray[np.bool_]:
