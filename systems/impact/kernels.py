@@ -38,6 +38,9 @@ FLIGHT, BOUNCED, RELEASED = 0, 1, 2
 COUNT_REACHED, NO_FURTHER_CONTACT, CONTACT_FOR_EVER, SEARCH_LIMIT, CONTACTS_FULL = 0, 1, 2, 3, 4
 """Endings of a run."""
 
+FIRST_CELLS = 64
+"""Cells after which the search of one of two stops waits for that of the other."""
+
 # Places in the clock, the scalar part of the state of a run.
 (
     TIME,
@@ -290,6 +293,10 @@ def run(
     # Not literals: for every set of them the search would be compiled once more.
     zero = count - count
     for_ever = FOREVER + zero
+    # With two stops little is spent at first: what cannot be told of one of them for ever need not
+    # be, where the other one is reached.
+    first_budget = min(limit, FIRST_CELLS) if len(mechanics.stops) == 2 else limit
+    budget = first_budget
     done = 0
     while done < count:
         side = int(clock[SIDE])
@@ -340,7 +347,7 @@ def run(
                 order = 3
         gap = mechanics.stops[side].gap
         outcome, n, e, rate, cells = first_root(
-            gap, order, u, band_factor, count > 0, limit, for_ever, flight
+            gap, order, u, band_factor, count > 0, budget, for_ever, flight
         )
         clock[CELLS] += cells
         if len(mechanics.stops) == 2:
@@ -352,12 +359,14 @@ def run(
                 0.0,
                 band_factor,
                 count > 0,
-                limit,
+                budget,
                 for_ever if outcome == NEVER else n,
                 flight,
             )
             clock[CELLS] += cells
-            if found in (ROOT, TOUCH) and (outcome in (NEVER, LIMIT) or (m - n) * smallest < e - d):
+            # At the limit of cells the first search has come to n.
+            earlier = outcome == NEVER or (m - n) * smallest < e - d
+            if found in (ROOT, TOUCH) and earlier:
                 outcome = found
                 n = m
                 e = d
@@ -367,6 +376,10 @@ def run(
                 _copy(y, KEPT, FOUND)
                 if found == LIMIT:
                     outcome = LIMIT
+            if outcome == LIMIT and budget < limit:
+                budget = min(limit, 16 * budget)
+                continue
+            budget = first_budget
         if outcome == NEVER:
             return done, NO_FURTHER_CONTACT
         if outcome == LIMIT:
