@@ -9,15 +9,19 @@ if TYPE_CHECKING:
     from dynkit.systems.flows.integrated import IntegratedFlow
     from dynkit.systems.flows.lorenz import Lorenz
     from dynkit.systems.flows.rossler import Rossler
+    from dynkit.systems.impact.ball import BouncingBall
     from dynkit.systems.impact.chain import ImpactChain
     from dynkit.systems.impact.matrices import MatrixOscillator
     from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.play import PlayOscillator
+    from dynkit.systems.impact.single import SingleImpactOscillator
     from dynkit.systems.maps.henon import Henon
     from dynkit.systems.maps.high_bounce import HighBounce
     from dynkit.systems.maps.logistic import Logistic
     from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 __all__ = [
+    "BouncingBall",
     "Duffing",
     "Henon",
     "HighBounce",
@@ -28,12 +32,15 @@ __all__ = [
     "Logistic",
     "Lorenz",
     "MatrixOscillator",
+    "PlayOscillator",
     "Rossler",
+    "SingleImpactOscillator",
 ]
 
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "BouncingBall": "dynkit.systems.impact.ball",
         "Duffing": "dynkit.systems.flows.duffing",
         "Henon": "dynkit.systems.maps.henon",
         "HighBounce": "dynkit.systems.maps.high_bounce",
@@ -44,6 +51,8 @@ __getattr__, __dir__ = lazy_names(
         "Logistic": "dynkit.systems.maps.logistic",
         "Lorenz": "dynkit.systems.flows.lorenz",
         "MatrixOscillator": "dynkit.systems.impact.matrices",
+        "PlayOscillator": "dynkit.systems.impact.play",
         "Rossler": "dynkit.systems.flows.rossler",
+        "SingleImpactOscillator": "dynkit.systems.impact.single",
     },
 )

@@ -1,0 +1,315 @@
+"""One mass with play: symmetric orbits, the symmetry itself, rest on both stops."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mpmath import mp, mpf
+
+from dynkit.systems.impact.play import PlayOscillator
+from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.state import ImpactState
+from tests.impact.one_mass import DIGITS, Orbit, Real, periodic_orbits
+
+ROUNDING = 2.0**-52
+
+PAIR = {"restitution": 0.5, "amplitude": 0.2, "frequency": 1.0}
+LIGHT = {"restitution": 0.7, "amplitude": 0.3, "frequency": 2.1}
+SPRING = {
+    "spring": 1.0,
+    "damping": 0.1,
+    "force": 1.0,
+    "amplitude": 0.0,
+    "frequency": 2.1,
+    "restitution": 0.8,
+}
+BOTH = {**SPRING, "amplitude": 0.2, "frequency": 3.0, "restitution": 0.6}
+DASHPOT = {**SPRING, "spring": 0.0}
+
+STABLE: dict[str, tuple[dict[str, Any], int, int]] = {
+    "free mass": (PAIR, 1, 0),
+    "free mass, light impacts": (LIGHT, 1, 0),
+    "spring and force": (SPRING, 1, 0),
+    "force and housing": (BOTH, 1, 0),
+    "dashpot and force": (DASHPOT, 1, 0),
+}
+ORBITS: dict[str, tuple[dict[str, Any], int, int]] = {
+    **STABLE,
+    "free mass, slow": (PAIR, 1, 1),
+    "free mass, three periods": (PAIR, 3, 1),
+    "free mass, light impacts, slow": (LIGHT, 1, 1),
+    "spring and force, slow": (SPRING, 1, 1),
+    "dashpot and force, three periods": (DASHPOT, 3, 1),
+}
+
+
+def case_of(name: str) -> tuple[PlayOscillator, Orbit, int]:
+    """An oscillator, one of its symmetric orbits, and how many periods that takes."""
+    arguments, periods, place = ORBITS[name]
+    system = PlayOscillator(**arguments)
+    return system, periodic_orbits(system, periods)[place], periods
+
+
+# --- symmetric orbits of two impacts --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_the_closed_form_solves_the_equations_of_motion(name: str) -> None:
+    # By a matrix exponential of position, velocity, sine and cosine: nothing else is shared.
+    system, orbit, periods = case_of(name)
+    with mp.workdps(DIGITS):
+        k, c, w = mpf(system.spring), mpf(system.damping), mpf(system.frequency)
+        rates = mpmath.matrix([[0, 1, 0, 0], [-k, -c, 0, 0], [0, 0, 0, w], [0, 0, -w, 0]])
+        rates[1, 2] = mpf(system.force)
+        half, swing = mpf(system.play) / 2, mpf(system.amplitude)
+        sine, cosine = mpmath.sin(orbit.phase), mpmath.cos(orbit.phase)
+        x, v = swing * sine - half, swing * w * cosine + orbit.u
+        end = mpmath.expm(rates * (periods * mp.pi / w)) * mpmath.matrix([x, v, sine, cosine])
+        approach = end[1] - swing * w * end[3]
+        assert abs(end[0] + x) < mpf(10) ** -35
+        assert abs(mpf(system.restitution) * approach - orbit.u) < mpf(10) ** -35
+
+
+@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize("periods", [1, 3, 5])
+@pytest.mark.parametrize("arguments", [PAIR, LIGHT], ids=["pair", "light"])
+def test_orbits_of_the_free_mass_are_those_of_an_impact_pair(
+    arguments: dict[str, Any], periods: int, place: int
+) -> None:
+    # With velocity V in flight: V = A w cos(p) (1 + r) / (1 - r), V m pi / w = s - 2 A sin(p).
+    system = PlayOscillator(**arguments)
+    with mp.workdps(DIGITS):
+        orbit = periodic_orbits(system, periods)[place]
+        a, w, r = mpf(system.amplitude), mpf(system.frequency), mpf(system.restitution)
+        ratio = (1 + r) / (1 - r)
+        steep = periods * mp.pi * ratio
+        turn = mpmath.acos(mpf(system.play) / (a * mpmath.hypot(steep, 2)))
+        phase = mpmath.atan2(2, steep) + (-turn if place == 0 else turn)
+        assert abs(orbit.phase - phase) < mpf(10) ** -35
+        assert abs(orbit.u - a * w * mpmath.cos(phase) * (ratio - 1)) < mpf(10) ** -35
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_half_of_a_symmetric_orbit_is_the_symmetry(name: str) -> None:
+    system, orbit, periods = case_of(name)
+    state = orbit.state
+    other = np.array([-state[0], state[1] + periods * math.pi])
+    steepest = abs(system.jacobian(state)).max()
+    # The state is rounded, and so are position and velocity where the flight ends.
+    allowed = 4.0 * ROUNDING * (1.0 + steepest) * (1.0 + abs(state).max())
+    assert abs(system.difference(system(state), other)).max() <= allowed
+
+
+@pytest.mark.parametrize("name", STABLE)
+def test_stable_orbits_are_kept(name: str) -> None:
+    system, orbit, _ = case_of(name)
+    record = system.simulate(impacts=1000, start=system.impact_state(orbit.state))
+    turns = np.arange(1, 1001) % 2
+    expected = orbit.state * np.where(turns, -1.0, 1.0)[:, None]
+    expected[:, 1] = orbit.state[1] + math.pi * turns
+    assert orbit.stable
+    assert abs(system.difference(record.states, expected)).max() < 1e-13
+
+
+@pytest.mark.parametrize("name", STABLE)
+def test_impacts_at_both_stops_count(name: str) -> None:
+    system, orbit, periods = case_of(name)
+    attractor = system.attractor()
+    assert str(attractor.label) == f"P(2,{periods})"
+    assert abs(abs(attractor.states[:, 0]) - float(orbit.u)).max() < 1e-13
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("name", ORBITS)
+def test_the_jacobian_at_either_stop_is_the_closed_form(name: str, side: int) -> None:
+    system, orbit, _ = case_of(name)
+    exact = np.array(orbit.derivative.tolist(), dtype=float)
+    state = orbit.state if side == 1 else orbit.state * [-1.0, 1.0] + [0.0, math.pi]
+    # By the absolute values of u, of which that of the next impact has the other sign.
+    found = np.diag([-side, 1.0]) @ system.jacobian(state) @ np.diag([side, 1.0])
+    allowed = 8.0 * ROUNDING * (1.0 + abs(exact).max() ** 2 / abs(state[0]))
+    assert abs(found - exact).max() <= allowed
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_multipliers_are_squares_of_those_of_half_the_orbit(name: str) -> None:
+    system, orbit, _ = case_of(name)
+    state = orbit.state
+    found = np.linalg.eigvals(system.jacobian(system(state)) @ system.jacobian(state))
+    found = np.array(sorted(found, key=lambda z: (abs(z), z.imag)))
+    exact = np.array(sorted(orbit.multipliers**2, key=lambda z: (abs(z), z.imag)))
+    # The smaller one is a difference of terms as large as the larger one.
+    assert abs(found - exact).max() <= 1e-10 * abs(exact).max()
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_the_multipliers_product_is_what_dashpot_and_impact_take(name: str) -> None:
+    system, orbit, periods = case_of(name)
+    time = periods * math.pi / system.frequency
+    lost = system.restitution**2 * math.exp(-system.damping * time)
+    assert np.prod(orbit.multipliers) == pytest.approx(lost, rel=1e-14, abs=0.0)
+
+
+def test_symmetric_orbits_need_enough_play_and_motion() -> None:
+    # A hypot(m pi (1 + r) / (1 - r), 2) >= s.
+    limit = 1.0 / math.hypot(3.0 * math.pi, 2.0)
+    system = PlayOscillator(**PAIR)
+    assert not periodic_orbits(system.replace(amplitude=limit * (1.0 - 1e-12)), 1)
+    orbits = periodic_orbits(system.replace(amplitude=limit * (1.0 + 1e-12)), 1)
+    assert len(orbits) == 2
+    # Where they are born one multiplier is 1, but for the square root of 1e-12.
+    assert [orbit.multipliers[1] for orbit in orbits] == pytest.approx([1.0, 1.0], abs=2e-5)
+
+
+# --- symmetry -------------------------------------------------------------------------------------
+
+
+@st.composite
+def begins(draw: st.DrawFn) -> tuple[PlayOscillator, ImpactState]:
+    share = st.floats(0.0, 1.0)
+    system = PlayOscillator(
+        play=draw(st.floats(0.1, 3.0)),
+        spring=draw(st.sampled_from([0.0, 1.0]) | st.floats(1e-3, 4.0)),
+        damping=draw(st.just(0.0) | st.floats(1e-3, 4.0)),
+        force=draw(st.sampled_from([0.0, 1.0]) | st.floats(-1.0, 1.0)),
+        amplitude=draw(st.sampled_from([0.0, 0.2]) | share),
+        frequency=draw(st.floats(0.2, 4.0)),
+        restitution=draw(share | st.sampled_from([0.0, 1.0])),
+        chatter_tolerance=draw(st.sampled_from([1e-16, 1e-8])),
+    )
+    phase = draw(st.floats(0.0, 6.28))
+    place = system.amplitude * math.sin(phase) + system.play * (draw(share) - 0.5) * 0.999
+    return system, system.state([place], [draw(st.floats(-2.0, 2.0))], phase)
+
+
+def mirrored(system: PlayOscillator, state: ImpactState) -> ImpactState:
+    """The state at -x, -x' half a period later: all numbers but the first negative."""
+    packed = -system.pack_state(state)
+    packed[0] = -packed[0]
+    return system.unpack_state(packed)
+
+
+@given(begins())
+def test_the_motion_is_symmetric_to_the_bit(begin: tuple[PlayOscillator, ImpactState]) -> None:
+    # From an impact on: which side a state in flight belongs to is not told by its numbers.
+    system, state = begin
+    first = system.simulate(impacts=1, start=state)
+    one = system.simulate(impacts=50, start=first.final)
+    other = system.simulate(impacts=50, start=mirrored(system, first.final))
+    assert other.ending is one.ending
+    assert other.time.tobytes() == one.time.tobytes()
+    assert other.sticking.tobytes() == one.sticking.tobytes()
+    assert (-other.relative_velocity).tobytes() == one.relative_velocity.tobytes()
+    assert np.array_equal(-other.position, one.position)
+    assert np.array_equal(-other.velocity, one.velocity)
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_the_map_is_symmetric_to_rounding(name: str) -> None:
+    system, orbit, _ = case_of(name)
+    state = orbit.state * [1.05, 1.0] + [0.0, 0.01]
+    turned = state * [-1.0, 1.0] + [0.0, math.pi]
+    expected = system(state) * [-1.0, 1.0] + [0.0, math.pi]
+    # Only pi is rounded.
+    allowed = 8.0 * ROUNDING * (1.0 + abs(system.jacobian(state)).max())
+    assert abs(system.difference(system(turned), expected)).max() <= allowed
+
+
+# --- other frames ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("phase", [0.0, 2.0])
+@pytest.mark.parametrize("name", ["free mass", "free mass, light impacts"])
+def test_a_vibrating_housing_is_a_force_in_its_own_frame(name: str, phase: float) -> None:
+    arguments, *_ = ORBITS[name]
+    shaken = PlayOscillator(**arguments)
+    a, w = shaken.amplitude, shaken.frequency
+    driven = shaken.replace(amplitude=0.0, force=a * w * w)
+    moved = shaken.state([a * math.sin(phase)], [a * w * math.cos(phase) + 0.3], phase)
+    one = shaken.simulate(impacts=40, start=moved)
+    other = driven.simulate(impacts=40, start=driven.state([0.0], [0.3], phase))
+    off = abs(shaken.difference(one.states, other.states)).max(axis=1)
+    assert (off <= one.error + other.error).all()
+
+
+def test_the_default_start_lies_on_the_lower_stop() -> None:
+    system = PlayOscillator(**LIGHT)
+    start = system.state(phase=1.0)
+    assert start.relative_velocity == 0.0
+    assert start.position[0] == pytest.approx(0.3 * math.sin(1.0) - 0.5, rel=1e-15, abs=0.0)
+
+
+# --- a free mass in a housing at rest -------------------------------------------------------------
+
+
+def test_an_elastic_free_mass_goes_to_and_fro() -> None:
+    system = PlayOscillator(play=0.7, amplitude=0.0, frequency=1.0, restitution=1.0)
+    record = system.simulate(impacts=1000, start=system.state([0.0], [0.3]))
+    speeds = 0.3 * np.where(np.arange(1000) % 2, 1.0, -1.0)
+    assert np.array_equal(record.relative_velocity, speeds)
+    times = (np.arange(1000) + 0.5) * 0.7 / 0.3
+    # one rounding per flight, without bias
+    assert record.time == pytest.approx(times, rel=32.0 * ROUNDING, abs=0.0)
+
+
+@pytest.mark.parametrize("restitution", [0.9, 0.5])
+def test_a_free_mass_slows_down_geometrically(restitution: float) -> None:
+    system = PlayOscillator(play=0.7, amplitude=0.0, frequency=1.0, restitution=restitution)
+    record = system.simulate(impacts=40, start=system.impact_state(np.array([0.3, 0.0])))
+    powers = restitution ** np.arange(0.0, 41.0)
+    # A rounding or two per impact; those of the times weigh as much as the flights after them.
+    assert abs(record.relative_velocity) == pytest.approx(
+        0.3 * powers[1:], rel=80.0 * ROUNDING, abs=0.0
+    )
+    times = np.cumsum(0.7 / (0.3 * powers[:-1]))
+    assert record.time == pytest.approx(times, rel=80.0 * ROUNDING, abs=0.0)
+
+
+def test_a_plastic_free_mass_stays_where_it_hits() -> None:
+    system = PlayOscillator(play=0.7, amplitude=0.0, frequency=1.0, restitution=0.0)
+    record = system.simulate(impacts=10, start=system.state([0.0], [0.3]))
+    assert record.ending is Ending.CONTACT_FOR_EVER
+    assert len(record) == 1
+    assert math.copysign(1.0, record.relative_velocity[0]) == -1.0
+
+
+def test_a_mass_that_no_one_moves_hits_nothing() -> None:
+    system = PlayOscillator(amplitude=0.2, frequency=1.0)
+    record = system.simulate(impacts=10, start=system.state([0.0], [0.0]))
+    assert record.ending is Ending.NO_FURTHER_CONTACT
+
+
+def test_a_stop_that_is_out_of_reach_for_now_costs_little() -> None:
+    # Dragged by a dashpot alone the mass need not come back to the stop that it left.
+    record = PlayOscillator(**PAIR, damping=0.1).simulate(impacts=300)
+    assert record.ending is Ending.COUNT_REACHED
+    assert record.cost.counts["cells"] < 100 * 300
+
+
+# --- rest on both stops ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("play", [0.1, 1.0, 3.0])
+def test_plastic_impacts_hold_the_mass_until_the_housing_turns_back(play: float) -> None:
+    # Let go where the housing's acceleration vanishes, at phase 0 and pi; it arrives when
+    # A (p - sin p) = s, p < pi, and the housing presses it until pi.
+    system = PlayOscillator(play=play, amplitude=1.0, frequency=1.0, restitution=0.0)
+    record = system.simulate(impacts=20)
+    with mp.workdps(DIGITS):
+
+        def gap(p: Real) -> Real:
+            return p - mpmath.sin(p) - mpf(play)
+
+        arrival = float(mpmath.findroot(gap, (mpf("0.1"), mp.pi), solver="anderson"))
+    halves = math.pi * np.arange(20)
+    assert record.time == pytest.approx(arrival + halves, rel=1e-14, abs=0.0)
+    assert record.sticking[:, 1] == pytest.approx(halves[1:], rel=1e-14, abs=0.0)
+    assert record.relative_velocity.tolist() == [0.0] * 20
+    assert np.signbit(record.relative_velocity).tolist() == [True, False] * 10
+    assert str(system.attractor().label) == "P(inf,1)"
