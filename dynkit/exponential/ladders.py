@@ -148,9 +148,7 @@ def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[
     return np.fmin(smooth, cap), int(np.sum(np.all(smooth <= cap, axis=(1, 2)))) - 1
 
 
-def ladder(
-    pairs: Pairs, row: Array, offset: float, propagators: Propagators, steady: int
-) -> Any:
+def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, steady: int) -> Any:
     """The exponential sum ``offset + row . y`` as the kernels take it.
 
     Parameters

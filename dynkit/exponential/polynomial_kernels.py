@@ -14,7 +14,7 @@ up to the horizon."""
 
 
 @kernel(reorder=True, inline=True)
-def _polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
+def polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
     """Value and derivative at `e` of the polynomial c[first] + c[first + 1] e + ..."""
     value = c[DEGREE]
     rate = 0.0
@@ -28,7 +28,7 @@ def _polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
 def _polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int, float, float]:
     """Newton's iteration inside a bracket of one sign change, from positive to negative."""
     for _ in range(80):
-        value, rate = _polynomial(c, first, e)
+        value, rate = polynomial(c, first, e)
         if value > 0.0:
             low = e
         elif value < 0.0:
@@ -50,7 +50,7 @@ def _polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[in
             e = trial
             break
         e = trial
-    value, rate = _polynomial(c, first, e)
+    value, rate = polynomial(c, first, e)
     return ROOT, e, rate
 
 
@@ -65,12 +65,12 @@ def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[
     high = e
     move = 1e-3 * end
     last = end + move
-    value, rate = _polynomial(c, first, e)
+    value, rate = polynomial(c, first, e)
     if value < -band:
         return _polish(c, first, e, 0.0, e)
     while rate < 0.0 and high < last:
         high = min(high + move, last)
-        value, rate = _polynomial(c, first, high)
+        value, rate = polynomial(c, first, high)
         if value < -band:
             return _polish(c, first, low, low, high)
     if rate < 0.0:
@@ -79,7 +79,7 @@ def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[
         middle = 0.5 * (low + high)
         if not low < middle < high:
             break
-        value, rate = _polynomial(c, first, middle)
+        value, rate = polynomial(c, first, middle)
         if value < -band:
             return _polish(c, first, e, e, middle)
         if rate < 0.0:
@@ -112,7 +112,7 @@ def polynomial_first_root(
         slope += (j - first) * max(c[j], 0.0) * power
     if slope < 0.0:
         # The polynomial falls all the way.
-        value, rate = _polynomial(c, first, end)
+        value, rate = polynomial(c, first, end)
         if value > band:
             return NEVER, end, 0.0
         if value < -band:
@@ -127,7 +127,7 @@ def polynomial_first_root(
         power *= end
     e = 0.0
     for _ in range(400):
-        value, rate = _polynomial(c, first, e)
+        value, rate = polynomial(c, first, e)
         if value <= band:
             break
         if curvature <= 0.0:

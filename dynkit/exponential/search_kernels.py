@@ -33,6 +33,7 @@ from dynkit.exponential.polynomial_kernels import (
     NEVER,
     ROOT,
     TOUCH,
+    polynomial,
     polynomial_first_root,
 )
 from dynkit.validation import Array
@@ -43,12 +44,12 @@ FOREVER = 2**62
 
 @kernel(reorder=True, inline=True)
 def _weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> float:
-    """Sum of the weights in two rows times abs(y), but for one slot."""
+    """Sum of the absolute terms of two rows, but for one slot."""
     total = 0.0
     for i in range(rows.shape[1]):
         if i != skipped:
-            total += rows[first, i] * abs(states[k, 0, i])
-            total += rows[first + 1, i] * abs(states[k, 1, i])
+            total += abs(rows[first, i] * states[k, 0, i])
+            total += abs(rows[first + 1, i] * states[k, 1, i])
     return total
 
 
@@ -256,6 +257,8 @@ def first_root(
                 j = -1
     expanded = False
     wide = 0
+    carried = 0.0
+    carried_to = -1
     while cells < limit and n <= horizon:
         if ladder.grows:
             reach = _weighted(rows, BOUND, -1, states, current)
@@ -351,17 +354,27 @@ def first_root(
                 expand(ladder.generator, rows, offset, states, current, c)
         expanded = False
         threshold = band
+        carries = n == carried_to
         if n == 0 and order > 0:
             first = order
+            carries = True
             if order == 1:
                 c[1] = rate
             threshold = 8.0 * EPSILON * abs(c[first])
-        elif c[0] <= band:
-            # Inside the band and certified not to have crossed: only a crossing beyond the band
-            # counts.
-            if _stays_in_band(ladder, states, current, band):
-                return NEVER, n, 0.0, 0.0, cells
-            c[0] += 2.0 * band
+        else:
+            if carries:
+                # Taken on from the start, the value has only the rounding of its changes.
+                c[0] = carried
+                speeds = _weighted(rows, 2, -1, states, current)
+                lost = EPSILON * (band_factor * speeds * n * smallest + 8.0 * carried)
+                threshold = min(band, lost)
+            if c[0] <= threshold:
+                # Inside the band and certified not to have crossed: only a crossing beyond the band
+                # counts.
+                if _stays_in_band(ladder, states, current, threshold):
+                    return NEVER, n, 0.0, 0.0, cells
+                c[0] += 2.0 * threshold
+                carries = False
         h = smallest * (1 << wide)
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         cells += 1
@@ -388,6 +401,11 @@ def first_root(
             return outcome, n, e, slope, cells
         # No root here: on to the end of the cell.
         n += 1 << wide
+        if carries:
+            carried = polynomial(c, first, h)[0]
+            for _ in range(first):
+                carried *= h
+            carried_to = n
         propagate(step, links, link_step, wide, states, current, (current + 1) % SCRATCH, 0, seen)
         current = (current + 1) % SCRATCH
         value, slope, second = value_and_rates(rows, offset, states, current)

@@ -90,7 +90,7 @@ class _Step:
     noise: Array  # what rounding leaves uncertain in the numerators, (N, N)
     corrections: Array  # E without its diagonal, (N, N)
     values_correction: Array  # second order, (N,)
-    left: Array  # second-order part of the corrections: bounds what the step leaves, (N, N)
+    left: Array  # second and third order of the corrections: bounds what the step leaves, (N, N)
     alike: NDArray[np.bool_]  # pairs whose eigenvalues are one to rounding, (N, N)
     clusters: list[NDArray[np.intp]]  # modes that the corrections cannot separate
 
@@ -180,6 +180,9 @@ def _step(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Step:
         corrections[settled] = -0.5 * (x.T @ found.moved)[settled]
     second = numerators @ corrections + (corrections + corrections.T) @ numerators
     left = np.divide(second, divisors, out=np.zeros_like(gaps), where=separable & ~unsettled)
+    # A rotation of two modes has no second order, but a third.
+    size = np.abs(corrections)
+    third = size @ size @ size
     return _Step(
         values=found.values,
         squares=found.squares,
@@ -188,7 +191,7 @@ def _step(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Step:
         noise=noise,
         corrections=corrections + np.where(np.abs(left) <= _SMALL, left, 0.0),
         values_correction=np.diagonal(second) / found.squares.high,
-        left=np.abs(left),
+        left=np.abs(left) + third,
         alike=alike,
         clusters=_groups(unsettled),
     )

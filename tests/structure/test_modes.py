@@ -3,6 +3,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from mpmath import mp, mpf
 
 from dynkit.systems.structure.chain import Chain
 from dynkit.systems.structure.lagrangian import LagrangianStructure
@@ -331,3 +332,19 @@ ONE, ZERO = np.eye(2), np.zeros((2, 2))
 def test_impossible_matrices_are_refused(matrices: tuple[Any, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Modes.from_matrices(*matrices)
+
+
+def test_close_low_modes_beside_a_stiff_one_are_exact() -> None:
+    # Its first approximation mixes them by 1e-4, whose cube is not small.
+    stiff = 1e12
+    modes = Chain(3, [1.0, stiff, 1.0], 0.0).modes
+    with mp.workdps(60):
+        k = mpf(stiff)
+        exact, shapes = mpmath.eigsy(mpmath.matrix([[1 + k, -k, 0], [-k, k + 1, -1], [0, -1, 1]]))
+        for i in range(3):
+            found = mpf(float(modes.frequencies[i])) + mpf(float(modes.frequencies_low[i]))
+            error = float(modes.frequencies_error[i])
+            assert abs(found / mpmath.sqrt(exact[i]) - 1) <= error
+            sign = mpmath.sign(shapes[2, i])
+            off = [float(mpf(float(modes.matrix[j, i])) - sign * shapes[j, i]) for j in range(3)]
+            assert max(map(abs, off)) <= modes.error
