@@ -73,8 +73,8 @@ def run(
 ) -> Run:
     """Simulate `count` impacts from a state of this oscillator.
 
-    With noise every number of the start, its positions and velocities too, and of the states after
-    impacts, is changed by up to this part of itself, pseudo-randomly.
+    With noise every number of the start, and of the states after impacts, is changed by up to this
+    part of itself, pseudo-randomly.
     """
     from dynkit.exponential.evaluation_kernels import START
     from dynkit.systems.impact import kernels
@@ -89,10 +89,10 @@ def run(
     clock[kernels.SEED] = seed
     if noise > 0.0:
         random = np.random.default_rng(seed)
-        x, v = noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
-        q = q * (
-            1.0 + noise * random.uniform(-1.0, 1.0, q.shape)
-        ) + oscillator._structure.free.coordinates(x, v)
+        # What turning positions into coordinates rounds: half of the disturbance.
+        x, v = 0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
+        q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
+        q += oscillator._structure.free.coordinates(x, v)
         turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
         clock[kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
     slots = free.layout.slots
