@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 from dynkit.compiled import kernel
 from dynkit.exponential.evaluation_kernels import (
     BOUND,
     DEGREE,
-    DRIFT,
     EPSILON,
     FOUND,
     SCRATCH,
     START,
-    TAIL,
     Ladder,
     Workspace,
     expand,
@@ -36,50 +32,14 @@ from dynkit.exponential.polynomial_kernels import (
     polynomial,
     polynomial_first_root,
 )
+from dynkit.exponential.tail_kernels import stays_in_band, tail, weighted
 from dynkit.validation import Array
 
 FOREVER = 2**62
 """The farthest horizon."""
 
-
-@kernel(reorder=True, inline=True)
-def _weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> float:
-    """Sum of the absolute terms of two rows, but for one slot."""
-    total = 0.0
-    for i in range(rows.shape[1]):
-        if i != skipped:
-            total += abs(rows[first, i] * states[k, 0, i])
-            total += abs(rows[first + 1, i] * states[k, 1, i])
-    return total
-
-
-@kernel()
-def _drift(ladder: Ladder, states: Array, k: int) -> tuple[float, float, float]:
-    """Value, rate and acceleration of the terms that drift, with the offset."""
-    d = ladder.rows
-    value = ladder.offset
-    rate = 0.0
-    second = 0.0
-    for i in range(d.shape[1]):
-        a = states[k, 0, i]
-        b = states[k, 1, i]
-        value += d[DRIFT, i] * a + d[DRIFT + 1, i] * b
-        rate += d[DRIFT + 2, i] * a + d[DRIFT + 3, i] * b
-        second += d[DRIFT + 4, i] * a + d[DRIFT + 5, i] * b
-    return value, rate, second
-
-
-@kernel()
-def _tail(ladder: Ladder, states: Array, k: int) -> float:
-    """Lower bound of f from now on."""
-    lowest = ladder.offset
-    if ladder.grows:
-        lowest, rate, second = _drift(ladder, states, k)
-        if second < 0.0 or (second == 0.0 and rate < 0.0):
-            return -math.inf
-        if rate < 0.0:
-            lowest -= 0.5 * rate * rate / second
-    return lowest - ladder.swing - _weighted(ladder.rows, TAIL, ladder.steady, states, k)
+NEAR = 1.001
+"""In units of the table's swing: how near to it long cells are still tried."""
 
 
 @kernel(inline=True)
@@ -172,18 +132,6 @@ def _taylor_rung(
 
 
 @kernel()
-def _stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
-    """Whether abs(f) never exceeds the band from now on."""
-    value = ladder.offset
-    if ladder.grows:
-        value, rate, second = _drift(ladder, states, k)
-        if rate != 0.0 or second != 0.0:
-            return False
-    reach = _weighted(ladder.rows, TAIL, ladder.steady, states, k)
-    return abs(value) + ladder.swing + reach <= band
-
-
-@kernel()
 def first_root(
     ladder: Ladder,
     order: int,
@@ -259,9 +207,14 @@ def first_root(
     wide = 0
     carried = 0.0
     carried_to = -1
+    passed = 0
+    # What the table drives is not bounded by its swing.
+    swing = ladder.swing
+    swings = swing > 0.0 and links.shape[0] == 0
+    pace = ladder.generator[1, table] if swings else 0.0
     while cells < limit and n <= horizon:
         if ladder.grows:
-            reach = _weighted(rows, BOUND, -1, states, current)
+            reach = weighted(rows, BOUND, -1, states, current)
             band = max(band, band_factor * EPSILON * (reach + abs(offset)))
         if j >= 0 and not expanded:
             h = smallest * (1 << j)
@@ -269,18 +222,21 @@ def first_root(
             r = slope
             a = second
             far = False
-            # What the table drives is not bounded by its swing.
-            if ladder.swing > 0.0 and links.shape[0] == 0:
+            if swings:
                 p = states[current, 0, table]
                 q = states[current, 1, table]
                 v -= rows[0, table] * p + rows[1, table] * q
-                far = v > 2.0 * ladder.swing
-                if far:
-                    v -= ladder.swing
+                far = v > 2.0 * swing
+                if v > NEAR * swing:
                     r -= rows[2, table] * p + rows[3, table] * q
+                    # What comes near but slowly is passed in cells longer than the table's motion.
+                    far = far or (v - swing) * pace > 8.0 * abs(r)
+                if far:
+                    v -= swing
                     a -= rows[4, table] * p + rows[5, table] * q
                 else:
                     v = value
+                    r = slope
             # Rungs whose certificate must fail already at this end of the cell are not tried.
             while j > 0 and v + h * (0.4 * r + 0.05 * h * a) <= band:
                 j -= 1
@@ -297,7 +253,7 @@ def first_root(
                     v,
                     r,
                     a,
-                    new_value - (cell[j, 0, table] * p + cell[j, 1, table] * q) - ladder.swing,
+                    new_value - (cell[j, 0, table] * p + cell[j, 1, table] * q) - swing,
                     new_slope - (cell[j, 2, table] * p + cell[j, 3, table] * q),
                     new_second - (cell[j, 4, table] * p + cell[j, 5, table] * q),
                 )
@@ -313,7 +269,8 @@ def first_root(
                 second = new_second
                 if j < top and low > 32.0 * error:
                     j += 1
-                if cells & 15 == 0 and _tail(ladder, states, current) > band:
+                passed += 1
+                if passed & 15 == 0 and tail(ladder, states, current) > band:
                     return NEVER, n, 0.0, 0.0, cells
                 continue
             if ladder.apart:
@@ -365,13 +322,13 @@ def first_root(
             if carries:
                 # Taken on from the start, the value has only the rounding of its changes.
                 c[0] = carried
-                speeds = _weighted(rows, 2, -1, states, current)
+                speeds = weighted(rows, 2, -1, states, current)
                 lost = EPSILON * (band_factor * speeds * n * smallest + 8.0 * carried)
                 threshold = min(band, lost)
             if c[0] <= threshold:
                 # Inside the band and certified not to have crossed: only a crossing beyond the band
                 # counts.
-                if _stays_in_band(ladder, states, current, threshold):
+                if stays_in_band(ladder, states, current, threshold):
                     return NEVER, n, 0.0, 0.0, cells
                 c[0] += 2.0 * threshold
                 carries = False
