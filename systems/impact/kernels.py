@@ -54,8 +54,10 @@ FIRST_CELLS = 64
     TOUCHES,
     CONTACTS,
     SEED,
-) = range(11)
-CLOCK = 11
+    SINE,
+    COSINE,
+) = range(13)
+CLOCK = 13
 
 
 class Stop(NamedTuple):
@@ -88,6 +90,7 @@ class Mechanics(NamedTuple):
     restitution : coefficient of restitution
     coupling : largest effect of a unit displacement of the contact mass on another mass
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
+    clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
     """
 
     stops: tuple[Stop, ...]
@@ -95,11 +98,12 @@ class Mechanics(NamedTuple):
     restitution: float
     coupling: float
     tolerance: float
+    clock_rate: float
 
 
 @kernel()
-def _advance_clock(clock: Array, n: int, smallest: float, e: float) -> None:
-    """Add ``n * smallest + e`` to the time, in double-double."""
+def _advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) -> None:
+    """Add ``n * smallest + e`` to the time, in double-double; turn the phase."""
     # The smallest step is a power of two: the first product is exact.
     for part in (n * smallest, e):
         total = clock[TIME] + part
@@ -109,6 +113,14 @@ def _advance_clock(clock: Array, n: int, smallest: float, e: float) -> None:
     total = clock[TIME] + clock[TIME_LOW]
     clock[TIME_LOW] -= total - clock[TIME]
     clock[TIME] = total
+    if rate > 0.0:
+        # Of the wait alone: a run that goes on from another one gives the same bits.
+        angle = rate * (n * smallest + e)
+        s = clock[SINE] * math.cos(angle) + clock[COSINE] * math.sin(angle)
+        c = clock[COSINE] * math.cos(angle) - clock[SINE] * math.sin(angle)
+        factor = 1.5 - 0.5 * (s * s + c * c)
+        clock[SINE] = s * factor
+        clock[COSINE] = c * factor
 
 
 @kernel()
@@ -340,7 +352,7 @@ def run(
                     return done, SEARCH_LIMIT
                 transform(stop.to_free, contact.states, FOUND, y)
                 _normalise(y, table)
-                _advance_clock(clock, n, stop.force.smallest, e)
+                _advance_clock(clock, n, stop.force.smallest, e, mechanics.clock_rate)
                 contacts[k, 2] = clock[TIME]
                 clock[SPEED] = 0.0
                 clock[PHASE_OF_MOTION] = RELEASED
@@ -392,16 +404,15 @@ def run(
         clock[SIDE] = side
         clock[SPEED] = 0.0 - mechanics.restitution * rate
         clock[PHASE_OF_MOTION] = BOUNCED
-        _advance_clock(clock, n, smallest, e)
+        _advance_clock(clock, n, smallest, e, mechanics.clock_rate)
         if noise > 0.0:
             _perturb(slots, table, y, clock, noise, 0.0)
         if store:
             for i in range(modes):
                 states[done, i] = y[START, 0, slots[i]]
                 states[done, modes + i] = y[START, 1, slots[i]]
-            if table >= 0:
-                states[done, 2 * modes] = y[START, 0, table]
-                states[done, 2 * modes + 1] = y[START, 1, table]
+            states[done, 2 * modes] = y[START, 0, table] if table >= 0 else clock[SINE]
+            states[done, 2 * modes + 1] = y[START, 1, table] if table >= 0 else clock[COSINE]
             states[done, 2 * modes + 2] = -clock[SPEED] if side == 1 else clock[SPEED]
             states[done, 2 * modes + 3] = clock[TIME]
         done += 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
@@ -95,6 +94,7 @@ def run(
         q += oscillator._structure.free.coordinates(x, v)
         turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
         clock[kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
+    clock[kernels.SINE], clock[kernels.COSINE] = turn
     slots = free.layout.slots
     flight = workspace(slots)
     flight.states[START] = free.states(q, *turn)
@@ -122,14 +122,10 @@ def run(
         if ending != kernels.CONTACTS_FULL:
             break
         contacts = np.concatenate([contacts, np.empty((max(16, len(contacts)), 3))])
-    q, *phasor = free.parts(flight.states[START])
-    turn = np.array(phasor)
+    q, sine, cosine = free.parts(flight.states[START])
+    turn = np.array([sine, cosine])
     if free.layout.table < 0:
-        # Nothing turns: the phase is a clock.
-        angles = start.phase + oscillator.frequency * states[:done, -1]
-        states[:done, -4], states[:done, -3] = np.sin(angles), np.cos(angles)
-        angle = start.phase + oscillator.frequency * float(clock[kernels.TIME])
-        turn = np.array([math.sin(angle), math.cos(angle)])
+        turn = clock[[kernels.SINE, kernels.COSINE]]
     speed = -clock[kernels.SPEED] if clock[kernels.SIDE] == 1.0 else clock[kernels.SPEED]
     return Run(
         start,
@@ -168,5 +164,6 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
         oscillator.restitution,
         structure.coupling,
         oscillator.chatter_tolerance,
+        oscillator.frequency if free.layout.table < 0 else 0.0,
     )
     return mechanics, workspace(slots)
