@@ -163,10 +163,15 @@ def test_what_can_never_happen_is_known() -> None:
     high = ExponentialSum([1.0], [0.0], [1.0], [0.1], offset=0.9).first_root()
     assert high.kind is RootKind.NEVER
     assert high.searched == math.inf
+    missed = ExponentialSum([1.0], [0.0], [1.0], [0.0], offset=1.0 + 1e-12).first_root()
+    assert missed.kind is RootKind.NEVER
 
 
 def test_the_limit_is_kept_and_says_how_far_it_came() -> None:
-    root = ExponentialSum([1.0], [0.0], [1.0], [0.0], offset=1.0 + 1e-12).first_root(limit=100)
+    # Both at their lowest at once is far away.
+    frequency = [1.0, math.sqrt(2.0)]
+    beat = ExponentialSum([1.0, 1.0], [0.0, 0.0], frequency, [0.0, 0.0], offset=2.0 - 1e-9)
+    root = beat.first_root(limit=100)
     assert root.kind is RootKind.LIMIT
     assert root.cells <= 101
     assert 10.0 < root.searched < math.inf
