@@ -23,7 +23,7 @@ class HighBounce(Map):
     A table at +A sin(w t) is half a turn further: phi = w t + pi. The table's displacement is
     neglected beside the height of the bounces, so the next impact's phase is wrong by 2 gamma /
     ((1 + r) v) at most, to leading order, and a v that turns negative has no meaning; the exact
-    motion is an `ImpactOscillator`'s.
+    motion is a `BouncingBall`'s.
 
     The determinant is r everywhere; with r = 1 this is the standard map, with K = gamma. The fixed
     points are v = 2 pi n, cos phi = -2 pi n (1 - r) / gamma. For every n >= 0 a pair of them is

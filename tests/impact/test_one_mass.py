@@ -223,7 +223,7 @@ REPLACED: list[tuple[ImpactOscillator, str, float]] = [
 
 @pytest.mark.parametrize(("system", "name", "value"), REPLACED, ids=[n for _, n, _ in REPLACED])
 def test_a_replaced_parameter_is_used(system: ImpactOscillator, name: str, value: float) -> None:
-    arguments = {**system.parameters, name: value}
+    arguments: dict[str, Any] = {**system.parameters, name: value}
     fresh = type(system)(**arguments)
     changed = system.replace(**{name: value})
     assert changed == fresh != system
