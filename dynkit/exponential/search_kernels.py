@@ -330,7 +330,7 @@ def first_root(
                 # counts.
                 if stays_in_band(ladder, states, current, threshold):
                     return NEVER, n, 0.0, 0.0, cells
-                c[0] += 2.0 * threshold
+                c[0] = max(c[0], -threshold) + 2.0 * threshold
                 carries = False
         h = smallest * (1 << wide)
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)

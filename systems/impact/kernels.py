@@ -25,6 +25,7 @@ from dynkit.exponential.evaluation_kernels import (
     shift,
     shift_linked,
     start_sums,
+    value_and_rates,
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, ROOT, TOUCH
 from dynkit.exponential.search_kernels import FOREVER, first_root
@@ -191,6 +192,14 @@ def _order_at_rest(rows: Array, states: Array, band_factor: float) -> int:
 
 
 @kernel()
+def _pulls(force: Ladder, states: Array, band_factor: float) -> bool:
+    """Whether the table would have to pull the contact mass to hold it, beyond rounding."""
+    reach = start_sums(force.rows, states, START)[3]
+    value = value_and_rates(force.rows, force.offset, states, START)[0]
+    return value < -band_factor * EPSILON * (reach + abs(force.offset))
+
+
+@kernel()
 def _chatter_rest(stop: Stop, restitution: float, u: float, second: float, third: float) -> float:
     """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`.
 
@@ -331,16 +340,25 @@ def run(
                 k = int(clock[CONTACTS])
                 if k == contacts.shape[0]:
                     return done, CONTACTS_FULL
+                stop = mechanics.stops[side]
+                transform(stop.to_stuck, y, START, contact.states)
+                if _pulls(stop.force, contact.states, band_factor):
+                    # What rounding hid in flight is clear on the table: it does not hold the mass.
+                    if u == 0.0:
+                        transform(stop.to_free, contact.states, START, y)
+                        _normalise(y, table)
+                        order = _order_at_rest(gap.rows, y, band_factor)
+                    sticks = order <= 0
+            if sticks:
                 contacts[k, 0] = clock[IMPACTS]
                 contacts[k, 1] = clock[TIME]
                 contacts[k, 2] = math.inf
-                stop = mechanics.stops[side]
                 if u > 0.0:
                     contacts[k, 1] += _chatter_rest(stop, mechanics.restitution, u, second, third)
                     clock[CHATTER_ERROR] += error
                     if noise > 0.0:
                         _perturb(slots, table, y, clock, 0.0, error)
-                transform(stop.to_stuck, y, START, contact.states)
+                        transform(stop.to_stuck, y, START, contact.states)
                 outcome, n, e, _, cells = first_root(
                     stop.force, zero, 0.0, band_factor, count < 0, limit, for_ever, contact
                 )

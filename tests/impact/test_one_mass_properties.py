@@ -17,7 +17,7 @@ from dynkit.systems.impact.single import SingleImpactOscillator
 from dynkit.systems.impact.state import ImpactState
 from dynkit.validation import Array
 
-SHARE = st.floats(0.0, 1.0)
+SHARE = st.just(0.0) | st.floats(1e-100, 1.0)
 RESTITUTION = st.floats(0.0, 1.0) | st.sampled_from([0.0, 1.0])
 TOLERANCE = st.sampled_from([1e-16, 1e-12, 1e-8])
 
@@ -39,7 +39,7 @@ def singles(draw: st.DrawFn) -> Begin:
         frequency=draw(st.floats(0.1, 8.0)),
         damping_ratio=draw(st.sampled_from([0.0, 1.0]) | st.floats(1e-3, 3.0)),
         force=draw(SHARE),
-        stop=draw(st.floats(-1.0, 1.0)),
+        stop=draw(SHARE) * draw(st.sampled_from([-1.0, 1.0])),
         restitution=draw(RESTITUTION),
         chatter_tolerance=draw(TOLERANCE),
     )
@@ -68,7 +68,7 @@ def plays(draw: st.DrawFn) -> Begin:
         play=draw(st.floats(0.1, 3.0)),
         spring=draw(st.just(0.0) | st.floats(1e-2, 4.0)),
         damping=draw(st.just(0.0) | st.floats(1e-2, 4.0)),
-        force=draw(st.just(0.0) | st.floats(-1.0, 1.0)),
+        force=draw(SHARE) * draw(st.sampled_from([-1.0, 1.0])),
         amplitude=draw(st.just(0.0) | st.floats(0.01, 1.0)),
         restitution=draw(RESTITUTION),
         chatter_tolerance=draw(TOLERANCE),

@@ -303,6 +303,19 @@ def test_force_and_stop_scale_the_motion(factor: float) -> None:
     assert (abs(other.time - one.time) <= (one.error + other.error) * 4.0).all()
 
 
+@pytest.mark.parametrize("force", [1e-30, 1e-50, 1e-150])
+def test_a_stop_that_need_not_hold_does_not(force: float) -> None:
+    # The impact leaves the roundings of -1 in the position, much more than the distances that the
+    # force works on. The mass is pulled off by stop - force cos(phase), zero at phase 0 alone.
+    system = make(frequency=1.0, damping_ratio=0.0, restitution=0.0, force=force, stop=force)
+    record = system.simulate(impacts=3, start=system.state([-1.0]))
+    alike = make(frequency=1.0, damping_ratio=0.0, restitution=0.0, stop=1.0)
+    start = alike.state([1.0], [0.0], 0.5 * math.pi)
+    expected = alike.simulate(impacts=2, start=start)
+    assert len(record.sticking) == 0
+    assert record.time[1:] - record.time[0] == pytest.approx(expected.time, rel=1e-14, abs=0.0)
+
+
 def test_strong_subharmonic_driving_is_chaotic() -> None:
     # Shaw & Holmes 1983 find chaos at restitution 0.8 and 2.8 times the natural frequency.
     assert str(make(frequency=2.8).attractor().label) == "chaotic"
