@@ -157,6 +157,7 @@ class Derivation:
 
     @cached_property
     def modes(self) -> Modes:
+        """Normal modes, derived when first asked for."""
         with _lock:
             return modes_of(self.mass, self.damping, self.stiffness, exact=self.exact)
 
