@@ -104,6 +104,7 @@ class Pairs:
         -------
         pairs
             (q, q') through critical damping and of rigid bodies, two real exponentials beyond it.
+            With both of a rigid body under drag its place would be a difference of large numbers.
         mixing
             (2, 2, n) matrices that give (q, q') from the pairs; None when all of them are 1.
         """
@@ -112,7 +113,7 @@ class Pairs:
         scale = np.zeros(n)
         mixing = np.zeros((2, 2, n))
         mixing[0, 0] = mixing[1, 1] = 1.0
-        separate = decay > SEPARATE * frequency
+        separate = (decay > SEPARATE * frequency) & (frequency > 0.0)
         with localcontext() as context:
             context.prec = 50
             for k in range(n):
@@ -154,8 +155,9 @@ class Pairs:
         target, source = self.links
         for _ in range(order):
             changed = np.stack([row[0] * g[0] + row[1] * g[2], row[0] * g[1] + row[1] * g[3]])
-            np.add.at(changed[0], source, row[0, target] * b[0] + row[1, target] * b[2])
-            np.add.at(changed[1], source, row[0, target] * b[1] + row[1, target] * b[3])
+            if target.size:
+                np.add.at(changed[0], source, row[0, target] * b[0] + row[1, target] * b[2])
+                np.add.at(changed[1], source, row[0, target] * b[1] + row[1, target] * b[3])
             row = changed
         return row
 
