@@ -180,9 +180,10 @@ class Pairs:
             number, growth, decay = self._parts
             larger = _majorant(growth, decay, window)
             own = np.zeros(len(growth))
-            own[number] = weights  # the same for all of a part
+            involved = number >= 0
+            own[number[involved]] = weights[involved]  # the same for all of a part
             total = (own[:, None] * np.where(own[:, None] > 0.0, larger, 0.0)).sum(axis=0)
-            weights = np.where(number >= 0, total[number], weights)
+            weights = np.where(involved, total[number], weights)
         weights[1] *= scale
         return weights
 

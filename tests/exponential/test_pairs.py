@@ -1,0 +1,86 @@
+"""Bounds of what becomes of terms, against the motion of all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from dynkit.exponential.pairs import Pairs
+from dynkit.validation import Array
+
+TIMES = np.concatenate([[0.0], np.logspace(-3, 2, 60)])
+
+
+def generator(pairs: Pairs) -> Array:
+    """Matrix (2n, 2n) of y' = A y, the two numbers of a pair side by side."""
+    n = pairs.count
+    matrix = np.zeros((2 * n, 2 * n))
+    for k in range(n):
+        matrix[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = pairs.generator[:, k].reshape(2, 2)
+    for k, (t, s) in enumerate(pairs.links.T.tolist()):
+        matrix[2 * t : 2 * t + 2, 2 * s : 2 * s + 2] += pairs.coupling[:, k].reshape(2, 2)
+    return matrix
+
+
+def oscillators(frequency: float, decay: float) -> Pairs:
+    low = np.zeros(1)
+    pairs, _ = Pairs.oscillators(np.array([frequency]), low, np.array([decay]), low)
+    return pairs
+
+
+KINDS = {
+    "turns": oscillators(1.3, 0.0),
+    "decays": oscillators(2.0, 0.3),
+    "two exponentials": oscillators(1.0, 4.0),
+    "rigid": oscillators(0.0, 0.0),
+    "rigid under drag": oscillators(0.0, 0.6),
+    "table": Pairs.rotation(0.7),
+    "constant": Pairs.constant(),
+}
+
+ORDERS = [
+    list(KINDS),
+    list(KINDS)[::-1],
+    ["rigid under drag", "table"],
+    ["table", "rigid under drag"],
+    ["rigid under drag"],
+    ["rigid", "constant", "rigid under drag", "two exponentials"],
+]
+
+
+def scenes() -> list[Pairs]:
+    """Pairs side by side, in several orders, and the same with some driven by others."""
+    out = []
+    for names in ORDERS:
+        pairs = Pairs.join(*(KINDS[name] for name in names))
+        out.append(pairs)
+        rng = np.random.default_rng(len(names))
+        links = [(t, s) for t in range(pairs.count) for s in range(t + 1, pairs.count)]
+        kept = [link for link in links if rng.random() < 0.4]
+        if kept:
+            out.append(pairs.linked(np.array(kept).T, rng.normal(size=(4, len(kept)))))
+    return out
+
+
+@pytest.mark.parametrize("order", [0, 1, 4, 6, 12])
+@pytest.mark.parametrize(
+    "pairs", scenes(), ids=lambda p: f"{p.count} pairs, {p.links.shape[1]} links"
+)
+def test_derivatives_stay_within_their_bounds(pairs: Pairs, order: int) -> None:
+    rng = np.random.default_rng(order)
+    matrix = generator(pairs)
+    for window in (0.01, 1.0, 100.0, np.inf):
+        times = TIMES[window >= TIMES]
+        flows = [expm(matrix * t) for t in times]
+        for _ in range(10):
+            row = rng.normal(size=(2, pairs.count)) * (rng.random((2, pairs.count)) < 0.6)
+            weights = pairs.bound(row, order, window)
+            derivative = pairs.derivative_rows(row, order).T.ravel()
+            state = rng.normal(size=2 * pairs.count) * (rng.random(2 * pairs.count) < 0.6)
+            used = np.where(state != 0.0, weights.T.ravel(), 0.0)  # infinite times zero
+            bound = used @ abs(state)
+            for flow in flows:
+                terms = derivative * (flow @ state)
+                rounding = 1e-12 * (1.0 + abs(terms).sum())
+                assert abs(terms.sum()) <= bound + rounding
