@@ -32,7 +32,7 @@ SCRATCH, START, FOUND, TERM, KEPT, STATES = 3, 3, 4, 5, 7, 8
 of states."""
 
 
-BOUND, TAIL, DRIFT = 8, 14, 16
+BOUND, TAIL, DRIFT, SEPARATE = 8, 14, 16, 22
 """Where in the rows of a ladder the bounds begin."""
 
 Indices = NDArray[np.intp]
@@ -45,21 +45,23 @@ class Ladder(NamedTuple):
     ----------
     step : (all rungs, 8, slots) propagators exp(G h), entries 11, 12, 21, 22, then the low parts of
         the same
-    cell : (rungs, 8, seen) rows that give f, f', f'' after the step from the state before it, two
-        each, then the weights of |y| in the bound of the quintic Hermite error on a cell of that
-        size
-    rows : (22, seen), two each: rows that give f, f', f'', f^(3) from y; from BOUND on weights of
+    cell : (rungs, 10, seen) rows that give f, f', f'' after the step from the state before it, two
+        each, then weights of |y|: of what a number kept adds to the bound of the quintic Hermite
+        error on a cell of that size, and of the most that one left out adds to f on it; then 1 for
+        numbers kept, 0 for those that swing too fast for that size and are left out
+    rows : (23, seen), two each: rows that give f, f', f'', f^(3) from y; from BOUND on weights of
         |y| that bound |f_k|, |f_k^(4)| and |f_k^(DEGREE + 1)| / (DEGREE + 1)! for the time `window`
         (the first of a term that grows is its present size); from TAIL on weights that bound the
         terms that do not drift, for ever, infinite where there is no bound; from DRIFT on rows that
-        give the terms that drift, their rate and their acceleration
+        give the terms that drift, their rate and their acceleration; the last row is 1 where two
+        separate numbers add up, 0 where they turn into each other
     generator : (6, slots) entries 11, 12, 21, 22, trace and determinant of G
     links : (L, 2) slots that are driven and slots that drive them
     link_step : (1 + all rungs, L, 4) entries 11, 12, 21, 22 of how, then of what the driving slot
         adds to the driven one in a step
     offset : constant term of f
     smallest : step of rung 0, a power of two
-    smooth : largest rung on which every term's bound grows as h^6
+    smooth : largest rung on which nothing is left out
     apart : whether a seen slot holds two separate numbers, or is driven by another
     grows : whether a term may grow beyond all bounds
     window : time for which `bound` holds

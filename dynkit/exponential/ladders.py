@@ -17,6 +17,9 @@ LANES = 8
 
 MAXIMUM_RUNGS = 61
 
+LARGEST = 1e300
+"""Of weights."""
+
 LONGEST = 46
 """At least so many rungs, of twice the step each, for propagation over long times."""
 
@@ -129,11 +132,14 @@ def _pad(rows: Array, slots: int) -> Array:
     return out
 
 
-def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[Array, int]:
-    """Weights (rungs, 2, n) of the quintic Hermite error, and the last rung with h^6 throughout.
+def cell_bounds(
+    pairs: Pairs, row: Array, smallest: float, rungs: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Weights of abs(y) on the cells of each rung, and which numbers are kept, (rungs, 2, n) each.
 
-    The error of a term is at most h^6/46080 sup |f^(6)|, and at most 2 sup |f| + 2/5 h sup |f'| +
-    h^2/20 sup |f''| (the Bernstein coefficients of the polynomial).
+    The error of the quintic Hermite polynomial of f is at most h^6/46080 sup |f^(6)|, and at most
+    2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''| (the Bernstein coefficients of the polynomial). On
+    cells for which this is the smaller bound a term is left out, and f is off by sup |f| at most.
     """
     h = smallest * 2.0 ** np.arange(rungs)[:, None, None]
 
@@ -143,9 +149,11 @@ def cell_bounds(pairs: Pairs, row: Array, smallest: float, rungs: int) -> tuple[
         return np.broadcast_to(pairs.bound(row, order), (rungs, *row.shape))
 
     with np.errstate(over="ignore", invalid="ignore"):
-        smooth = bound(6) * h**6 / 46080.0
-        cap = 2.0 * bound(0) + 0.4 * h * bound(1) + 0.05 * h * h * bound(2)
-    return np.fmin(smooth, cap), int(np.sum(np.all(smooth <= cap, axis=(1, 2)))) - 1
+        error, most = bound(6) * h**6 / 46080.0, bound(0)
+        kept = ~(2.0 * most + 0.4 * h * bound(1) + 0.05 * h * h * bound(2) < error)
+    kept[0] = True
+    # Finite, so that they vanish where the number does.
+    return np.fmin(np.where(kept, error, most), LARGEST), kept
 
 
 def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, steady: int) -> Any:
@@ -168,7 +176,7 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     window = propagators.smallest * 2.0 ** (rungs - 1) if pairs.grows else inf
     with np.errstate(over="ignore", invalid="ignore"):
         last = pairs.bound(full, DEGREE + 1, window) / factorial(DEGREE + 1)
-        weights, smooth = cell_bounds(pairs, full, propagators.smallest, rungs)
+        weights, kept = cell_bounds(pairs, full, propagators.smallest, rungs)
     size = pairs.bound(full, 0)
     tail, drift = size, np.zeros((6, pairs.count))
     if pairs.grows:
@@ -178,8 +186,9 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
             tail = pairs.bound(full - rigid, 0)
             drift = np.concatenate([pairs.derivative_rows(rigid, order) for order in range(3)])
     bounds = [size, pairs.bound(full, 4, window), last, tail, drift]
+    bounds.append((pairs.scale == 0.0).astype(float)[None])
     rows = np.concatenate([rows, _pad(np.concatenate(bounds), seen)])
-    cell = np.empty((rungs, 8, seen))
+    cell = np.empty((rungs, 10, seen))
     for k in range(0, 6, 2):
         cell[:, k] = rows[k] * step[:rungs, 0, :seen] + rows[k + 1] * step[:rungs, 2, :seen]
         cell[:, k + 1] = rows[k] * step[:rungs, 1, :seen] + rows[k + 1] * step[:rungs, 3, :seen]
@@ -187,7 +196,8 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
         for i, (t, s) in enumerate(propagators.links.tolist()):  # all of them are seen
             cell[:, k, s] += rows[k, t] * b[:, i, 0] + rows[k + 1, t] * b[:, i, 2]
             cell[:, k + 1, s] += rows[k, t] * b[:, i, 1] + rows[k + 1, t] * b[:, i, 3]
-    cell[:, 6:] = _pad(weights, seen)
+    cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept, seen)
+    smooth = int(np.logical_and.accumulate(kept.all(axis=(1, 2))).sum()) - 1
     g = _pad(pairs.generator, step.shape[2])
     return Ladder(
         step,

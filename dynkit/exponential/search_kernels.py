@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dynkit.compiled import kernel
+from dynkit.exponential.cell_kernels import HURDLE, leap, quintic_minimum, taylor_rung
 from dynkit.exponential.evaluation_kernels import (
     BOUND,
-    DEGREE,
     EPSILON,
     FOUND,
     SCRATCH,
@@ -33,33 +33,16 @@ from dynkit.exponential.polynomial_kernels import (
     polynomial_first_root,
 )
 from dynkit.exponential.tail_kernels import stays_in_band, tail, weighted
-from dynkit.validation import Array
 
 FOREVER = 2**62
 """The farthest horizon."""
 
-NEAR = 1.001
-"""In units of the table's swing: how near to it long cells are still tried."""
+LOW = 1024.0
+"""In units of the rounding band: lower flights are followed by Taylor polynomials, each taken on from
+the one before."""
 
-
-@kernel(inline=True)
-def _quintic_minimum(
-    h: float,
-    value: float,
-    rate: float,
-    second: float,
-    new_value: float,
-    new_rate: float,
-    new_second: float,
-) -> float:
-    """Smallest Bernstein coefficient of the quintic Hermite polynomial, its lower bound."""
-    left = min(value, value + 0.2 * h * rate, value + h * (0.4 * rate + 0.05 * h * second))
-    right = min(
-        new_value,
-        new_value - 0.2 * h * new_rate,
-        new_value - h * (0.4 * new_rate - 0.05 * h * new_second),
-    )
-    return min(left, right)
+SMALLEST = 1e-300
+"""Of values that are above zero."""
 
 
 @kernel()
@@ -117,21 +100,6 @@ def _first_rung(
 
 
 @kernel()
-def _taylor_rung(
-    rows: Array, states: Array, k: int, smallest: float, most: int, band: float
-) -> int:
-    """Largest rung, up to `most`, on which the Taylor polynomial's remainder is below rounding."""
-    remainder = 0.0
-    for i in range(rows.shape[1]):
-        remainder += rows[BOUND + 4, i] * abs(states[k, 0, i])
-        remainder += rows[BOUND + 5, i] * abs(states[k, 1, i])
-    for j in range(most, 0, -1):
-        if remainder * (smallest * (1 << j)) ** (DEGREE + 1) <= 1e-3 * band:
-            return j
-    return 0
-
-
-@kernel()
 def first_root(
     ladder: Ladder,
     order: int,
@@ -176,7 +144,6 @@ def first_root(
     offset = ladder.offset
     top = cell.shape[0] - 1
     smallest = ladder.smallest
-    table = ladder.steady
     seen = rows.shape[1]
     c = work.coefficients
     states = work.states
@@ -196,7 +163,7 @@ def first_root(
         if j >= 0:
             value, slope, second, error = look_ahead(cell, j, states, START)
             value += offset
-            if value > 2.0 * band:
+            if value > LOW * band:
                 current = 0
                 walk(step, links, link_step, seen, j, states, START, current)
                 n = 1 << j
@@ -208,58 +175,36 @@ def first_root(
     carried = 0.0
     carried_to = -1
     passed = 0
-    # What the table drives is not bounded by its swing.
-    swing = ladder.swing
-    swings = swing > 0.0 and links.shape[0] == 0
-    pace = ladder.generator[1, table] if swings else 0.0
     while cells < limit and n <= horizon:
         if ladder.grows:
             reach = weighted(rows, BOUND, -1, states, current)
             band = max(band, band_factor * EPSILON * (reach + abs(offset)))
-        if j >= 0 and not expanded:
+        low_flight = n == carried_to and value <= LOW * band
+        if j > ladder.smooth and not expanded and not low_flight:
+            never, j, wide, n, current, cells, band = leap(
+                ladder, j, n, current, cells, limit, horizon, band_factor, band, states
+            )
+            if never:
+                return NEVER, n, 0.0, 0.0, cells
+            if wide == 0:
+                value, slope, second = value_and_rates(rows, offset, states, current)
+                continue
+        if low_flight:
+            if ladder.apart:
+                # The remainder is below the rounding of what is carried.
+                rest = 1e3 * EPSILON * carried
+                wide = taylor_rung(rows, states, current, smallest, min(j + 1, top), rest)
+        elif j >= 0 and wide == 0 and not expanded:
             h = smallest * (1 << j)
-            v = value
-            r = slope
-            a = second
-            far = False
-            if swings:
-                p = states[current, 0, table]
-                q = states[current, 1, table]
-                v -= rows[0, table] * p + rows[1, table] * q
-                far = v > 2.0 * swing
-                if v > NEAR * swing:
-                    r -= rows[2, table] * p + rows[3, table] * q
-                    # What comes near but slowly is passed in cells longer than the table's motion.
-                    far = far or (v - swing) * pace > 8.0 * abs(r)
-                if far:
-                    v -= swing
-                    a -= rows[4, table] * p + rows[5, table] * q
-                else:
-                    v = value
-                    r = slope
             # Rungs whose certificate must fail already at this end of the cell are not tried.
-            while j > 0 and v + h * (0.4 * r + 0.05 * h * a) <= band:
+            while j > 0 and value + h * (0.4 * slope + 0.05 * h * second) <= band:
                 j -= 1
                 h *= 0.5
             new_value, new_slope, new_second, error = look_ahead(cell, j, states, current)
             new_value += offset
             cells += 1
             margin = band * (1.0 + 0.25 * cells)
-            if far:
-                p = states[current, 0, table]
-                q = states[current, 1, table]
-                low = _quintic_minimum(
-                    h,
-                    v,
-                    r,
-                    a,
-                    new_value - (cell[j, 0, table] * p + cell[j, 1, table] * q) - swing,
-                    new_slope - (cell[j, 2, table] * p + cell[j, 3, table] * q),
-                    new_second - (cell[j, 4, table] * p + cell[j, 5, table] * q),
-                )
-                error -= cell[j, 6, table] * abs(p) + cell[j, 7, table] * abs(q)
-            else:
-                low = _quintic_minimum(h, v, r, a, new_value, new_slope, new_second)
+            low = quintic_minimum(h, value, slope, second, new_value, new_slope, new_second)
             if low > error + margin:
                 walk(step, links, link_step, seen, j, states, current, (current + 1) % SCRATCH)
                 current = (current + 1) % SCRATCH
@@ -268,33 +213,36 @@ def first_root(
                 slope = new_slope
                 second = new_second
                 if j < top and low > 32.0 * error:
-                    j += 1
+                    # A leap is not tried in vain.
+                    j += j < ladder.smooth or value + 0.8 * h * slope > band
                 passed += 1
-                if passed & 15 == 0 and tail(ladder, states, current) > band:
-                    return NEVER, n, 0.0, 0.0, cells
+                if passed & 15 == 0:
+                    if tail(ladder, states, current) > band:
+                        return NEVER, n, 0.0, 0.0, cells
+                    if passed & 31 == 0 and j >= ladder.smooth - 2:
+                        j = min(j + HURDLE, top)
                 continue
             if ladder.apart:
                 # Fast exponentials that have died out do not narrow the Taylor polynomial.
-                wide = _taylor_rung(rows, states, current, smallest, j, band)
+                wide = taylor_rung(rows, states, current, smallest, j, band)
                 if wide < j:
                     j -= 1
                     continue
             elif j > 0:
                 m = 0
-                if new_value < 0.0 and not far:
+                if new_value < 0.0:
                     m = int((1 << j) * _cubic_root(h, value, slope, new_value, new_slope) - 0.2)
                 if m <= 0:
-                    j = j - 1 if new_value >= 0.0 or far else 0
+                    j = j - 1 if new_value >= 0.0 else 0
                     continue
                 # Jump to the last node before the estimated root, if the way there can be
                 # certified.
                 jumped = propagate_steps(step, links, link_step, n + m, states, current, 0, seen)
                 expand(ladder.generator, rows, offset, states, jumped, c)
                 part = m * smallest / h
-                if j <= ladder.smooth:
-                    error *= part * part * part * part * part * part
+                error *= part * part * part * part * part * part
                 h *= part
-                low = _quintic_minimum(h, value, slope, second, c[0], c[1], 2.0 * c[2])
+                low = quintic_minimum(h, value, slope, second, c[0], c[1], 2.0 * c[2])
                 if low <= error + margin:
                     j -= 1
                     continue
@@ -330,8 +278,16 @@ def first_root(
                 # counts.
                 if stays_in_band(ladder, states, current, threshold):
                     return NEVER, n, 0.0, 0.0, cells
-                c[0] = max(c[0], -threshold) + 2.0 * threshold
-                carries = False
+                if n == 0 and touches:
+                    # The start itself is above zero, however little.
+                    c[0] = max(c[0], SMALLEST)
+                    threshold = 8.0 * EPSILON * c[0]
+                    carries = True
+                else:
+                    if n == 0:
+                        c[0] = max(c[0], -threshold)
+                    c[0] = max(c[0] + 2.0 * threshold, SMALLEST)
+                    carries = False
         h = smallest * (1 << wide)
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         cells += 1

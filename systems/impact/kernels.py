@@ -29,6 +29,7 @@ from dynkit.exponential.evaluation_kernels import (
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, ROOT, TOUCH
 from dynkit.exponential.search_kernels import FOREVER, first_root
+from dynkit.exponential.tail_kernels import stays_in_band
 from dynkit.validation import Array
 
 Indices = NDArray[np.intp]
@@ -335,6 +336,9 @@ def run(
                 sticks = _chatter_completes(mechanics, gap.window, u, second, third, fourth, error)
             else:
                 order = _order_at_rest(gap.rows, y, band_factor)
+                if order > 0 and stays_in_band(gap, y, START, mechanics.tolerance):
+                    # It would never leave the table by more: all that moves is rounding.
+                    order = 0
                 sticks = order <= 0
             if sticks:
                 k = int(clock[CONTACTS])
