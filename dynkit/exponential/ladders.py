@@ -196,7 +196,7 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
         for i, (t, s) in enumerate(propagators.links.tolist()):  # all of them are seen
             cell[:, k, s] += rows[k, t] * b[:, i, 0] + rows[k + 1, t] * b[:, i, 2]
             cell[:, k + 1, s] += rows[k, t] * b[:, i, 1] + rows[k + 1, t] * b[:, i, 3]
-    cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept, seen)
+    cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept.astype(float), seen)
     smooth = int(np.logical_and.accumulate(kept.all(axis=(1, 2))).sum()) - 1
     g = _pad(pairs.generator, step.shape[2])
     return Ladder(

@@ -38,8 +38,8 @@ FOREVER = 2**62
 """The farthest horizon."""
 
 LOW = 1024.0
-"""In units of the rounding band: lower flights are followed by Taylor polynomials, each taken on from
-the one before."""
+"""In units of the rounding band: lower flights are followed by Taylor polynomials, each taken on
+from the one before."""
 
 SMALLEST = 1e-300
 """Of values that are above zero."""
