@@ -1,0 +1,1 @@
+"""Branches of periodic orbits in their parameters."""

@@ -1,0 +1,142 @@
+"""What continuation needs to know of a family of periodic orbits."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self, final
+
+import numpy as np
+
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.orbits import PeriodicOrbit
+
+
+class NoSolution(RuntimeError):
+    """The equations are not defined there: the system refuses it, or there is no next state."""
+
+
+@final
+@dataclass(frozen=True)
+class Event:
+    """A number that changes its sign where a branch meets a border of its own kind.
+
+    Parameters
+    ----------
+    kind : {"GR", "CB"}
+    part : int
+        Which part of the orbit it belongs to.
+    value : float
+        Positive on the admissible side, zero on the border; infinite where there is nothing to
+        watch.
+    """
+
+    kind: str
+    part: int
+    value: float
+
+
+class Condition(ABC):
+    """One equation more, g(x, e, p) = 0, that holds at a border, with e unknowns of its own.
+
+    `size` = e + 1 equations in all.
+    """
+
+    unknowns: int
+    """The number e of unknowns of its own."""
+
+    @abstractmethod
+    def residual(self, x: Array, own: Array, p: Array) -> Array:
+        """Return the equations, (e + 1,), at unknowns (m,), own ones (e,) and parameters (k,)."""
+
+
+class Problem(ABC):
+    """Equations F(x, p) = 0 whose solutions are the periodic orbits of one kind in a family.
+
+    There are m equations and m unknowns x; p are the free parameters, k of them, of which one is
+    followed along a branch and two along a curve. The equations are smooth. Where they are not
+    defined, every method may raise `NoSolution`.
+
+    A subclass owes what is abstract here.
+    """
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters, (k,)."""
+
+    @abstractmethod
+    def free(self, *names: str) -> Self:
+        """Return the same problem with other parameters free; the rest keep their values."""
+
+    @property
+    @abstractmethod
+    def values(self) -> Array:
+        """Values (k,) of the free parameters in the system that the problem was made of."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """The number m of equations and of unknowns."""
+
+    @abstractmethod
+    def scale(self, x: Array) -> Array:
+        """Typical sizes (m,), positive, of the unknowns: what an arclength is measured in."""
+
+    @abstractmethod
+    def residual(self, x: Array, p: Array) -> Array:
+        """Return F, (m,), each equation in units in which rounding leaves about 1e-16."""
+
+    @abstractmethod
+    def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
+        """Return D(multiplier), (m, m): how disturbances that return multiplied change F.
+
+        D(1) is the derivative of F by x. A number mu is a Floquet multiplier of the orbit just
+        where D(mu) is singular. Real for a real multiplier, else complex.
+        """
+
+    @abstractmethod
+    def parameter_derivative(self, x: Array, p: Array) -> Array:
+        """Return the derivative, (m, k), of F by the free parameters."""
+
+    @abstractmethod
+    def multipliers(self, x: Array, p: Array) -> Any:
+        """Return the Floquet multipliers of a solution, complex, the largest modulus first."""
+
+    @abstractmethod
+    def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> PeriodicOrbit:
+        """Return the orbit that a solution stands for; `history` as in `PeriodicOrbit`."""
+
+    @abstractmethod
+    def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
+        """Return the problem of twice the period, this solution run through twice, and a direction.
+
+        The direction, (2m,), is the disturbance (m,) of the first time, and its opposite the second
+        time: with the null vector of D(-1) the tangent of the branch that leaves where the period
+        doubles.
+        """
+
+    @abstractmethod
+    def events(self, x: Array, p: Array) -> list[Event]:
+        """Return what is to be watched along a branch, always as many and in the same order."""
+
+    @abstractmethod
+    def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
+        """Return what holds where event number `event` is zero, and a guess of its own unknowns.
+
+        The guess is made from a solution nearby.
+        """
+
+    @abstractmethod
+    def admissible(self, x: Array, p: Array) -> bool:
+        """Whether a solution is a motion of the system, and no impact was left out or pulls."""
+
+    def canonical(self, x: Array) -> Array:
+        """Return numbers, (l,), of order one, that two solutions share if they are one orbit.
+
+        Where the same orbit has several solutions, they are those of one of them.
+        """
+        return np.asarray(x / self.scale(x))

@@ -1,0 +1,1 @@
+"""Floquet multipliers: eigenvalues of long products of matrices."""

@@ -1,0 +1,87 @@
+"""Periodic orbits."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.maps import Map
+from dynkit.results import Cost
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.continuation.problem import Problem
+
+
+class PeriodicOrbit(ABC):
+    """A periodic orbit, stable or not, found by Newton's method.
+
+    A subclass owes what is abstract here. Instances are immutable.
+    """
+
+    @property
+    @abstractmethod
+    def system(self) -> Map:
+        """What moves, with the parameters of this orbit."""
+
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """Its kind, such as ``P(2)`` or ``P(1,3)``."""
+
+    @property
+    @abstractmethod
+    def states(self) -> Array:
+        """Its states, (n, d), one after the other, read-only."""
+
+    @property
+    @abstractmethod
+    def multipliers(self) -> Any:
+        """Floquet multipliers, (d,) complex, the largest modulus first."""
+
+    @property
+    @final
+    def stable(self) -> bool:
+        """Whether all multipliers lie inside the unit circle."""
+        return bool(np.all(abs(self.multipliers) < 1.0))
+
+    @property
+    @abstractmethod
+    def admissible(self) -> bool:
+        """Whether it is a motion of the system; see `Problem.admissible`."""
+
+    @property
+    @abstractmethod
+    def history(self) -> tuple[float, ...]:
+        """Largest residual before the first and after each step of Newton's method."""
+
+    @property
+    @final
+    def residual(self) -> float:
+        """Largest residual that is left, near rounding."""
+        return self.history[-1]
+
+    @property
+    @abstractmethod
+    def error(self) -> float:
+        """Estimate of the largest error of a coordinate of its states."""
+
+    @property
+    @abstractmethod
+    def cost(self) -> Cost:
+        """What it cost."""
+
+    @abstractmethod
+    def problem(self, *names: str) -> Problem:
+        """Return the equations that it solves, with the named parameters free."""
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> Array:
+        """The solution, (m,), of the equations of its `problem`."""
+
+    @abstractmethod
+    def observable(self, name: str) -> Array:
+        """Return one of the system's observables, (n,): what a diagram draws."""
