@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -23,6 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from dynkit import sweep
 from dynkit.systems import ImpactChain
+from tests.benchmarks.report import table
+from tests.benchmarks.structures import structures
 from tests.reference import solve_ivp_peer
 from tests.reference.values import PAPER_CHAIN
 
@@ -36,15 +38,6 @@ METHODS: tuple[tuple[solve_ivp_peer.Method, float], ...] = (
     ("LSODA", 1e-10),
     ("Radau", 1e-8),
 )
-
-
-def table(title: str, head: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
-    cells = [[str(cell) for cell in row] for row in rows]
-    print(f"\n### {title}\n")
-    print("| " + " | ".join(head) + " |")
-    print("| " + " | ".join("---" for _ in head) + " |")
-    for row in cells:
-        print("| " + " | ".join(row) + " |")
 
 
 def fastest(call: Callable[[], object], runs: int = 7) -> float:
@@ -204,6 +197,7 @@ def grazing(count: int = 200, depth: float = 1e-9) -> None:
 def main() -> None:
     impact_speed()
     growth_with_size()
+    structures()
     start_up()
     beside_solve_ivp()
     grazing()
