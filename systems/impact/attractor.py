@@ -18,6 +18,7 @@ from dynkit.systems.impact.twins import growth_of_distance
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
+    from dynkit.orbits import PeriodicOrbit
     from dynkit.systems.impact.oscillator import ImpactOscillator
 
 TWO_PI = 2.0 * math.pi
@@ -98,6 +99,32 @@ class ImpactAttractor(Attractor):
         """Return the label as far as so many impacts tell; the kept ones are always looked at."""
         kept = max(len(self.record), 1)
         return label_orbit(_ImpactOrbit(self.record), kept=kept, budget=budget)
+
+    def periodic_orbit(self) -> PeriodicOrbit:
+        """Return the periodic orbit that this attractor is, by Newton's method.
+
+        Returns
+        -------
+        ImpactOrbit, or a MapOrbit where parts of the system are held by no spring
+
+        Raises
+        ------
+        ValueError
+            When the attractor is not P(n,m) with a finite n.
+        NoConvergence
+            When its motion is still too far from it.
+        """
+        from dynkit.map_orbits import periodic_orbit
+        from dynkit.systems.impact.orbits.finding import orbit_of_motion
+        from dynkit.systems.impact.orbits.responses import free_motion
+
+        n, m = self.label.impacts, self.label.periods
+        if n is None or m is None:
+            raise ValueError(f"attractor must be P(n,m) with finite n; it is {self.label}")
+        record = self._system.simulate(impacts=n, start=self.final)
+        if free_motion(self._system._structure).rigid:
+            return periodic_orbit(self._system, record.states, period=n)
+        return orbit_of_motion(record, n, m)
 
     def time_series(self, times: Array) -> Array:
         """Positions and velocities, (k, 2N), at times from the last skipped impact on."""

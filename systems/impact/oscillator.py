@@ -8,7 +8,7 @@ import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -48,6 +48,9 @@ from dynkit.validation import (
     positive,
     positive_integer,
 )
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 
 TWO_PI = 2.0 * math.pi
 
@@ -350,6 +353,52 @@ class ImpactOscillator(LagrangianStructure, Map):
         return ImpactAttractor(
             self, 0, ImpactRecord(self, self._run(state, count, store=True)), None
         )
+
+    def periodic_orbit(
+        self,
+        *,
+        impacts: int = 1,
+        periods: int = 1,
+        phases: object = None,
+        sides: object = None,
+    ) -> ImpactOrbit:
+        """Return a periodic orbit P(n,m), stable or not.
+
+        Parameters
+        ----------
+        impacts, periods : int
+            n and m.
+        phases : (n,) array_like, optional
+            Guess of the phases of the forcing at the impacts, ascending, within 2 pi m; n is their
+            number. Without it the first of `periodic_orbits` is returned.
+        sides : (n,) array_like of int, optional
+            With the phases: 0 for the table, the default, and 1 for the far stop of a play.
+
+        Raises
+        ------
+        ValueError
+            When there is none, or nothing drives the system, or nothing holds a part of it.
+        NoConvergence
+            When Newton's method finds none from the guess.
+        """
+        from dynkit.systems.impact.orbits.finding import orbit_at
+
+        if phases is not None:
+            return orbit_at(self, periods, phases, sides)
+        found = self.periodic_orbits(impacts=impacts, periods=periods)
+        if not found:
+            raise ValueError(f"no orbit P({impacts},{periods}) was found for {self!r}")
+        return found[0]
+
+    def periodic_orbits(self, *, impacts: int = 1, periods: int = 1) -> list[ImpactOrbit]:
+        """Return the periodic orbits P(n,m) that are found, stable or not.
+
+        For n = 1 all there are, from their closed form; for more impacts what Newton's method finds
+        from 200 guesses, always the same. Admissible ones come first, then larger impulses.
+        """
+        from dynkit.systems.impact.orbits.finding import find_orbits
+
+        return find_orbits(self, impacts, periods)
 
     def _run(
         self, start: ImpactState, count: int, *, store: bool, noise: float = 0.0, seed: int = 1

@@ -1,0 +1,195 @@
+"""Search for periodic orbits of impact oscillators."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.continuation.newton import FixedParameters, correct, solve
+from dynkit.continuation.problem import NoSolution
+from dynkit.results import Cost
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.problem import ImpactProblem
+from dynkit.systems.impact.orbits.responses import free_motion
+from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.terms import Terms
+from dynkit.systems.impact.state import TWO_PI
+from dynkit.validation import Array, finite_array, positive_integer
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.record import ImpactRecord
+
+STARTS = 200
+"""Guesses of a search."""
+
+APART = 1e-6
+"""Two solutions that differ by less, scaled, are the same orbit."""
+
+_NONE = np.empty(0)
+
+
+def find_orbits(
+    oscillator: ImpactOscillator, impacts: object, periods: object
+) -> list[ImpactOrbit]:
+    """All orbits that are found, the admissible ones first, then those of larger impulses.
+
+    One impact: all there are, from the closed form. More: from `STARTS` guesses at random phases,
+    always the same.
+    """
+    n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
+    began = time.perf_counter()
+    found: list[tuple[ImpactProblem, Array, tuple[float, ...]]] = []
+    guesses = _closed_forms(oscillator, m) if n == 1 else _random_guesses(oscillator, n, m)
+    seen: list[Array] = []
+    for problem, guess in guesses:
+        result = correct(FixedParameters(problem, _NONE), guess, problem.scale(guess), steps=30)
+        x = ordered(result.y)
+        if not result.converged or (x[n:] <= 0.0).any() or repeats(problem, x):
+            continue
+        mark = problem.canonical(x)
+        if all(abs(mark - other).max() > APART for other in seen):
+            seen.append(mark)
+            found.append((problem, x, result.history))
+    cost = Cost(time.perf_counter() - began, {"orbits": len(found)})
+    orbits = [ImpactOrbit(problem, x, history, cost) for problem, x, history in found]
+    return sorted(orbits, key=lambda orbit: (not orbit.admissible, -float(orbit.impulses.sum())))
+
+
+def orbit_at(
+    oscillator: ImpactOscillator, periods: object, phases: object, sides: object = None
+) -> ImpactOrbit:
+    """The orbit that Newton's method finds from phases (n,) and sides (n,) of the impacts.
+
+    Raises
+    ------
+    ValueError
+        When the phases are not ascending within the periods, or the sides not 0 or 1.
+    NoConvergence
+    """
+    m = positive_integer("periods", periods)
+    given = finite_array("phases", phases, (None,))
+    if not len(given) or (np.diff(given) <= 0.0).any() or np.ptp(given) >= TWO_PI * m:
+        raise ValueError(
+            f"phases must ascend and span less than {m} periods of 2 pi; got {given.tolist()}"
+        )
+    stops = len(oscillator._stands)
+    at = finite_array("sides", np.zeros(len(given)) if sides is None else sides, (len(given),))
+    if not np.isin(at, range(stops)).all():
+        raise ValueError(f"sides must lie in [0, {stops - 1}]; got {at.tolist()}")
+    began = time.perf_counter()
+    problem = make_problem(oscillator, m, at)
+    x, history = solve(problem, with_impulses(problem, given), _NONE)
+    cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
+    return ImpactOrbit(problem, ordered(x), history, cost)
+
+
+def make_problem(oscillator: ImpactOscillator, periods: int, sides: Any) -> ImpactProblem:
+    """The equations of P(n,m), n the number of sides.
+
+    Raises
+    ------
+    ValueError
+        When nothing drives the oscillator, or parts of it are held by nothing.
+    """
+    if free_motion(oscillator._structure).rigid:
+        raise ValueError(
+            "system must hold all its coordinates by springs; "
+            "dynkit.periodic_orbit finds orbits of others from a state"
+        )
+    try:
+        terms = Terms.of(oscillator)
+    except NoSolution as refusal:
+        raise ValueError(f"system must have a steady response: {refusal}") from None
+    speed = abs(terms.drive) * terms.frequency
+    if speed == 0.0:
+        raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
+    return ImpactProblem(oscillator, (), periods, sides, speed)
+
+
+def with_impulses(problem: ImpactProblem, phases: Array) -> Array:
+    """The impulses that serve best at given phases: all equations are linear in them."""
+    n = len(phases)
+    start = np.concatenate([phases, np.zeros(n)])
+    matrix = problem.linearization(start, _NONE)[:, n:]
+    impulses, *_ = np.linalg.lstsq(matrix, -problem.residual(start, _NONE), rcond=None)
+    return np.concatenate([phases, impulses])
+
+
+def ordered(x: Array) -> Array:
+    """The same solution from its first impact in [0, 2 pi) on."""
+    n = len(x) // 2
+    turns = TWO_PI * np.floor(x[0] / TWO_PI)
+    return np.concatenate([x[:n] - turns, x[n:]])
+
+
+def repeats(problem: ImpactProblem, x: Array) -> bool:
+    """Whether it is an orbit of fewer impacts, run through several times."""
+    n, m = len(x) // 2, problem.periods
+    for parts in range(2, n + 1):
+        if n % parts or m % parts:
+            continue
+        step = n // parts
+        phases = np.append(x[:n], x[:step] + TWO_PI * m)
+        shifted = phases[step:] - x[:n] - TWO_PI * (m // parts)
+        again = np.roll(x[n:], -step) - x[n:]
+        same_sides = (np.roll(problem.sides, -step) == problem.sides).all()
+        if same_sides and max(abs(shifted).max(), abs(again).max() / problem.speed) < APART:
+            return True
+    return False
+
+
+def _closed_forms(
+    oscillator: ImpactOscillator, periods: int
+) -> Iterator[tuple[ImpactProblem, Array]]:
+    """P(1,m): gap and its rate at the impact are one complex equation, quadratic in the impulse.
+
+    With the steady gap Im(C exp(i phase)) + c and the periodic response G, G' just after a unit
+    impulse, C exp(i phase) = J s / w - i (c + J G), where s = r / (1 + r) - G'.
+    """
+    for side, sign in enumerate(Terms.of(oscillator).signs.tolist()):
+        problem = make_problem(oscillator, periods, [side])
+        s = Solution(*problem.parts(_NONE), periods, problem.sides, np.zeros(2))
+        t = s.terms
+        g, rate = s.responses[:2, 0, 0].tolist()
+        slope = (t.restitution / (1.0 + t.restitution) - rate) / t.frequency
+        middle = sign * (t.rest - float(t.places[side]))
+        square, linear = g * g + slope * slope, middle * g
+        discriminant = linear * linear - square * (middle * middle - abs(t.drive) ** 2)
+        if discriminant < 0.0:
+            continue
+        for root in (1.0, -1.0):
+            impulse = (root * discriminant**0.5 - linear) / square
+            place = complex(impulse * slope, -(middle + impulse * g)) / (sign * t.drive)
+            yield problem, np.array([np.angle(place), impulse])
+
+
+def _random_guesses(
+    oscillator: ImpactOscillator, impacts: int, periods: int
+) -> Iterator[tuple[ImpactProblem, Array]]:
+    random = np.random.default_rng(0)
+    stops = len(oscillator._stands)
+    for _ in range(STARTS):
+        phases = np.sort(random.uniform(0.0, TWO_PI * periods, impacts))
+        problem = make_problem(oscillator, periods, random.integers(0, stops, impacts))
+        try:
+            yield problem, with_impulses(problem, phases)
+        except NoSolution:
+            continue
+
+
+def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactOrbit:
+    """The orbit near the first n impacts of a motion.
+
+    Raises
+    ------
+    NoConvergence
+        When the motion is too far from it.
+    """
+    clock = record.system.frequency * (record.time - record.time[0])
+    phases = record.phase[0] + clock[:impacts]
+    sides = np.signbit(record.relative_velocity[:impacts])
+    return orbit_at(record.system, periods, phases, sides)

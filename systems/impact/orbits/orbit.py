@@ -1,0 +1,210 @@
+"""Periodic orbits of impact oscillators."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.orbits import PeriodicOrbit
+from dynkit.results import Cost
+from dynkit.systems.impact.orbits.watching import section_states
+from dynkit.systems.impact.state import TWO_PI
+from dynkit.validation import Array, finite_array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.problem import ImpactProblem
+    from dynkit.systems.impact.orbits.solution import Solution
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+_NONE = np.empty(0)
+
+_ROUNDING = 32.0 * 2.0**-52
+"""Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
+
+
+@final
+class ImpactOrbit(PeriodicOrbit):
+    """P(n,m): n impacts in m periods of the forcing.
+
+    From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch.
+    """
+
+    def __init__(
+        self, problem: ImpactProblem, x: Array, history: tuple[float, ...], cost: Cost
+    ) -> None:
+        self._problem = problem
+        self._x = x.copy()
+        self._x.setflags(write=False)
+        self._history = history
+        self._cost = cost
+
+    def __repr__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        if not self.admissible:
+            kind += ", inadmissible"
+        return f"<{self.label} of {self.system!r}: {kind}>"
+
+    @property
+    def _solution(self) -> Solution:
+        return self._problem.at(self._x, _NONE)
+
+    @property
+    def system(self) -> ImpactOscillator:
+        return self._problem.oscillator
+
+    @property
+    def impacts(self) -> int:
+        """The number n of impacts."""
+        return len(self._problem.sides)
+
+    @property
+    def periods(self) -> int:
+        """The number m of periods of the forcing."""
+        return self._problem.periods
+
+    @property
+    def period(self) -> float:
+        """Time until it repeats."""
+        return self.periods * TWO_PI / self.system.frequency
+
+    @property
+    def label(self) -> str:
+        """``P(n,m)``."""
+        return f"P({self.impacts},{self.periods})"
+
+    @property
+    def phases(self) -> Array:
+        """Phases (n,) of the forcing at the impacts, ascending, not wrapped."""
+        return self._x[: self.impacts]
+
+    @property
+    def impulses(self) -> Array:
+        """Changes (n,) of the relative velocity by the impacts; negative where they would pull."""
+        return self._x[self.impacts :]
+
+    @property
+    def time(self) -> Array:
+        """Times (n,) of the impacts, from the first one."""
+        return np.asarray((self.phases - self.phases[0]) / self.system.frequency)
+
+    @cached_property
+    def states(self) -> Array:
+        """Section coordinates (n, 2N) just after the impacts: see `ImpactOscillator`."""
+        states = section_states(self.system, self._solution)
+        states.setflags(write=False)
+        return states
+
+    @property
+    def relative_velocity(self) -> Array:
+        """Rate (n,) of the gap just after the impacts; negative on the far side of a play."""
+        return self.states[:, -2]
+
+    @cached_property
+    def multipliers(self) -> Any:
+        """Floquet multipliers, (2N,) complex, the largest modulus first.
+
+        Those of the impact map, or of the flow over the whole period: they are the same.
+        """
+        return self._problem.multipliers(self._x, _NONE)
+
+    @cached_property
+    def admissible(self) -> bool:
+        """Whether all impulses push, and simulation from each impact finds the next in place."""
+        return self._problem.admissible(self._x, _NONE)
+
+    @property
+    def history(self) -> tuple[float, ...]:
+        return self._history
+
+    @cached_property
+    def error(self) -> float:
+        """Bound of the largest error of a section coordinate, to first order in the rounding.
+
+        The sum over the inverse derivative of what rounding and the last residual leave in the
+        equations, and the rounding of the states themselves. Infinite where the derivative is
+        singular.
+        """
+        s, problem = self._solution, self._problem
+        n, w = self.impacts, s.terms.frequency
+        size = abs(s.terms.gap(s.sides, s.phases)).max() + abs(s.terms.drive)
+        spread = abs(s.states().reshape(n, -1))
+        place, speed = (spread @ abs(row) for row in s.motion.rows[:2])
+        turned = 1.0 + abs(s.phases).max()
+        equations = np.concatenate([(place + size) * w, speed + w * abs(s.terms.drive)])
+        left = _ROUNDING * turned * equations / problem.speed + self.residual
+        try:
+            moved = abs(np.linalg.inv(problem.linearization(self._x, _NONE))) @ left
+        except np.linalg.LinAlgError:
+            return float("inf")
+        moved *= problem.scale(self._x)
+        return self._error_of_states(moved)
+
+    def _error_of_states(self, moved: Array) -> float:
+        """Largest change of a section coordinate by changes (2n,) of the unknowns."""
+        n = self.impacts
+        worst = _ROUNDING * float(abs(self.states).max()) + float(moved[:n].max())
+        x = self._x
+        for k in np.flatnonzero(moved):
+            h = 1e-6 * (1.0 if k < n else self._problem.speed)
+            there = x.copy()
+            there[k] += h
+            states = section_states(self.system, self._problem.at(there, _NONE))
+            gap = self.system.difference(states, self.states)
+            worst += float(abs(gap).max() / h * moved[k])
+        return worst
+
+    @property
+    def cost(self) -> Cost:
+        return self._cost
+
+    def problem(self, *names: str) -> ImpactProblem:
+        """Return the equations that it solves, with the named parameters free.
+
+        Raises
+        ------
+        ValueError
+            When the system has no such parameter.
+        """
+        known = self.system.parameters
+        for name in names:
+            if name not in known:
+                raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
+        return self._problem.free(*names)
+
+    @property
+    def unknowns(self) -> Array:
+        """Phases and impulses, (2n,)."""
+        return self._x
+
+    def observable(self, name: str) -> Array:
+        """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,)."""
+        if name == "phase":
+            return self.states[:, -1]
+        if name in ("relative_velocity", "time"):
+            return np.asarray(getattr(self, name))
+        raise ValueError(f"name must be relative_velocity, phase or time; got {name!r}")
+
+    def sample(self, times: object) -> tuple[Array, Array]:
+        """Positions and velocities at given times, from just after the first impact.
+
+        Parameters
+        ----------
+        times : (k,) array_like
+            Of any size and sign: the motion repeats itself.
+
+        Returns
+        -------
+        position, velocity : (k, N) arrays
+        """
+        s = self._solution
+        asked = finite_array("times", times, (None,)) % self.period
+        which = np.searchsorted(self.time, asked, side="right") - 1
+        states = s.motion.after(s.states(), which, asked - self.time[which])
+        q = states[..., s.motion.regime.layout.modes]
+        turn = np.exp(1j * (s.phases[0] + s.terms.frequency * asked))[:, None]
+        basis = self.system._structure.free
+        position = basis.positions(q) + (s.terms.shape * turn).imag + s.terms.still
+        velocity = basis.velocities(q) + s.terms.frequency * (s.terms.shape * turn).real
+        return position, velocity

@@ -1,0 +1,275 @@
+"""The equations of periodic orbits of impact oscillators, smooth through grazing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self, final
+
+import numpy as np
+
+from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
+from dynkit.results import Cost
+from dynkit.systems.impact.orbits.monodromy import multipliers
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
+from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.terms import EXACT, Terms
+from dynkit.systems.impact.orbits.watching import condition_of, flights_are_open, watched
+from dynkit.systems.impact.state import TWO_PI
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+
+@final
+class ImpactProblem(Problem):
+    """P(n,m): n impacts in m periods of the forcing.
+
+    The unknowns are the phases (n,) at the impacts, not wrapped, and the impulses (n,), changes of
+    the relative velocity. The equations: no gap, (n,); the rate of the gap just after the impact is
+    r/(1 + r) of the impulse, (n,). Nothing in them knows whether the gap is open in between, or an
+    impulse positive.
+
+    Parameters
+    ----------
+    oscillator : ImpactOscillator
+        At whose parameters the others than the free ones stay.
+    names : tuple of str
+    periods : int
+    sides : (n,) int, 0 for the table and 1 for the far stop
+    speed : float
+        Typical size of impulses.
+
+    References
+    ----------
+    J. Shaw, S. W. Shaw, The onset of chaos in a two-degree-of-freedom impacting system, Journal of
+    Applied Mechanics 56 (1989) 168-174 (impulse responses).
+    """
+
+    def __init__(
+        self,
+        oscillator: ImpactOscillator,
+        names: tuple[str, ...],
+        periods: int,
+        sides: Any,
+        speed: float,
+    ) -> None:
+        self.oscillator = oscillator
+        self._names = names
+        self.periods = periods
+        self.sides = np.asarray(sides, dtype=np.intp)
+        self.speed = speed
+        self._base = Terms.of(oscillator)
+        self._known: list[tuple[bytes, tuple[FreeMotion, Terms]]] = []
+        self._last: tuple[bytes, Solution] | None = None
+
+    # --- parameters -------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self._names
+
+    def free(self, *names: str) -> Self:
+        return type(self)(self.oscillator, names, self.periods, self.sides, self.speed)
+
+    @property
+    def values(self) -> Array:
+        return np.array([getattr(self.oscillator, name) for name in self._names], dtype=float)
+
+    def system(self, p: Array) -> ImpactOscillator:
+        """The oscillator with these values (k,) of the free parameters."""
+        try:
+            changes: Any = dict(zip(self._names, p.tolist(), strict=True))
+            return self.oscillator.replace(**changes)
+        except ValueError as refusal:
+            raise NoSolution(str(refusal)) from None
+
+    def parts(self, p: Array) -> tuple[FreeMotion, Terms]:
+        """The last few are kept."""
+        key = p.tobytes()
+        for known, parts in self._known:
+            if known == key:
+                return parts
+        system = self.system(p)
+        parts = free_motion(system._structure), Terms.of(system)
+        self._known = [(key, parts), *self._known[:7]]
+        return parts
+
+    def at(self, x: Array, p: Array) -> Solution:
+        """All responses at a place."""
+        key = x.tobytes() + p.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, Solution(*self.parts(p), self.periods, self.sides, x)
+        return self._last[1]
+
+    # --- equations --------------------------------------------------------------------------------
+
+    @property
+    def size(self) -> int:
+        return 2 * len(self.sides)
+
+    def scale(self, x: Array) -> Array:  # noqa: ARG002
+        n = len(self.sides)
+        return np.repeat([1.0, self.speed], n)
+
+    def residual(self, x: Array, p: Array) -> Array:
+        s = self.at(x, p)
+        r = s.terms.restitution
+        length = self.speed / s.terms.frequency
+        rates = s.gaps(1) - r / (1.0 + r) * s.impulses
+        return np.concatenate([s.gaps(0) / length, rates / self.speed])
+
+    def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
+        s = self.at(x, p)
+        n, t = len(self.sides), s.terms
+        g = s.responses
+        back = g[:3] if multiplier == 1.0 else s.disturbed(multiplier)
+        both = np.outer(s.signs, s.signs)
+        out = np.empty((2 * n, 2 * n), dtype=back.dtype)
+        for order in range(2):
+            rows = slice(order * n, (order + 1) * n)
+            # Its own impulse moves along with an impact, that of other periods as multiplied.
+            moved = both * g[order + 1] * s.impulses
+            mine = t.frequency ** (order + 1) * t.gap(self.sides, s.phases, order + 1)
+            mine = mine + moved.sum(axis=1)
+            out[rows, :n] = (np.diag(mine) - both * back[order + 1] * s.impulses) / t.frequency
+            out[rows, n:] = both * back[order]
+        out[n:, n:] -= np.eye(n) * t.restitution / (1.0 + t.restitution)
+        out[:n] *= t.frequency / self.speed
+        out[n:] /= self.speed
+        return out
+
+    def parameter_derivative(self, x: Array, p: Array) -> Array:
+        return np.stack([self._by(name, x, p, k) for k, name in enumerate(self._names)], axis=1)
+
+    def _by(self, name: str, x: Array, p: Array, k: int) -> Array:
+        s = self.at(x, p)
+        n, t, w = len(self.sides), s.terms, s.terms.frequency
+        none = np.zeros(n)
+        if name not in self._plain_names:
+            return self._numerically(x, p, k)
+        if name == "frequency":
+            impulses = s.signs * s.impulses
+            parts = []
+            for order in range(2):
+                g = s.responses[order + 1] * s.since + s.by_period[order] * s.period
+                parts.append(t.gap_rate(self.sides, s.phases, order) - s.signs * (g @ impulses) / w)
+            return np.concatenate([parts[0] * w + s.gaps(0), parts[1]]) / self.speed
+        if name == "restitution":
+            return np.concatenate([none, -s.impulses / (1.0 + t.restitution) ** 2 / self.speed])
+        if name == "amplitude":
+            turn = np.exp(1j * s.phases)
+            return np.concatenate([-s.signs * turn.imag * w, -s.signs * turn.real * w]) / self.speed
+        if name == "offset":
+            return np.concatenate([-s.signs * w / self.speed, none])
+        moved = np.where(self.sides == 1, -s.signs * t.signs[0], 0.0)
+        return np.concatenate([moved * w / self.speed, none])
+
+    @cached_property
+    def _plain_names(self) -> frozenset[str]:
+        """Of the names in closed form those that change nothing but themselves."""
+        return frozenset(name for name in EXACT if self._changes_alone(name))
+
+    def _changes_alone(self, name: str) -> bool:
+        here = self.oscillator
+        if name not in here.parameters or not math.isfinite(getattr(here, name)):
+            return False
+        value = 0.5 * getattr(here, name) or 0.5
+        there = here.replace(**{name: value})
+        others = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
+        same = all(
+            getattr(here, other) == getattr(there, other) for other in others if other != name
+        )
+        return same and there._structure is here._structure
+
+    def _numerically(self, x: Array, p: Array, k: int) -> Array:
+        """Derivative (2n,) by the free parameter number `k`, from differences of fourth order."""
+        h = 1e-3 * max(abs(float(p[k])), 1e-2)
+
+        def at(steps: float) -> Array:
+            moved = p.copy()
+            moved[k] += steps * h
+            return self.residual(x, moved)
+
+        try:
+            return (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h)
+        except NoSolution:
+            # At the end of what the system allows, from one side.
+            sign = 1.0 if self._allows(p, k, h) else -1.0
+            weights = (-25.0, 48.0, -36.0, 16.0, -3.0)
+            terms = [a * at(sign * i) for i, a in enumerate(weights)]
+            return np.asarray(sign * np.sum(terms, axis=0) / (12.0 * h))
+
+    def _allows(self, p: Array, k: int, step: float) -> bool:
+        moved = p.copy()
+        moved[k] += step
+        try:
+            self.parts(moved)
+        except NoSolution:
+            return False
+        return True
+
+    # --- orbits -----------------------------------------------------------------------------------
+
+    def multipliers(self, x: Array, p: Array) -> Any:
+        return multipliers(self.at(x, p))
+
+    def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:
+        fixed = type(self)(self.system(p), (), self.periods, self.sides, self.speed)
+        return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
+
+    def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
+        n, turn = len(self.sides), TWO_PI * self.periods
+        problem = type(self)(
+            self.oscillator, self._names, 2 * self.periods, np.tile(self.sides, 2), self.speed
+        )
+        phases, impulses = x[:n], x[n:]
+        twice = np.concatenate([phases, phases + turn, impulses, impulses])
+        a, b = disturbance[:n], disturbance[n:]
+        return problem, twice, np.concatenate([a, -a, b, -b])
+
+    def canonical(self, x: Array) -> Array:
+        n = len(self.sides)
+        turn = np.exp(1j * x[:n])
+        weights = (1.0 - 2.0 * self.sides) * x[n:] / self.speed
+        moments = np.array([turn, weights * turn, weights**2 * turn])
+        return np.concatenate([moments.sum(axis=1).view(float), [weights.sum()]]) / n
+
+    # --- what is watched --------------------------------------------------------------------------
+
+    def events(self, x: Array, p: Array) -> list[Event]:
+        return watched(self.at(x, p))
+
+    def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
+        return condition_of(self, event, x, p)
+
+    def admissible(self, x: Array, p: Array) -> bool:
+        n = len(self.sides)
+        if (x[n:] <= 0.0).any():
+            return False
+        return flights_are_open(self.system(p), self.at(x, p))
+
+    def neighbour(self, event: int, x: Array, own: Array) -> tuple[ImpactProblem, Array] | None:
+        """The problem with one impact more or fewer, of which the same motion is a solution.
+
+        Where the gap touches, an impulse of zero is added; where an impulse vanishes it is left
+        out. None where there is no such neighbour.
+        """
+        n, stops = len(self.sides), len(self._base.signs)
+        phases, impulses, sides = x[:n], x[n:], self.sides
+        if event < n:
+            if n == 1:
+                return None
+            phases, impulses = np.delete(phases, event), np.delete(impulses, event)
+            sides = np.delete(sides, event)
+        elif event < n + n * stops:
+            phases, impulses = np.append(phases, own), np.append(impulses, 0.0)
+            sides = np.append(sides, (event - n) % stops)
+        else:
+            return None
+        order = np.argsort(phases)
+        problem = type(self)(self.oscillator, self._names, self.periods, sides[order], self.speed)
+        return problem, np.concatenate([phases[order], impulses[order]])

@@ -1,0 +1,95 @@
+"""Responses to all impulses of an orbit."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.systems.impact.orbits.responses import FreeMotion, Transitions
+from dynkit.systems.impact.orbits.terms import Terms
+from dynkit.systems.impact.state import TWO_PI
+from dynkit.validation import Array
+
+
+@final
+class Solution:
+    """What the equations need at one place: all responses to all impulses.
+
+    Parameters
+    ----------
+    motion : FreeMotion
+    terms : Terms
+    periods : int
+    sides : (n,) of which stop each impact is
+    x : (2n,) phases and impulses
+    """
+
+    def __init__(
+        self, motion: FreeMotion, terms: Terms, periods: int, sides: Any, x: Array
+    ) -> None:
+        self.motion, self.terms, self.sides = motion, terms, sides
+        n = len(sides)
+        self.phases, self.impulses = x[:n], x[n:]
+        self.turn = TWO_PI * periods
+        self.period = self.turn / terms.frequency
+        self.signs = terms.signs[sides]
+        ahead = self.phases[:, None] - self.phases[None, :]
+        np.fill_diagonal(ahead, 0.0)
+        self.turns = np.floor(ahead / self.turn)
+        """(n, n) whole periods, of -1 where an impulse comes later in the period."""
+        self.since = (ahead - self.turns * self.turn) / terms.frequency
+        """(n, n) times from an impulse, a column, to an impact, a row."""
+
+    @cached_property
+    def transition(self) -> Transitions:
+        """Over the period."""
+        return self.motion.transitions(np.array([self.period]))
+
+    @cached_property
+    def kicked(self) -> Array:
+        """Periodic state (2, slots) just after a unit impulse once a period."""
+        return np.asarray(self.transition.periodic(self.motion.kick))
+
+    def _spread(self, state: Array) -> Array:
+        """What becomes of a state in all times `since`, (n, n, 2 slots)."""
+        n = len(self.sides)
+        which = np.zeros(n * n, dtype=np.intp)
+        return self.motion.after(state[None], which, self.since.ravel()).reshape(n, n, -1)
+
+    @cached_property
+    def responses(self) -> Array:
+        """Responses (4, n, n) of contact coordinate and derivatives, at rows to unit columns."""
+        return np.asarray(np.einsum("ks,ijs->kij", self.motion.rows, self._spread(self.kicked)))
+
+    def disturbed(self, multiplier: complex) -> Any:
+        """The same, (3, n, n), where impulses are multiplied from one period to the next."""
+        state = self.transition.periodic(self.motion.kick, multiplier)
+        parts = [self._spread(np.ascontiguousarray(state.real))]
+        if np.iscomplexobj(state):
+            parts.append(self._spread(np.ascontiguousarray(state.imag)))
+        found = [np.einsum("ks,ijs->kij", self.motion.rows[:3], part) for part in parts]
+        out = found[0] + 1j * found[1] if len(found) == 2 else found[0]
+        return out * multiplier**self.turns
+
+    @cached_property
+    def by_period(self) -> Array:
+        """Derivatives (2, n, n) of the first two responses by the period."""
+        moved = self.motion.rate(self.transition.apply(0, self.kicked))
+        state = np.asarray(self.transition.periodic(moved))
+        return np.asarray(np.einsum("ks,ijs->kij", self.motion.rows[:2], self._spread(state)))
+
+    def states(self) -> Array:
+        """Free states (n, 2, slots) just after each impact."""
+        n = len(self.sides)
+        spread = self._spread(self.kicked)
+        sums = np.einsum("j,ijs->is", self.signs * self.impulses, spread)
+        return np.asarray(sums.reshape(n, 2, -1))
+
+    def gaps(self, order: int) -> Array:
+        """Gaps (n,) at the impacts, or a derivative in time just after them."""
+        t = self.terms
+        steady = t.frequency**order * t.gap(self.sides, self.phases, order)
+        free = self.responses[order] @ (self.signs * self.impulses)
+        return np.asarray(steady + self.signs * free)

@@ -1,0 +1,93 @@
+"""The numbers that an orbit of an impact oscillator depends on, beside its structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.continuation.problem import NoSolution
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
+"""Parameters by which derivatives are in closed form."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """What acts on the contact coordinate, and the law of impacts.
+
+    The steady part of the contact coordinate less the table is Im(drive exp(i phase)) + rest.
+
+    Attributes
+    ----------
+    frequency, restitution : float
+    shape, still : (N,) complex, (N,)
+        The steady response of all coordinates is Im(shape exp(i phase)) + still.
+    drive, drive_rate : complex, and its derivative by the frequency
+    rest : float, without the offset of the table
+    places : (sides,) offsets of table and far stop
+    signs : (sides,) on which side of them the structure is
+    """
+
+    frequency: float
+    restitution: float
+    shape: Any
+    still: Array
+    drive: complex
+    drive_rate: complex
+    rest: float
+    places: Array
+    signs: Array
+
+    @staticmethod
+    def of(oscillator: ImpactOscillator) -> Terms:
+        """The terms of an oscillator."""
+        shape, by_frequency, still = _steady_response(oscillator)
+        c, stands = oscillator.contact, oscillator._stands
+        return Terms(
+            oscillator.frequency,
+            oscillator.restitution,
+            shape,
+            still,
+            complex(shape[c]) - oscillator.amplitude,
+            complex(by_frequency[c]),
+            float(still[c]),
+            np.array([stand.offset for stand in stands]),
+            np.array([float(stand.sign) for stand in stands]),
+        )
+
+    def gap(self, sides: Any, phases: Any, order: int = 0) -> Array:
+        """Steady part (n,) of the gaps of the given sides, or their derivative by the phase."""
+        turned = 1j**order * self.drive * np.exp(1j * np.asarray(phases))
+        middle = self.rest - self.places[sides] if order == 0 else 0.0
+        return np.asarray(self.signs[sides] * (turned.imag + middle))
+
+    def gap_rate(self, sides: Any, phases: Any, order: int) -> Array:
+        """Derivative by the frequency of `gap` (order 0) or of its rate in time (order 1)."""
+        turn = np.exp(1j * np.asarray(phases))
+        by = self.drive_rate if order == 0 else 1j * (self.drive + self.frequency * self.drive_rate)
+        return np.asarray(self.signs[sides] * (by * turn).imag)
+
+
+def _steady_response(oscillator: ImpactOscillator) -> tuple[Any, Any, Array]:
+    """Steady response (N,), its derivative by the frequency (N,), and the place of rest (N,)."""
+    harmonic, constant = oscillator._drive.harmonic, oscillator._drive.constant
+    w = oscillator.frequency
+    mass, damping, stiffness = oscillator.mass, oscillator.damping_matrix, oscillator.stiffness
+    shape, by_frequency, still = np.zeros_like(harmonic), np.zeros_like(harmonic), constant
+    try:
+        if harmonic.any():
+            rigidity = stiffness + 1j * w * damping - w * w * mass
+            shape = np.linalg.solve(rigidity, harmonic)
+            by_frequency = np.linalg.solve(rigidity, (2.0 * w * mass - 1j * damping) @ shape)
+        if constant.any():
+            still = np.asarray(np.linalg.solve(stiffness, constant), dtype=float)
+    except np.linalg.LinAlgError:
+        raise NoSolution("the forces have no steady response") from None
+    return shape, by_frequency, still
