@@ -129,7 +129,7 @@ class ImpactOrbit(PeriodicOrbit):
         s, problem = self._solution, self._problem
         n, w = self.impacts, s.terms.frequency
         size = abs(s.terms.gap(s.sides, s.phases)).max() + abs(s.terms.drive)
-        spread = abs(s.states().reshape(n, -1))
+        spread = abs(s.states.reshape(n, -1))
         place, speed = (spread @ abs(row) for row in s.motion.rows[:2])
         turned = 1.0 + abs(s.phases).max()
         equations = np.concatenate([(place + size) * w, speed + w * abs(s.terms.drive)])
@@ -201,7 +201,7 @@ class ImpactOrbit(PeriodicOrbit):
         s = self._solution
         asked = finite_array("times", times, (None,)) % self.period
         which = np.searchsorted(self.time, asked, side="right") - 1
-        states = s.motion.after(s.states(), which, asked - self.time[which])
+        states = s.motion.after(s.states, which, asked - self.time[which])
         q = states[..., s.motion.regime.layout.modes]
         turn = np.exp(1j * (s.phases[0] + s.terms.frequency * asked))[:, None]
         basis = self.system._structure.free

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
@@ -250,7 +250,7 @@ class ImpactProblem(Problem):
         n = len(self.sides)
         if (x[n:] <= 0.0).any():
             return False
-        return flights_are_open(self.system(p), self.at(x, p))
+        return flights_are_open(partial(self.system, p), self.at(x, p))
 
     def neighbour(self, event: int, x: Array, own: Array) -> tuple[ImpactProblem, Array] | None:
         """The problem with one impact more or fewer, of which the same motion is a solution.

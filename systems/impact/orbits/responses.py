@@ -22,6 +22,9 @@ class FreeMotion:
     ----------
     rows : (4, 2 slots)
         Give the contact coordinate and its first three derivatives from a state.
+    bounds : (4, 2, slots)
+        Weights of abs(state) that bound the terms of the contact coordinate and of its derivatives
+        of order 1, 2 and 6 for ever.
     kick : (2, slots)
         Change of the state by an impulse that changes the contact velocity by one.
     """
@@ -35,6 +38,7 @@ class FreeMotion:
         self.rows = np.stack(
             [self.regime.pairs.derivative_rows(row, order).ravel() for order in range(4)]
         )
+        self.bounds = np.stack([self.regime.pairs.bound(row, order) for order in (0, 1, 2, 6)])
         self.kick = np.zeros((2, self.regime.layout.slots))
         self.kick[:, self.regime.layout.modes] = structure.kick[:2]
         self._linked = np.unique(self._ladder.links)

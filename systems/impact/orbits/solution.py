@@ -7,6 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.orbits.responses import FreeMotion, Transitions
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
@@ -55,13 +56,19 @@ class Solution:
     def _spread(self, state: Array) -> Array:
         """What becomes of a state in all times `since`, (n, n, 2 slots)."""
         n = len(self.sides)
+        if n == 1:
+            return state.reshape(1, 1, -1)
         which = np.zeros(n * n, dtype=np.intp)
         return self.motion.after(state[None], which, self.since.ravel()).reshape(n, n, -1)
 
     @cached_property
+    def _kicks(self) -> Array:
+        return self._spread(self.kicked)
+
+    @cached_property
     def responses(self) -> Array:
         """Responses (4, n, n) of contact coordinate and derivatives, at rows to unit columns."""
-        return np.asarray(np.einsum("ks,ijs->kij", self.motion.rows, self._spread(self.kicked)))
+        return np.asarray((self._kicks @ self.motion.rows.T).transpose(2, 0, 1))
 
     def disturbed(self, multiplier: complex) -> Any:
         """The same, (3, n, n), where impulses are multiplied from one period to the next."""
@@ -69,7 +76,7 @@ class Solution:
         parts = [self._spread(np.ascontiguousarray(state.real))]
         if np.iscomplexobj(state):
             parts.append(self._spread(np.ascontiguousarray(state.imag)))
-        found = [np.einsum("ks,ijs->kij", self.motion.rows[:3], part) for part in parts]
+        found = [(part @ self.motion.rows[:3].T).transpose(2, 0, 1) for part in parts]
         out = found[0] + 1j * found[1] if len(found) == 2 else found[0]
         return out * multiplier**self.turns
 
@@ -78,14 +85,27 @@ class Solution:
         """Derivatives (2, n, n) of the first two responses by the period."""
         moved = self.motion.rate(self.transition.apply(0, self.kicked))
         state = np.asarray(self.transition.periodic(moved))
-        return np.asarray(np.einsum("ks,ijs->kij", self.motion.rows[:2], self._spread(state)))
+        return np.asarray((self._spread(state) @ self.motion.rows[:2].T).transpose(2, 0, 1))
 
+    @cached_property
     def states(self) -> Array:
         """Free states (n, 2, slots) just after each impact."""
         n = len(self.sides)
-        spread = self._spread(self.kicked)
-        sums = np.einsum("j,ijs->is", self.signs * self.impulses, spread)
+        sums = np.einsum("j,ijs->is", self.signs * self.impulses, self._kicks)
         return np.asarray(sums.reshape(n, 2, -1))
+
+    @cached_property
+    def lasts(self) -> Array:
+        """Times (n,) from each impact to the next."""
+        ahead = (self.phases[None, :] - self.phases[:, None]) % self.turn
+        np.fill_diagonal(ahead, self.turn)
+        return np.asarray(ahead.min(axis=1) / self.terms.frequency)
+
+    @cached_property
+    def flights(self) -> list[Flight]:
+        """The flights after each impact, as seen from each stop."""
+        stops = range(len(self.terms.signs))
+        return [Flight(self, i, side) for i in range(len(self.sides)) for side in stops]
 
     def gaps(self, order: int) -> Array:
         """Gaps (n,) at the impacts, or a derivative in time just after them."""

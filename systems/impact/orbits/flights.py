@@ -1,0 +1,111 @@
+"""The gap in the flights of an orbit."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.solution import Solution
+
+LEAST, MOST = 16, 4096
+"""Cells of a flight."""
+
+_REFINEMENTS = 3
+
+
+@final
+class Flight:
+    """The gap of one stop from an impact to the next.
+
+    Parameters
+    ----------
+    solution : Solution
+    start : int
+        Number of the impact.
+    side : int
+        Number of the stop.
+    """
+
+    def __init__(self, solution: Solution, start: int, side: int) -> None:
+        self.solution, self.start, self.side = solution, start, side
+        self.lasts = float(solution.lasts[start])
+        t, state = solution.terms, abs(solution.states[start])
+        turning = abs(t.drive) * t.frequency ** np.array([0.0, 1.0, 2.0, 6.0])
+        self._sizes = solution.motion.bounds * state
+        total = self._sizes.sum(axis=(1, 2)) + turning
+        # Cells that resolve whatever is of some size.
+        count = 2.0 * self.lasts * math.sqrt(total[2] / total[0]) if total[0] > 0.0 else 0.0
+        self._cells = int(min(max(count, LEAST), MOST))
+        self._turning = float(turning[3])
+
+    def gap(self, times: Array, orders: int) -> Array:
+        """Gap and derivatives (orders, k) at times (k,) after the impact."""
+        s, t = self.solution, self.solution.terms
+        which = np.zeros(len(times), dtype=np.intp)
+        states = s.motion.after(s.states[self.start][None], which, times)
+        free = s.motion.rows[:orders] @ states.reshape(len(times), -1).T
+        turn = t.drive * np.exp(1j * (s.phases[self.start] + t.frequency * times))
+        steady = np.stack([((1j * t.frequency) ** k * turn).imag for k in range(orders)])
+        steady[0] += t.rest - t.places[self.side]
+        return np.asarray(t.signs[self.side] * (free + steady))
+
+    @cached_property
+    def _nodes(self) -> tuple[Array, Array]:
+        """Times, and gap with its first two derivatives (3, k), at the ends of the cells."""
+        times = np.linspace(0.0, self.lasts, self._cells + 1)
+        return times, self.gap(times, 3)
+
+    @cached_property
+    def smallest(self) -> tuple[float, float]:
+        """Smallest of the minima of the gap inside, and its time; infinite where there is none."""
+        times, (gap, _, _) = self._nodes
+        inner = np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])) + 1
+        if not len(inner):
+            return math.inf, math.nan
+        at, step = times[inner], times[1]
+        for _ in range(_REFINEMENTS):
+            _, rate, bend = self.gap(at, 3)
+            move = np.where(bend > 0.0, -rate / np.where(bend > 0.0, bend, 1.0), 0.0)
+            at = np.clip(at + np.clip(move, -step, step), times[inner - 1], times[inner + 1])
+        values = self.gap(at, 1)[0]
+        k = int(np.argmin(values))
+        return float(values[k]), float(at[k])
+
+    @cached_property
+    def surely_open(self) -> bool:
+        """Whether the gap is proved to be positive between the impacts.
+
+        On each cell the quintic Hermite polynomial is wrong by at most h^6/46080 sup |f^(6)|, or by
+        2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|, term by term; its Bernstein coefficients have
+        to exceed this. At the ends it is wrong in third order only, where the gap is zero in first.
+        """
+        times, (gap, rate, bend) = self._nodes
+        h = float(times[1])
+        sizes = self._sizes
+        caps = 2.0 * sizes[0] + 0.4 * h * sizes[1] + 0.05 * h * h * sizes[2]
+        error = float(np.minimum(sizes[3] * h**6 / 46080.0, caps).sum())
+        error += self._turning * h**6 / 46080.0
+        error += 64.0 * 2.0**-52 * float(sizes[0].sum() + abs(self.solution.terms.drive))
+        left = np.stack([gap, gap + 0.2 * h * rate, gap + h * (0.4 * rate + 0.05 * h * bend)])
+        right = np.stack([gap, gap - 0.2 * h * rate, gap - h * (0.4 * rate - 0.05 * h * bend)])
+        left, right = left[:, :-1], right[:, 1:]
+        # The gap itself is zero at impacts with this stop.
+        own = self.solution.sides == self.side
+        if own[self.start]:
+            left[0, 0] = math.inf
+        if own[self._next]:
+            right[0, -1] = math.inf
+        return bool(min(left.min(), right.min()) > 1.1 * error)
+
+    @property
+    def _next(self) -> int:
+        s = self.solution
+        ahead = (s.phases - s.phases[self.start]) % s.turn
+        ahead[self.start] = s.turn
+        return int(np.argmin(ahead))
