@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from dynkit import __version__
+from dynkit.cli.extremes.cases import GROUPS
 from dynkit.cli.options import SIMULATE, SWEEP, Option
 from dynkit.cli.reproduce.paper import ITEMS
 
@@ -16,6 +17,7 @@ examples:
   dynkit simulate --frequency 0.87
   dynkit sweep --from 0.70 --to 0.76 --step 0.002 --out diagram.png
   dynkit reproduce --out results
+  dynkit extremes --out extremes.md
 
 dynkit COMMAND --help tells more about each.
 """
@@ -77,6 +79,20 @@ examples:
 items: {", ".join(ITEMS)}
 """
 
+_EXTREMES = """\
+Impact oscillators at the edges of double precision: no damping and far too much, stiff and heavy
+elements beside soft and light ones, resonance, long times, ten million impacts. For each case the
+true error, against exact impacts that come with the package, beside the error that is claimed.
+"""
+
+_EXTREMES_EXAMPLES = f"""\
+examples:
+  dynkit extremes --only restitution,resonance
+  dynkit extremes --only size --out extremes.md
+
+groups: {", ".join(GROUPS)}
+"""
+
 
 class _Parser(argparse.ArgumentParser):
     """Refusals take one line, and exit code 2."""
@@ -111,6 +127,12 @@ def make_parser() -> argparse.ArgumentParser:
     )
     reproduce.add_argument(
         "--only", metavar="ITEMS", help="some of the items, separated by commas; by default all"
+    )
+    extremes = commands.add_parser("extremes", help="extreme cases against exact impacts")
+    _command(extremes, _EXTREMES, _EXTREMES_EXAMPLES, _run_extremes)
+    extremes.add_argument("--out", metavar="FILE.md", help="Markdown file to write as well")
+    extremes.add_argument(
+        "--only", metavar="GROUPS", help="some of the groups, separated by commas; by default all"
     )
     return parser
 
@@ -161,3 +183,10 @@ def _run_reproduce(arguments: argparse.Namespace) -> None:
 
     only = None if arguments.only is None else arguments.only.split(",")
     reproduce(arguments.out, only, log=sys.stdout)
+
+
+def _run_extremes(arguments: argparse.Namespace) -> None:
+    from dynkit.cli.extremes import extremes
+
+    only = None if arguments.only is None else arguments.only.split(",")
+    extremes(arguments.out, only, log=sys.stdout)

@@ -1,0 +1,180 @@
+"""Extreme cases: their exact values, what the core makes of them, and `dynkit extremes`."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import tracemalloc
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynkit.cli import main
+from dynkit.cli.extremes import extremes
+from dynkit.cli.extremes.cases import GROUPS, Case, read_cases
+from dynkit.cli.extremes.measures import measure
+from dynkit.systems import ImpactChain
+from tests.reference.extreme_campaign import Extreme
+from tests.reference.extreme_campaign import extremes as exact_extremes
+from tests.reference.extreme_values import FILE, values_of
+
+CASES = {case.name: case for case in read_cases()}
+SMALL = "N = 2, damping 0.1, r = 0.85"
+
+
+@cache
+def references() -> dict[str, Extreme]:
+    return {extreme.entry["name"]: extreme for extreme in exact_extremes()}
+
+
+@cache
+def written() -> dict[str, dict[str, object]]:
+    return {entry["name"]: entry for entry in json.loads(FILE.read_text())["cases"]}
+
+
+# --- the exact values -----------------------------------------------------------------------------
+
+
+def test_the_file_holds_the_cases_of_the_reference() -> None:
+    assert list(written()) == list(references())
+    assert list(CASES) == list(written())
+
+
+def test_every_group_has_cases() -> None:
+    assert set(Counter(case.group for case in CASES.values())) == set(GROUPS)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_values_of_the_file_are_those_of_the_reference(name: str) -> None:
+    assert json.loads(json.dumps(values_of(references()[name]))) == written()[name]
+
+
+# --- the core -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_no_error_exceeds_the_one_claimed(name: str) -> None:
+    outcome = measure(CASES[name])
+    assert outcome.right, outcome
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_extreme_cases_are_sampled_without_warnings(name: str) -> None:
+    case = CASES[name]
+    oscillator = case.system()
+    record = oscillator.simulate(impacts=case.impacts, start=case.begin(oscillator))
+    last = float(record.time[-1]) if len(record) else 1.0
+    positions, velocities = record.sample(np.linspace(0.0, last, 7))
+    assert np.isfinite(positions).all()
+    assert np.isfinite(velocities).all()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_phases_are_kept_within_one_turn(name: str) -> None:
+    case = CASES[name]
+    oscillator = case.system()
+    record = oscillator.simulate(impacts=case.impacts, start=case.begin(oscillator))
+    assert (record.states[:, -1] >= 0.0).all()
+    assert (record.states[:, -1] < 2.0 * np.pi).all()
+
+
+def peak(transient: int) -> int:
+    """Bytes at most while so many impacts are skipped and ten are kept."""
+    chain = ImpactChain(masses=1, damping=0.1, restitution=0.5, frequency=2.5)
+    chain.simulate(impacts=1)
+    tracemalloc.start()
+    chain.attractor(transient=transient, impacts=10)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return most
+
+
+def test_ten_million_impacts_take_the_memory_of_ten() -> None:
+    row = 8 * (2 * 1 + 4)  # bytes of one recorded impact
+    peak(10)
+    assert peak(10_000_000) <= peak(10) + 10 * row
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+def test_extremes_prints_a_line_for_each_case(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["extremes", "--only", "merging"]) == 0
+    head, *lines, summary = capsys.readouterr().out.splitlines()
+    chosen = [case.name for case in CASES.values() if case.group == "merging"]
+    columns = re.split("  +", head)
+    assert columns[:6] == ["case", "impacts", "ending", "largest", "true error", "claimed"]
+    assert columns[6:] == ["ratio", "us/impact"]
+    assert [line[:54].rstrip() for line in lines] == chosen
+    assert summary.startswith(f"{len(chosen)} of {len(chosen)} cases right")
+
+
+def test_extremes_writes_the_table_as_markdown(tmp_path: Path) -> None:
+    file = tmp_path / "extremes.md"
+    assert main(["extremes", "--only", "merging,time", "--out", str(file)]) == 0
+    rows = re.findall(r"^\| .* \|$", file.read_text(), flags=re.MULTILINE)
+    chosen = [case for case in CASES.values() if case.group in ("merging", "time")]
+    assert len(rows) == 2 + len(chosen)
+
+
+def test_a_case_that_is_wrong_fails_the_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = CASES[SMALL]
+    changed = Case(**{**vars(case), "ending": "CONTACT_FOR_EVER"})
+    monkeypatch.setattr("dynkit.cli.extremes.read_cases", lambda: [changed])
+    assert main(["extremes"]) == 1
+    message = f"dynkit extremes: failed: 1 of 1 cases are wrong: {SMALL}\n"
+    assert capsys.readouterr().err == message
+
+
+def test_an_error_above_the_claimed_one_is_wrong() -> None:
+    case = CASES[SMALL]
+    (first, *_) = case.values
+    moved = first.__class__(first.after, first.number, first.time, (first.state[0] + 1,) * 4)
+    outcome = measure(Case(**{**vars(case), "values": (moved,)}))
+    assert outcome.wrong == "an error exceeds what is claimed"
+    assert outcome.true > 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--only", "sizes"], "only must hold groups among restitution, .*; got 'sizes'"),
+        (["--out", "table.txt"], "out must end in .md; got 'table.txt'"),
+        (["--out", "missing/table.md"], "out must be writable; got 'missing/table.md' .*"),
+    ],
+)
+def test_bad_input_is_refused_on_one_line(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["extremes", *arguments]) == 2
+    assert re.fullmatch(f"dynkit extremes: error: {message}\n", capsys.readouterr().err)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_examples_of_the_help_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["extremes", "--help"]) == 0
+    examples = re.findall(r"^  dynkit (.*)$", capsys.readouterr().out, flags=re.MULTILINE)
+    assert len(examples) == 2
+    for example in examples:
+        assert main(example.split()) == 0
+
+
+def test_nothing_is_simulated_before_the_arguments_are_right() -> None:
+    log = io.StringIO()
+    with pytest.raises(ValueError, match="out must end in"):
+        extremes("table.txt", log=log)
+    assert not log.getvalue()
