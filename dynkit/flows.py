@@ -6,7 +6,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
+from dynkit.differences import parameter_difference
 from dynkit.maps import Family
+from dynkit.validation import finite_scalar
 
 if TYPE_CHECKING:
     from dynkit.sections import PoincareSection
@@ -52,7 +54,9 @@ class Flow(Family, ABC):
        rounding, has not crossed it yet. When no crossing comes by the time limit it raises
        `NoCrossing`: no search goes on for ever.
 
-    and may offer ``parameters``, ``replace`` and `accuracy` as a map does.
+    and may offer ``parameters``, ``replace`` and `accuracy` as a map does, and
+    ``parameter_derivative(state, duration, name)``, the exact (d,) derivative of ``advance`` by a
+    parameter, which otherwise is found by differences.
 
     None of these changes its arguments or the flow, and a state that is not finite, or not of the
     right shape, is refused with ValueError. Instances are immutable.
@@ -75,6 +79,31 @@ class Flow(Family, ABC):
     @abstractmethod
     def derivative(self, state: Array, duration: float) -> Array:
         """Return the derivative, (d, d), of the advanced state with respect to the state."""
+
+    def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
+        """Return the derivative, (d,), of the advanced state with respect to a parameter.
+
+        Unless a subclass knows better it is found from differences of flows that `replace` makes;
+        see `Map.parameter_derivative` for how right that is.
+
+        Parameters
+        ----------
+        state : (d,) array
+        duration : float
+            Held fixed.
+        name : str
+            One of `parameters`.
+
+        Raises
+        ------
+        ValueError
+            As ``advance``; and when there is no such parameter, or it is not finite.
+        """
+        return parameter_difference(
+            lambda changed: self.replace(**{name: changed}).advance(state, duration),
+            finite_scalar(name, self.value_of(name)),
+            accuracy=self.accuracy,
+        )
 
     @property
     def accuracy(self) -> float:

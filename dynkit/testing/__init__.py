@@ -32,6 +32,7 @@ from dynkit.testing.flows import (
     flow_checks,
     flow_derivative_is_the_derivative,
     flow_is_pure,
+    flow_parameter_derivatives_are_right,
     flow_refuses_bad_states,
     flow_results_have_the_shape,
     velocity_is_the_rate_of_advance,
@@ -47,6 +48,7 @@ from dynkit.testing.maps import (
     map_is_pure,
     map_refuses_bad_states,
     next_state_has_the_shape,
+    parameter_derivatives_are_right,
     replace_changes_what_is_named,
 )
 from dynkit.testing.poincare_maps import (
@@ -100,6 +102,7 @@ __all__ = [
     "flow_checks",
     "flow_derivative_is_the_derivative",
     "flow_is_pure",
+    "flow_parameter_derivatives_are_right",
     "flow_refuses_bad_states",
     "flow_results_have_the_shape",
     "iterate_repeats_the_call",
@@ -111,6 +114,7 @@ __all__ = [
     "map_refuses_bad_states",
     "next_state_has_the_shape",
     "numerical_derivative",
+    "parameter_derivatives_are_right",
     "poincare_map_checks",
     "reduce_inverts_lift",
     "replace_changes_what_is_named",

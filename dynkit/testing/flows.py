@@ -10,6 +10,7 @@ from dynkit.flows import Flow
 from dynkit.testing.derivatives import VectorFunction
 from dynkit.testing.requirements import (
     FLOW_ACCURACY,
+    inside_its_range,
     require_close,
     require_derivative,
     require_pure,
@@ -79,6 +80,23 @@ def flow_derivative_is_the_derivative(flow: Flow, states: Array) -> None:
         )
 
 
+def flow_parameter_derivatives_are_right(flow: Flow, states: Array) -> None:
+    """The derivatives by the parameters equal differences of the advanced state."""
+    for name in flow.parameters:
+        at = inside_its_range(flow, name, partial(_advanced, states[0], name))
+        if at is None:
+            continue
+        derivative = at.parameter_derivative(states[0], _DURATION, name)
+        require_shape(f"the flow's derivative by {name}", derivative, (flow.dimension,))
+        require_derivative(
+            f"the flow's derivative by {name}",
+            derivative[:, None],
+            partial(_advanced, states[0], name, at),
+            np.array([at.parameters[name]]),
+            accuracy=flow.accuracy,
+        )
+
+
 flow_checks: tuple[FlowCheck, ...] = (
     flow_results_have_the_shape,
     flow_is_pure,
@@ -86,6 +104,7 @@ flow_checks: tuple[FlowCheck, ...] = (
     advance_composes,
     velocity_is_the_rate_of_advance,
     flow_derivative_is_the_derivative,
+    flow_parameter_derivatives_are_right,
 )
 
 
@@ -105,3 +124,7 @@ def _functions(flow: Flow) -> list[tuple[str, VectorFunction]]:
 
 def _path(flow: Flow, start: Array, time: Array) -> Array:
     return flow.advance(start, float(time[0]))
+
+
+def _advanced(start: Array, name: str, flow: Flow, value: Array) -> Array:
+    return flow.replace(**{name: float(value[0])}).advance(start, _DURATION)

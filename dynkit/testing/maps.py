@@ -1,12 +1,14 @@
 """Whether a map keeps the contract of `Map`."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from dynkit.maps import Map
 from dynkit.testing.requirements import (
+    inside_its_range,
     require,
     require_derivative,
     require_pure,
@@ -51,6 +53,27 @@ def jacobian_is_the_derivative(system: Map, states: Array) -> None:
             system.jacobian(state),
             system,
             state,
+            difference=system.difference,
+            accuracy=system.accuracy,
+        )
+
+
+def parameter_derivatives_are_right(system: Map, states: Array) -> None:
+    """The derivatives by the parameters equal differences of the call.
+
+    They are compared inside of the range of a parameter that is at an end of it.
+    """
+    for name in system.parameters:
+        at = inside_its_range(system, name, partial(_next_state, states[0], name))
+        if at is None:
+            continue
+        derivative = at.parameter_derivative(states[0], name)
+        require_shape(f"the derivative by {name}", derivative, (system.dimension,))
+        require_derivative(
+            f"the derivative by {name}",
+            derivative[:, None],
+            partial(_next_state, states[0], name, at),
+            np.array([at.parameters[name]]),
             difference=system.difference,
             accuracy=system.accuracy,
         )
@@ -103,6 +126,7 @@ map_checks: tuple[MapCheck, ...] = (
     map_is_pure,
     map_refuses_bad_states,
     jacobian_is_the_derivative,
+    parameter_derivatives_are_right,
     iterate_repeats_the_call,
     difference_is_antisymmetric,
     replace_changes_what_is_named,
@@ -113,3 +137,7 @@ def check_map(system: Map, states: Array) -> None:
     """Run a map through every one of `map_checks`, at states (k, d)."""
     for check in map_checks:
         check(system, states)
+
+
+def _next_state(state: Array, name: str, system: Map, value: Array) -> Array:
+    return system.replace(**{name: float(value[0])})(state)

@@ -1,13 +1,17 @@
 """What checks are made of: each requirement raises AssertionError, which names it."""
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
+from dynkit.maps import Family
 from dynkit.testing.derivatives import VectorFunction, numerical_derivative
 from dynkit.validation import Array
 
 FLOW_ACCURACY = 1e-7
+
+_Family = TypeVar("_Family", bound=Family)
 
 
 def check_name(check: Callable[..., None]) -> str:
@@ -97,3 +101,25 @@ def require_derivative(
         f"entry {worst} is {claimed[worst]}; differences at {point} give "
         f"{found[worst]} +- {error[worst]}",
     )
+
+
+def inside_its_range(
+    system: _Family, name: str, function: Callable[[_Family, Array], Array]
+) -> _Family | None:
+    """Return the system with a parameter inside of its range, so that differences can be taken.
+
+    It is itself where that is so, and None where the parameter is infinite: left out of the system.
+    """
+    value = system.parameters[name]
+    if not np.isfinite(value):
+        return None
+    step = 0.01 * (abs(value) or 1.0)
+    for there in (value, value + step, value - step):
+        try:
+            inside = system.replace(**{name: there})
+            for end in (there - 0.5 * step, there + 0.5 * step):
+                function(inside, np.array([end]))
+        except (ValueError, RuntimeError):
+            continue
+        return inside
+    raise AssertionError(f"{name} can be changed: it cannot, from {value}")

@@ -85,3 +85,11 @@ class Duffing(IntegratedFlow):
                 [0.0, 0.0, 0.0],
             ]
         )
+
+    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
+        x, v, phase = finite_array("state", state, (3,))
+        self.value_of(name)
+        if name == "frequency":
+            return np.array([0.0, 0.0, 1.0])
+        rates = {"damping": -v, "stiffness": -x, "cubic": -(x**3), "force": np.cos(phase)}
+        return np.array([0.0, rates[name], 0.0])

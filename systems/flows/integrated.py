@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from dynkit.differences import parameter_difference
 from dynkit.flows import Crossing, Flow
 from dynkit.systems.flows.crossings import Search
 from dynkit.systems.flows.integration import CannotFollow, Velocity, integrate
@@ -30,7 +31,12 @@ class IntegratedFlow(Flow):
     3. ``velocity_jacobian(state)``, its exact (d, d) derivative: row i belongs to coordinate i of
        the velocity.
 
-    Both refuse a state that is not finite, or not of that shape, with ValueError:
+    and may offer:
+
+    4. ``velocity_parameter_derivative(state, name)``, its exact (d,) derivative by a parameter;
+       otherwise it is found by differences, to some 1e-12 and at some cost.
+
+    All refuse a state that is not finite, or not of that shape, with ValueError:
     `dynkit.validation.finite_array` does it. Give the coordinates units in which they are of order
     one: the tolerance is absolute for coordinates below one and relative above.
 
@@ -121,6 +127,18 @@ class IntegratedFlow(Flow):
     def velocity_jacobian(self, state: Array) -> Array:
         """Return the derivative, (d, d), of the velocity at a state, (d,)."""
 
+    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
+        """Return the derivative, (d,), of the velocity at a state, (d,), by a parameter.
+
+        Raises
+        ------
+        ValueError
+            As ``velocity``; and when there is no such parameter.
+        """
+        return parameter_difference(
+            lambda changed: self.replace(**{name: changed}).velocity(state), self.value_of(name)
+        )
+
     def advance(self, state: Array, duration: float) -> Array:
         """Return the state, (d,), a duration >= 0 after a state, (d,).
 
@@ -166,6 +184,25 @@ class IntegratedFlow(Flow):
             return np.concatenate([self.velocity(both[:d]), change.ravel()])
 
         return self._integrated(velocity, start, duration, self.tolerance)[d:].reshape(d, d)
+
+    def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
+        """Return the derivative, (d,), of the advanced state with respect to a parameter.
+
+        Raises
+        ------
+        ValueError
+            As `advance`; and when there is no such parameter.
+        """
+        d = self.dimension
+        self.value_of(name)
+        start = np.concatenate([self._checked(state), np.zeros(d)])
+
+        def velocity(both: Array) -> Array:
+            change = self.velocity_jacobian(both[:d]) @ both[d:]
+            change += self.velocity_parameter_derivative(both[:d], name)
+            return np.concatenate([self.velocity(both[:d]), change])
+
+        return self._integrated(velocity, start, duration, self.tolerance)[d:]
 
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
         start = self._checked(state)

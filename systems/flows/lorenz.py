@@ -66,3 +66,9 @@ class Lorenz(IntegratedFlow):
         return np.array(
             [[-self.sigma, self.sigma, 0.0], [self.rho - z, -1.0, -x], [y, x, -self.beta]]
         )
+
+    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
+        x, y, z = finite_array("state", state, (3,))
+        self.value_of(name)
+        rows = {"sigma": [y - x, 0.0, 0.0], "rho": [0.0, x, 0.0], "beta": [0.0, 0.0, -z]}
+        return np.array(rows[name])

@@ -59,3 +59,8 @@ class Rossler(IntegratedFlow):
     def velocity_jacobian(self, state: Array) -> Array:
         x, _, z = finite_array("state", state, (3,))
         return np.array([[0.0, -1.0, -1.0], [1.0, self.a, 0.0], [z, 0.0, x - self.c]])
+
+    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
+        _, y, z = finite_array("state", state, (3,))
+        self.value_of(name)
+        return np.array({"a": [0.0, y, 0.0], "b": [0.0, 0.0, 1.0], "c": [0.0, 0.0, -z]}[name])

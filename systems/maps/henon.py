@@ -57,3 +57,8 @@ class Henon(Map):
     def jacobian(self, state: Array) -> Array:
         x, _ = finite_array("state", state, (2,))
         return np.array([[-2.0 * self.a * x, 1.0], [self.b, 0.0]])
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        x, _ = finite_array("state", state, (2,))
+        self.value_of(name)
+        return np.array([-x * x, 0.0] if name == "a" else [0.0, x])

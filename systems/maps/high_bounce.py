@@ -78,6 +78,11 @@ class HighBounce(Map):
         slope = self.gamma * np.sin((phase + velocity) % _TURN)
         return np.array([[1.0, 1.0], [slope, self.restitution + slope]])
 
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        phase, velocity = finite_array("state", state, (2,))
+        self.value_of(name)
+        return np.array([0.0, velocity if name == "restitution" else -np.cos(phase + velocity)])
+
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b, the phase wrapped to the shortest way; (..., 2) arrays."""
         gap = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)

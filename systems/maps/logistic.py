@@ -53,3 +53,8 @@ class Logistic(Map):
     def jacobian(self, state: Array) -> Array:
         (x,) = finite_array("state", state, (1,))
         return np.array([[self.rate * (1.0 - 2.0 * x)]])
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        x = finite_array("state", state, (1,))
+        self.value_of(name)
+        return x * (1.0 - x)

@@ -54,6 +54,11 @@ class FrozenDerivative(DampedRotation):
         return np.asarray(super().derivative(state, duration) @ state)
 
 
+class NoEffectOfDecay(DampedRotation):
+    def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
+        return super().parameter_derivative(state, duration, name) * (name != "decay")
+
+
 @pytest.mark.parametrize(
     ("flow", "check", "message"),
     [
@@ -66,6 +71,11 @@ class FrozenDerivative(DampedRotation):
             FrozenDerivative(),
             testing.flow_derivative_is_the_derivative,
             "the flow's derivative is the derivative",
+        ),
+        (
+            NoEffectOfDecay(),
+            testing.flow_parameter_derivatives_are_right,
+            "the flow's derivative by decay is the derivative",
         ),
     ],
 )

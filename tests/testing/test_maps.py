@@ -79,6 +79,11 @@ class SwappedJacobian(Henon):
         return super().jacobian(state).T
 
 
+class SlightlyWrongInB(Henon):
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        return super().parameter_derivative(state, name) * (1.0 + 1e-7 * (name == "b"))
+
+
 class OneSidedRotation(CircleRotation):
     def difference(self, a: Array, b: Array) -> Array:
         gap = np.array(np.asarray(a) - np.asarray(b))
@@ -116,6 +121,11 @@ BROKEN_MAPS: list[tuple[Map, testing.MapCheck, str]] = [
     (WrongErrorHenon(), testing.map_refuses_bad_states, "the call refuses nan with ValueError"),
     (SlightlyWrongJacobian(), testing.jacobian_is_the_derivative, "the jacobian is the derivative"),
     (SwappedJacobian(), testing.jacobian_is_the_derivative, "the jacobian is the derivative"),
+    (
+        SlightlyWrongInB(),
+        testing.parameter_derivatives_are_right,
+        "the derivative by b is the derivative",
+    ),
     (OtherIterate(), testing.iterate_repeats_the_call, "iterate repeats the call"),
     (
         OneSidedRotation(1.0),
