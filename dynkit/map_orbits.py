@@ -1,1 +1,253 @@
 """Periodic orbits of maps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.map_problems import TURN, MapProblem, angles, sizes
+from dynkit.maps import Map
+from dynkit.orbits import PeriodicOrbit
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array, positive_integer
+
+# States of an orbit that agree so well, relative, are tried as one: a doubling leaves them so near
+# only within rounding, which is the square, of the parameter where it happens.
+_SAME = 1e-7
+# Of a call, in units of the map's accuracy: a few roundings.
+_ROUNDINGS = 4.0
+_NONE = np.empty(0)
+
+
+def periodic_orbit(system: Map, guess: Array, *, period: int | None = None) -> MapOrbit:
+    """Find a periodic orbit of a map, stable or not, by Newton's method from a guess.
+
+    All states of the orbit are unknowns at once, so that unstable orbits of long periods are found
+    too. An orbit is one of every multiple of its period: where what is found has a smaller period
+    than what was asked for, it is returned as what it is, and its `label` says so.
+
+    Parameters
+    ----------
+    system : Map
+    guess : (d,) or (n, d) array
+        One state near the orbit, from which the map is iterated; or all n of them, in order.
+    period : int, optional
+        n. By default one, or as many as there are states.
+
+    Returns
+    -------
+    MapOrbit
+
+    Raises
+    ------
+    ValueError
+        When the guess is not finite or of another shape, or has no iterates; when the period is no
+        positive integer or not the number of states.
+    NoConvergence
+        From `dynkit.continuation.newton`: when Newton's method does not get to an orbit.
+
+    Examples
+    --------
+    >>> from dynkit.systems import Logistic
+    >>> orbit = periodic_orbit(Logistic(rate=3.9), [0.1], period=3)
+    >>> print(orbit.label, orbit.stable)
+    P(3) False
+    """
+    began = time.perf_counter()
+    states = _guessed(system, guess, period)
+    x, history = _solved(system, states)
+    shorter = _shorter(system, x.reshape(states.shape))
+    if shorter is not None:
+        x, more = shorter
+        history += more[1:]
+    cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
+    return MapOrbit(system, x, history, cost)
+
+
+def _guessed(system: Map, guess: Array, period: int | None) -> Array:
+    d = system.dimension
+    if np.ndim(guess) == 1:
+        n = 1 if period is None else positive_integer("period", period)
+        start = finite_array("guess", guess, (d,))
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                return finite_array("iterates", system.iterate(start, n - 1), (n, d))
+        except (ValueError, RuntimeError) as refusal:
+            raise ValueError(
+                f"guess must have {n - 1} iterates; got {start.tolist()} ({refusal})"
+            ) from refusal
+    states = finite_array("guess", guess, (None, d))
+    if not len(states):
+        raise ValueError("guess must have one state at least; got none")
+    if period is not None and positive_integer("period", period) != len(states):
+        raise ValueError(f"period must be the number of states, {len(states)}; got {period}")
+    return states
+
+
+def _solved(system: Map, states: Array) -> tuple[Array, tuple[float, ...]]:
+    from dynkit.continuation.newton import NoConvergence, solve
+
+    try:
+        return solve(MapProblem(system, states), states.ravel(), _NONE)
+    except NoConvergence as failure:
+        raise NoConvergence(
+            f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
+        ) from failure
+
+
+def _shorter(system: Map, states: Array) -> tuple[Array, tuple[float, ...]] | None:
+    """The solution of the smallest period that the orbit has, if that is not its length."""
+    from dynkit.continuation.newton import NoConvergence
+
+    n = len(states)
+    near = _SAME * sizes(states)
+    for k in (k for k in range(1, n // 2 + 1) if n % k == 0):
+        if (abs(system.difference(np.roll(states, -k, axis=0), states)) > near).any():
+            continue
+        try:
+            x, history = _solved(system, states[:k])
+        except NoConvergence:
+            continue
+        if (abs(system.difference(x.reshape(k, -1), states[:k])) <= near).all():
+            return x, history
+    return None
+
+
+@final
+class MapOrbit(PeriodicOrbit):
+    """P(n): n states that a map takes one into the next, and the last into the first.
+
+    From `periodic_orbit`, from an attractor or from a branch. It is a motion of the map wherever
+    the map is defined: always admissible.
+    """
+
+    def __init__(self, system: Map, x: Array, history: Sequence[float], cost: Cost) -> None:
+        self._system = system
+        self._x = x.copy()
+        self._x.setflags(write=False)
+        self._history = tuple(history)
+        self._cost = cost
+
+    def __repr__(self) -> str:
+        return f"<{self.label} of {self.system!r}: {'stable' if self.stable else 'unstable'}>"
+
+    @property
+    def system(self) -> Map:
+        return self._system
+
+    @property
+    def period(self) -> int:
+        """The number n of states."""
+        return self._x.size // self._system.dimension
+
+    @property
+    def label(self) -> str:
+        """``P(n)``."""
+        return f"P({self.period})"
+
+    @cached_property
+    def states(self) -> Array:
+        """Its states, (n, d), one after the other, read-only; angles are where the map has them."""
+        states = self._x.reshape(self.period, -1).copy()
+        turning = angles(self._system)
+        if turning.any():
+            arrived = np.array([self._system(state) for state in np.roll(states, 1, axis=0)])
+            turns = np.rint((states - arrived) / TURN)
+            states[:, turning] -= TURN * turns[:, turning]
+        states.setflags(write=False)
+        return states
+
+    @cached_property
+    def multipliers(self) -> Any:
+        """Floquet multipliers, (d,) complex, the largest modulus first; see `product_eigenvalues`.
+
+        Raises
+        ------
+        NoSolution
+            When the map has no derivative there.
+        """
+        return self.problem().multipliers(self._x, _NONE)
+
+    @property
+    def admissible(self) -> bool:
+        return True
+
+    @property
+    def history(self) -> tuple[float, ...]:
+        return self._history
+
+    @cached_property
+    def error(self) -> float:
+        """Bound of the largest error of a coordinate, to first order in the map's `accuracy`.
+
+        Twice the sum, over the inverse derivative, of the residual that is left and four times the
+        accuracy of a call, for states of the size of the largest. Infinite where the derivative is
+        singular.
+        """
+        from dynkit.continuation.newton import error_bound
+
+        problem = self.problem()
+        size = float(abs(self._x).max())
+        rounding = _ROUNDINGS * self._system.accuracy * size / problem.units
+        bound = error_bound(
+            problem.linearization(self._x, _NONE),
+            problem.residual(self._x, _NONE),
+            problem.scale(self._x),
+            None,
+            np.tile(rounding, self.period),
+        )
+        return float(bound.max())
+
+    @property
+    def cost(self) -> Cost:
+        return self._cost
+
+    def problem(self, *names: str) -> MapProblem:
+        """Return the equations that it solves, with the named parameters free.
+
+        Raises
+        ------
+        ValueError
+            When the system has no such parameter.
+        """
+        return MapProblem(self._system, self._x.reshape(self.period, -1), names)
+
+    @property
+    def unknowns(self) -> Array:
+        """All states in one, (n d,); angles are not wrapped."""
+        return self._x
+
+    def observable(self, name: str) -> Array:
+        """Return one coordinate of its states, (n,): ``state[0]`` and so on.
+
+        Raises
+        ------
+        ValueError
+            When there is no such coordinate.
+        """
+        names = [f"state[{i}]" for i in range(self._system.dimension)]
+        if name not in names:
+            raise ValueError(f"name must be one of: {', '.join(names)}; got {name!r}")
+        return self.states[:, names.index(name)]
+
+    def sample(self, iterates: object) -> Array:
+        """Return the states, (k, d), so many iterates after the first one.
+
+        Parameters
+        ----------
+        iterates : (k,) array_like
+            Integers of any size and sign: the motion repeats itself.
+
+        Raises
+        ------
+        ValueError
+            When one is no integer.
+        """
+        asked = finite_array("iterates", iterates, (None,))
+        for i in np.flatnonzero(asked != np.rint(asked))[:1].tolist():
+            raise ValueError(f"iterates[{i}] must be an integer; got {float(asked[i])!r}")
+        return np.asarray(self.states[np.asarray(asked % self.period, dtype=np.intp)])

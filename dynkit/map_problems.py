@@ -1,0 +1,190 @@
+"""The equations of periodic orbits of maps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, Self, final
+
+import numpy as np
+
+from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
+from dynkit.maps import Map
+from dynkit.multipliers import product_eigenvalues
+from dynkit.results import Cost
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.map_orbits import MapOrbit
+
+TURN = 2.0 * np.pi
+
+
+@final
+class MapProblem(Problem):
+    """x_{i+1} = f(x_i), i modulo n: n d equations for the n states of a periodic orbit.
+
+    Parameters
+    ----------
+    system : Map
+    states : (n, d) array
+        Near the solutions; the equations are in units of their largest coordinates.
+    names : sequence of str
+        The free parameters.
+
+    Raises
+    ------
+    ValueError
+        When the system has no such parameter.
+    """
+
+    def __init__(self, system: Map, states: Array, names: Sequence[str] = ()) -> None:
+        self._system = system
+        self._like = states
+        self._names = tuple(names)
+        self._values = np.array([system.value_of(name) for name in names])
+        self.units = sizes(states)
+        """Units (d,) of the equations."""
+        self._at: tuple[bytes, Map] = (self._values.tobytes(), system)
+        self._derivatives: tuple[bytes, Array] = (b"", np.empty(0))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self._names
+
+    def free(self, *names: str) -> Self:
+        return type(self)(self._system, self._like, names)
+
+    @property
+    def values(self) -> Array:
+        return self._values
+
+    @property
+    def size(self) -> int:
+        return self._like.size
+
+    def scale(self, x: Array) -> Array:
+        return np.tile(sizes(self._rows(x)), len(self._like))
+
+    def residual(self, x: Array, p: Array) -> Array:
+        system, states = self.at(p), self._rows(x)
+        arrived = np.array([_defined(system, state) for state in states])
+        gap = system.difference(arrived, np.roll(states, -1, axis=0))
+        return np.asarray((gap / self.units).ravel())
+
+    def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
+        n, d = self._like.shape
+        blocks = self.jacobians(x, p) / self.units[:, None]
+        complex_needed = isinstance(multiplier, complex | np.complexfloating)
+        matrix = np.zeros((n, d, n, d), dtype=complex if complex_needed else float)
+        for i in range(n):
+            matrix[i, :, i] += blocks[i]
+            returned = multiplier if i == n - 1 else 1.0
+            matrix[i, :, (i + 1) % n] -= np.diag(returned / self.units)
+        return matrix.reshape(n * d, n * d)
+
+    def parameter_derivative(self, x: Array, p: Array) -> Array:
+        system, columns = self.at(p), []
+        for name in self._names:
+            by_name = partial(system.parameter_derivative, name=name)
+            rows = [_defined(by_name, state) for state in self._rows(x)]
+            columns.append((np.array(rows) / self.units).ravel())
+        return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
+
+    def multipliers(self, x: Array, p: Array) -> Any:
+        return product_eigenvalues(self.jacobians(x, p))
+
+    def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> MapOrbit:
+        from dynkit.map_orbits import MapOrbit
+
+        past = history or (float(abs(self.residual(x, p)).max()),)
+        return MapOrbit(self.at(p), x, past, Cost(0.0, {"newton steps": len(past) - 1}))
+
+    def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
+        states = np.concatenate([self._like, self._like])
+        problem = type(self)(self._system, states, self._names)
+        return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
+
+    def events(self, x: Array, p: Array) -> list[Event]:  # noqa: ARG002
+        return []
+
+    def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:  # noqa: ARG002
+        raise ValueError(f"event must be one of the events: there are none; got {event}")
+
+    def admissible(self, x: Array, p: Array) -> bool:  # noqa: ARG002
+        return True
+
+    def canonical(self, x: Array) -> Array:
+        """Return its states in units of their size, from the same one on; angles as their sines.
+
+        That is cosines and sines of angles, (n (d + number of angles),).
+        """
+        states = self._rows(x)
+        turning = angles(self._system)
+        plain = states[:, ~turning] / self.units[~turning]
+        turned = states[:, turning]
+        rows = np.hstack([plain, np.cos(turned), np.sin(turned)])
+        # a direction without symmetry, as states of symmetric orbits have equal coordinates
+        direction = np.sqrt(np.arange(2.0, 2.0 + rows.shape[1]))
+        return np.asarray(np.roll(rows, -int(np.argmax(rows @ direction)), axis=0).ravel())
+
+    def at(self, p: Array) -> Map:
+        """Return the map with the free parameters set.
+
+        Raises
+        ------
+        NoSolution
+            When it refuses them.
+        """
+        key = np.asarray(p, dtype=np.float64).tobytes()
+        if key != self._at[0]:
+            values = dict(zip(self._names, np.asarray(p).tolist(), strict=True))
+            try:
+                self._at = (key, self._system.replace(**values))
+            except ValueError as refusal:
+                raise NoSolution(str(refusal)) from refusal
+        return self._at[1]
+
+    def jacobians(self, x: Array, p: Array) -> Array:
+        """Return the map's derivatives, (n, d, d), at all states; read-only.
+
+        Raises
+        ------
+        NoSolution
+            Where there is none.
+        """
+        key = np.asarray(x).tobytes() + np.asarray(p, dtype=np.float64).tobytes()
+        if key != self._derivatives[0]:
+            system = self.at(p)
+            found = np.array([_defined(system.jacobian, state) for state in self._rows(x)])
+            found.setflags(write=False)
+            self._derivatives = (key, found)
+        return self._derivatives[1]
+
+    def _rows(self, x: Array) -> Array:
+        return np.asarray(x).reshape(self._like.shape)
+
+
+def _defined(function: Callable[[Array], Array], state: Array) -> Array:
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            found = function(state)
+    except (ValueError, RuntimeError) as refusal:
+        raise NoSolution(str(refusal)) from refusal
+    if not np.isfinite(found).all():
+        raise NoSolution(f"the map is not finite at {state.tolist()}")
+    return found
+
+
+def sizes(states: Array) -> Array:
+    """Sizes (d,) of the coordinates; those that are small beside others count as a tenth."""
+    largest = abs(states).max(axis=0)
+    overall = float(largest.max())
+    return np.maximum(largest, 0.1 * overall) if overall > 0.0 else np.ones(len(largest))
+
+
+def angles(system: Map) -> Any:
+    """Which coordinates, (d,) of bool, are angles: those in which a turn is no difference."""
+    d = system.dimension
+    turned = system.difference(TURN * np.eye(d), np.zeros(d))
+    return abs(np.diag(turned)) < 1e-9
