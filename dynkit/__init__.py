@@ -10,10 +10,16 @@ from dynkit._lazy import lazy_names
 
 if TYPE_CHECKING:
     from dynkit.attractors import Attractor, MapAttractor
+    from dynkit.continuation.bifurcations import Bifurcation
+    from dynkit.continuation.branch import Branch
+    from dynkit.continuation.continuing import continue_orbit
+    from dynkit.continuation.curves import BifurcationCurve, continue_curve
     from dynkit.exponential.sums import ExponentialSum
     from dynkit.flows import Flow
     from dynkit.labels import OrbitLabel
+    from dynkit.map_orbits import MapOrbit, periodic_orbit
     from dynkit.maps import Map
+    from dynkit.orbits import PeriodicOrbit
     from dynkit.results import Cost
     from dynkit.sections import Hyperplane, PoincareMap, PoincareSection, Stroboscope
     from dynkit.sweeps import Sweep, sweep
@@ -22,18 +28,26 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Attractor",
+    "Bifurcation",
+    "BifurcationCurve",
+    "Branch",
     "Cost",
     "ExponentialSum",
     "Flow",
     "Hyperplane",
     "Map",
     "MapAttractor",
+    "MapOrbit",
     "OrbitLabel",
+    "PeriodicOrbit",
     "PoincareMap",
     "PoincareSection",
     "Stroboscope",
     "Sweep",
     "__version__",
+    "continue_curve",
+    "continue_orbit",
+    "periodic_orbit",
     "sweep",
 ]
 
@@ -41,17 +55,25 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "Attractor": "dynkit.attractors",
+        "Bifurcation": "dynkit.continuation.bifurcations",
+        "BifurcationCurve": "dynkit.continuation.curves",
+        "Branch": "dynkit.continuation.branch",
         "Cost": "dynkit.results",
         "ExponentialSum": "dynkit.exponential.sums",
         "Flow": "dynkit.flows",
         "Hyperplane": "dynkit.sections",
         "Map": "dynkit.maps",
         "MapAttractor": "dynkit.attractors",
+        "MapOrbit": "dynkit.map_orbits",
         "OrbitLabel": "dynkit.labels",
+        "PeriodicOrbit": "dynkit.orbits",
         "PoincareMap": "dynkit.sections",
         "PoincareSection": "dynkit.sections",
         "Stroboscope": "dynkit.sections",
         "Sweep": "dynkit.sweeps",
+        "continue_curve": "dynkit.continuation.curves",
+        "continue_orbit": "dynkit.continuation.continuing",
+        "periodic_orbit": "dynkit.map_orbits",
         "sweep": "dynkit.sweeps",
     },
 )

@@ -1,9 +1,11 @@
 """What continuation needs to know of a family of periodic orbits."""
 
+# ruff: noqa: ARG002 (arguments that a default has no use for)
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -133,6 +135,32 @@ class Problem(ABC):
     @abstractmethod
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether a solution is a motion of the system, and no impact was left out or pulls."""
+
+    def touching(
+        self,
+        event: int,
+        x: Array,
+        own: Array,
+        p: Array,
+    ) -> Mapping[str, float]:
+        """Return where and when it touches, by name, at a zero of event number `event`.
+
+        `own` are the unknowns (e,) of the event's condition. Nothing, unless a subclass tells.
+        """
+        return {}
+
+    def neighbours(
+        self,
+        event: int,
+        x: Array,
+        p: Array,
+    ) -> list[tuple[Problem, Array, Array]]:
+        """Return guesses of orbits of other kinds that meet this one at a zero of an event.
+
+        Each is a problem with the same free parameters, unknowns and parameters. None, unless a
+        subclass knows some.
+        """
+        return []
 
     def canonical(self, x: Array) -> Array:
         """Return numbers, (l,), of order one, that two solutions share if they are one orbit.

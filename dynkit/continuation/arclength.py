@@ -1,0 +1,346 @@
+"""Pseudo-arclength continuation: the points of a curve, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+
+from dynkit.continuation.newton import Equations, Outcome, bordered_tangent, correct
+from dynkit.continuation.problem import NoSolution
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.continuation.problem import Problem
+
+# What a step aims at: so many Newton steps, and so many radians between tangents.
+_NEWTON_STEPS, _ANGLE, _LARGEST_ANGLE = 3.0, 0.15, 0.5
+# Where a residual stops falling it is rounding, and need not be pushed lower from there on.
+_LEAST_LEVEL, _LARGEST_LEVEL = 16.0 * 2.0**-52, 1e-12
+# Distance, in scaled unknowns, within which two orbits are one.
+SAME = 1e-6
+
+
+class Reason(Enum):
+    """Why a branch or a curve ends."""
+
+    BOUND = "the bound was reached"
+    CLOSED = "it is closed on itself"
+    RETRACED = "it meets another branch, and its points come again behind"
+    LIMIT = "the number of points was reached"
+    NO_CONVERGENCE = "Newton's method does not converge"
+    NO_SOLUTION = "the equations are not defined beyond"
+    RESONANCE = "a strong resonance is near"
+    INADMISSIBLE = "beyond, it is no motion of the system"
+
+
+@final
+@dataclass(frozen=True)
+class Ending:
+    """Why and where a branch or a curve ends.
+
+    Parameters
+    ----------
+    reason : Reason
+    message : str
+        What the user reads.
+    """
+
+    reason: Reason
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+
+@final
+class Bound(NamedTuple):
+    """An unknown that ends a curve where it leaves [low, high]."""
+
+    unknown: int
+    name: str
+    low: float
+    high: float
+    reason: Reason = Reason.BOUND
+
+
+@final
+@dataclass(frozen=True)
+class Steps:
+    """How a curve is followed: step sizes in scaled unknowns, and the number of points."""
+
+    first: float = 0.01
+    largest: float = 0.05
+    smallest: float = 1e-9
+    points: int = 2000
+
+
+@final
+@dataclass(slots=True)
+class Point:
+    """One corrected point of a curve.
+
+    `tangent` is of unit length in scaled unknowns; `turn` is the sign of the determinant of the
+    derivative with the tangent as last row; `seen` is whatever the follower's `watch` leaves there.
+    """
+
+    y: Array
+    scale: Array
+    tangent: Array
+    turn: float
+    residual: float
+    iterations: int
+    seen: Any = None
+
+
+@final
+class OrbitEquations(Equations):
+    """F(x, p) = 0 with one free parameter: the unknowns are (x, p), the parameter last."""
+
+    def __init__(self, problem: Problem, width: float) -> None:
+        self.problem = problem
+        self._width = width
+        self._m = problem.size
+
+    def residual(self, y: Array) -> Array:
+        return self.problem.residual(y[:-1], y[-1:])
+
+    def jacobian(self, y: Array) -> Array:
+        x, p, m = y[:-1], y[-1:], self._m
+        matrix = np.empty((m, m + 1))
+        matrix[:, :m] = self.problem.linearization(x, p)
+        matrix[:, m] = self.problem.parameter_derivative(x, p)[:, 0]
+        return matrix
+
+    def scale(self, y: Array) -> Array:
+        scale = np.empty(self._m + 1)
+        # so that an arclength does not grow with the number of unknowns
+        scale[:-1] = self.problem.scale(y[:-1]) * self._m**0.5
+        scale[-1] = self._width
+        return scale
+
+
+@final
+@dataclass
+class Follower:
+    """Follows a curve R(y) = 0 in one direction; iterating yields its points, the start first.
+
+    Parameters
+    ----------
+    equations : Equations
+        One equation less than unknowns.
+    start : Point
+        On the curve; its tangent is the direction.
+    bounds : tuple of Bound
+        What ends the curve; its last point is on the bound.
+    steps : Steps
+    canonical : callable
+        y -> numbers that two points share if they are the same.
+    watch : callable
+        (point before, point) -> whether the step was short enough to tell what happened within.
+    """
+
+    equations: Equations
+    start: Point
+    bounds: tuple[Bound, ...]
+    steps: Steps
+    canonical: Callable[[Array], Array]
+    watch: Callable[[Point, Point], bool]
+    ending: Ending | None = None
+    iterations: int = 0
+    _level: float = _LEAST_LEVEL
+    _failure: str = field(default="", repr=False)
+    _refused: bool = field(default=False, repr=False)
+
+    def __iter__(self) -> Iterator[Point]:
+        point = self.start
+        home = self.canonical(point.y)
+        place = home
+        yield point
+        if self._starts_outwards(point):
+            return
+        step = min(self.steps.first, self.steps.largest)
+        for count in range(1, self.steps.points):
+            found = self._advance(point, step)
+            if found is None:
+                return
+            after, taken = found
+            place_before, place = place, self.canonical(after.y)
+            if count > 2 and self._passes(home, place_before, place):
+                closing = self._return_to(home, point, taken)
+                if closing is not None:
+                    self.watch(point, closing)
+                    self.ending = Ending(Reason.CLOSED, Reason.CLOSED.value)
+                    yield closing
+                    return
+            yield after
+            if self.ending is not None:
+                return
+            step = self._next_step(point, after, taken)
+            point = after
+        limit = f"{Reason.LIMIT.value}: {self.steps.points}, at {self._place(point)}"
+        self.ending = Ending(Reason.LIMIT, limit)
+
+    def _place(self, point: Point) -> str:
+        return ", ".join(f"{bound.name} {point.y[bound.unknown]:.10g}" for bound in self.bounds)
+
+    def _starts_outwards(self, point: Point) -> bool:
+        for bound in self.bounds:
+            value, slope = point.y[bound.unknown], point.tangent[bound.unknown]
+            if (value <= bound.low and slope < 0.0) or (value >= bound.high and slope > 0.0):
+                self._end_at(bound, point)
+                return True
+        return False
+
+    def _end_at(self, bound: Bound, point: Point) -> None:
+        value = point.y[bound.unknown]
+        self.ending = Ending(bound.reason, f"{bound.reason.value}: {bound.name} {value:.6g}")
+
+    def _advance(self, point: Point, step: float) -> tuple[Point, float] | None:
+        """Return the next point and the step taken."""
+        while step > self.steps.smallest:
+            after, reached = self.at(point, step), None
+            if after is not None and (bound := self._left(after)) is not None:
+                after, reached = self._land(point, after, bound)
+            if after is not None:
+                if self.watch(point, after):
+                    if reached is not None:
+                        self._end_at(reached, after)
+                    return after, step
+                self._failure, self._refused = "it cannot be told what happens within a step", True
+            step *= 0.5
+        reason = Reason.NO_CONVERGENCE if not self._refused else Reason.NO_SOLUTION
+        self.ending = Ending(reason, f"{reason.value}: at {self._place(point)}, {self._failure}")
+        return None
+
+    def at(self, point: Point, step: float) -> Point | None:
+        """Return the point a step along the tangent further on; None where there is none."""
+        guess = point.y + step * point.tangent * point.scale
+        found = self.corrected(guess, point, point.tangent)
+        if found is None:
+            return None
+        # another branch, or too sharp a bend to be sure
+        if found.tangent @ _rescaled(point, found.scale) < np.cos(_LARGEST_ANGLE):
+            self._failure, self._refused = "its direction jumps", False
+            return None
+        return found
+
+    def corrected(self, guess: Array, near: Point, row: Array) -> Point | None:
+        """Return the point whose distance from the guess is orthogonal to a row."""
+        solution = correct(self.equations, guess, near.scale, row, level=self._level)
+        self.iterations += len(solution.history)
+        if not solution.converged:
+            self._refused = solution.outcome is Outcome.UNDEFINED
+            self._failure = solution.message or solution.outcome.value
+            return None
+        residual = solution.history[-1]
+        self._level = min(max(_LEAST_LEVEL, 2.0 * residual), _LARGEST_LEVEL)
+        scale = near.scale
+        wanted = self.equations.scale(solution.y)
+        ratio = wanted / scale
+        if ratio.max() > 2.0 or ratio.min() < 0.5:
+            scale = wanted
+        try:
+            jacobian = self.equations.jacobian(solution.y)
+        except NoSolution as refusal:
+            self._failure, self._refused = str(refusal), True
+            return None
+        direction = bordered_tangent(jacobian, scale, _rescaled(near, scale))
+        if direction is None:
+            self._failure, self._refused = "the curve has no direction there", False
+            return None
+        tangent, turn = direction
+        return Point(solution.y, scale, tangent, turn, residual, len(solution.history) - 1)
+
+    def _left(self, point: Point) -> Bound | None:
+        for bound in self.bounds:
+            if not bound.low <= point.y[bound.unknown] <= bound.high:
+                return bound
+        return None
+
+    def _land(
+        self, before: Point, after: Point, bound: Bound
+    ) -> tuple[Point, Bound] | tuple[None, None]:
+        """Return the point on a bound, between two points, and the bound."""
+        for _ in self.bounds:
+            index = bound.unknown
+            value = bound.low if after.y[index] < bound.low else bound.high
+            part = (value - before.y[index]) / (after.y[index] - before.y[index])
+            guess = interpolated(before, after, part)
+            guess[index] = value
+            row = np.zeros(len(guess))
+            row[index] = 1.0
+            point = self.corrected(guess, before, row)
+            if point is None or not _between(before, after, point):
+                break
+            left = self._left(point)
+            if left is None:
+                return point, bound
+            after, bound = point, left
+        return None, None
+
+    def _next_step(self, before: Point, after: Point, taken: float) -> float:
+        cosine = float(after.tangent @ _rescaled(before, after.scale))
+        angle = float(np.arccos(min(cosine, 1.0)))
+        by_newton = 2.0 ** ((_NEWTON_STEPS - after.iterations) / 2.0)
+        by_angle = _ANGLE / max(angle, 1e-3)
+        factor = float(min(max(min(by_newton, by_angle), 0.3), 2.0))
+        return min(taken * factor, self.steps.largest)
+
+    @staticmethod
+    def _passes(home: Array, before: Array, after: Array) -> bool:
+        """Whether the way between two places leads past home."""
+        way = after - before
+        length = way @ way
+        if not length > 0.0:
+            return False
+        part = min(max(float((home - before) @ way / length), 0.0), 1.0)
+        gap = home - before - part * way
+        return bool(gap @ gap <= 0.09 * length)
+
+    def _return_to(self, home: Array, point: Point, step: float) -> Point | None:
+        """Return the point within a step that is the start again."""
+        low, place = 0.0, self.canonical(point.y)
+        length, found = step, None
+        for _ in range(8):
+            trial = self.at(point, length) if length > 0.0 else point
+            if trial is None:
+                return None
+            there = self.canonical(trial.y)
+            if abs(there - home).max() < SAME:
+                found = trial
+                break
+            way = (there - place) / (length - low) if length != low else there - place
+            low, place = length, there
+            length += float((home - there) @ way) / max(float(way @ way), 1e-300)
+            if not -step < length < 2.0 * step:
+                return None
+        return found
+
+
+def _rescaled(point: Point, scale: Array) -> Array:
+    """Return a point's tangent in other units, of unit length."""
+    if scale is point.scale:
+        return point.tangent
+    tangent = point.tangent * point.scale / scale
+    return np.asarray(tangent / np.sqrt(tangent @ tangent))
+
+
+def _between(before: Point, after: Point, point: Point) -> bool:
+    way = (after.y - before.y) / before.scale
+    gap = (point.y - before.y) / before.scale
+    length = float(way @ way)
+    along = float(gap @ way)
+    return -1e-9 * length <= along <= (1.0 + 1e-9) * length and bool(gap @ gap <= 1.5 * length)
+
+
+def interpolated(before: Point, after: Point, part: float) -> Array:
+    """Return unknowns between two points, by the cubic through both with their tangents."""
+    way = after.y - before.y
+    length = float(np.sqrt(np.sum((way / before.scale) ** 2)))
+    first, last = before.tangent * before.scale * length, after.tangent * after.scale * length
+    s, r = part, 1.0 - part
+    return np.asarray(before.y + way * s * s * (3.0 - 2.0 * s) + s * r * (r * first - s * last))

@@ -1,0 +1,271 @@
+"""Branches of periodic orbits."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.continuation.arclength import Ending, OrbitEquations, Reason
+from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.newton import error_bound
+from dynkit.continuation.problem import Problem
+from dynkit.results import Cost
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.maps import Map
+    from dynkit.orbits import PeriodicOrbit
+
+
+@final
+class Branch:
+    """Periodic orbits that hang together as one parameter changes, made by `continue_orbit`.
+
+    Its k points stand in the order in which the curve is run through; orbits are made of them when
+    asked for.
+    """
+
+    def __init__(
+        self,
+        *,
+        problem: Problem | None,
+        system: Map | None,
+        label: str,
+        name: str,
+        parameter: Array,
+        unknowns: Array,
+        multipliers: NDArray[np.complex128],
+        admissible: NDArray[np.bool_],
+        residuals: Array,
+        bifurcations: tuple[Bifurcation, ...],
+        endings: tuple[Ending, Ending],
+        cost: Cost,
+        error: Array | None = None,
+    ) -> None:
+        self._problem = problem
+        self._system = system
+        self._label = label
+        self._name = name
+        self._parameter = parameter
+        self._unknowns = unknowns
+        self._multipliers = multipliers
+        self._admissible = admissible
+        self._residuals = residuals
+        self._bifurcations = bifurcations
+        self._endings = endings
+        self._cost = cost
+        self._error = error
+        self._observables: dict[str, Array] = {}
+        for array in (parameter, unknowns, multipliers, admissible, residuals):
+            array.setflags(write=False)
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self._name
+
+    @property
+    def label(self) -> str:
+        """What kind of orbits they are, such as ``P(2)`` or ``P(1,3)``."""
+        return self._label
+
+    @property
+    def parameter(self) -> Array:
+        """Values of the parameter, (k,), read-only."""
+        return self._parameter
+
+    @property
+    def unknowns(self) -> Array:
+        """Solutions of the orbits' equations, (k, m), read-only."""
+        return self._unknowns
+
+    @property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Floquet multipliers, (k, d) complex, the largest modulus first, read-only."""
+        return self._multipliers
+
+    @cached_property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether all multipliers lie inside the unit circle, (k,), read-only."""
+        stable = np.asarray(np.all(abs(self._multipliers) < 1.0, axis=1))
+        stable.setflags(write=False)
+        return stable
+
+    @property
+    def admissible(self) -> NDArray[np.bool_]:
+        """Whether the orbits are motions of the system, (k,), read-only."""
+        return self._admissible
+
+    @property
+    def residuals(self) -> Array:
+        """Largest residual of each point's equations, (k,), read-only."""
+        return self._residuals
+
+    @property
+    def bifurcations(self) -> tuple[Bifurcation, ...]:
+        """Bifurcations in the order of the points."""
+        return self._bifurcations
+
+    @property
+    def endings(self) -> tuple[Ending, Ending]:
+        """Why and where it ends: at the first point, and at the last."""
+        return self._endings
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is closed on itself; the last point is then the first again."""
+        return self._endings[0].reason is Reason.CLOSED
+
+    @property
+    def error(self) -> Array:
+        """To first order a bound on the distance from the exact curve, (k,), read-only.
+
+        The parameter is measured in its range, the unknowns in their typical sizes.
+
+        Raises
+        ------
+        ValueError
+            When the branch was loaded without an orbit, and was stored before this was known.
+        """
+        if self._error is None:
+            low, high = float(self._parameter.min()), float(self._parameter.max())
+            equations = OrbitEquations(self.problem, high - low or 1.0)
+            points = np.column_stack([self._unknowns, self._parameter])
+            self._error = np.array([_distance(equations, y) for y in points])
+            self._error.setflags(write=False)
+        return self._error
+
+    @property
+    def cost(self) -> Cost:
+        """What it cost; of bifurcations that each carries itself, it holds only the seconds."""
+        return self._cost
+
+    @property
+    def problem(self) -> Problem:
+        """The equations of its orbits.
+
+        Raises
+        ------
+        ValueError
+            When the branch was loaded without an orbit.
+        """
+        if self._problem is None:
+            raise ValueError("orbit must be given to Branch.load to get orbits back; got None")
+        return self._problem
+
+    @property
+    def system(self) -> Map:
+        """The system, at one value of the parameter.
+
+        Raises
+        ------
+        ValueError
+            When the branch was loaded without an orbit.
+        """
+        if self._system is None:
+            raise ValueError("orbit must be given to Branch.load to get the system back; got None")
+        return self._system
+
+    def __len__(self) -> int:
+        return len(self._parameter)
+
+    def __repr__(self) -> str:
+        low, high = self._parameter.min(), self._parameter.max()
+        found = ", ".join(f"{b.kind} {b.value:.6g}" for b in self._bifurcations[:6])
+        more = ", ..." if len(self._bifurcations) > 6 else ""
+        closed = "closed, " if self.closed else ""
+        return (
+            f"<Branch of {self._label}: {closed}{len(self)} points, "
+            f"{self._name} from {low:.6g} to {high:.6g}{'; ' if found else ''}{found}{more}>"
+        )
+
+    def orbit(self, place: int) -> PeriodicOrbit:
+        """Return the orbit of a point; negative places count from the end.
+
+        Raises
+        ------
+        ValueError
+            When there is no such point, or the branch was loaded without an orbit.
+        """
+        if not -len(self) <= place < len(self):
+            raise ValueError(f"place must lie in [{-len(self)}, {len(self) - 1}]; got {place}")
+        p = self._parameter[[place]]
+        return self.problem.orbit(self._unknowns[place], p, (float(self._residuals[place]),))
+
+    def observable(self, name: str) -> Array:
+        """Return one of the system's observables at all orbits, (k, n), read-only.
+
+        Raises
+        ------
+        ValueError
+            When there is no such observable, or the branch was loaded without an orbit.
+        """
+        if name not in self._observables:
+            values = np.array([self.orbit(i).observable(name) for i in range(len(self))])
+            values.setflags(write=False)
+            self._observables[name] = values
+        return self._observables[name]
+
+    def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
+        """Draw an observable against the parameter, and return the axes.
+
+        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted; bifurcations carry
+        their kinds.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where; a new figure otherwise.
+        y : str, optional
+            Name of an observable; the system's first one otherwise.
+        """
+        from dynkit.continuation.drawing import draw_branch
+
+        return draw_branch(self, ax, y)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there.
+        """
+        from dynkit.continuation.archive import save_branch
+
+        save_branch(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None) -> Branch:
+        """Read it from a store: the same bits.
+
+        Parameters
+        ----------
+        path : path
+        orbit : PeriodicOrbit, optional
+            Any orbit of the same kind of the same system, at any value of the branch's parameter;
+            needed for whatever makes orbits.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of a branch, or the orbit is of another
+            kind or system.
+        """
+        from dynkit.continuation.archive import load_branch
+
+        return load_branch(path, orbit)
+
+
+def _distance(equations: OrbitEquations, y: Array) -> float:
+    scale = equations.scale(y)
+    jacobian = equations.jacobian(y)
+    tangent = np.linalg.svd(jacobian * scale)[2][-1]
+    bound = error_bound(jacobian, equations.residual(y), scale, tangent)
+    return float((bound / scale).max())

@@ -1,0 +1,71 @@
+"""What `continue_orbit` and `continue_curve` check at the door."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.continuation.arclength import Steps
+from dynkit.continuation.problem import NoSolution, Problem
+from dynkit.validation import finite_scalar, positive, positive_integer
+
+if TYPE_CHECKING:
+    from dynkit.orbits import PeriodicOrbit
+
+
+def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
+    """Return bounds as two numbers, the first below the second.
+
+    Raises
+    ------
+    ValueError
+        When they are not.
+    """
+    if not isinstance(bounds, Sequence | np.ndarray) or len(bounds) != 2:
+        raise ValueError(f"{name} must be two numbers; got {bounds!r}")
+    low, high = (finite_scalar(f"{name}[{i}]", bounds[i]) for i in range(2))
+    if not low < high:
+        raise ValueError(f"{name} must be (low, high) with low < high; got ({low}, {high})")
+    return low, high
+
+
+def checked_steps(step: float, largest_step: float, points: int) -> Steps:
+    """Return the options of a curve, validated.
+
+    Raises
+    ------
+    ValueError
+        When one is out of range.
+    """
+    largest = positive("largest_step", largest_step)
+    return Steps(
+        first=min(positive("step", step), largest),
+        largest=largest,
+        points=positive_integer("points", points),
+    )
+
+
+def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
+    """Return the equations of an orbit with parameters free.
+
+    Raises
+    ------
+    ValueError
+        When the system lacks one of them, or the orbit does not solve its equations.
+    """
+    known = orbit.system.parameters
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"parameter must be one of: {', '.join(known) or 'none'}; got {name!r}"
+            )
+    problem = orbit.problem(*names)
+    try:
+        residual = float(abs(problem.residual(orbit.unknowns, problem.values)).max())
+    except NoSolution as refusal:
+        raise ValueError(f"orbit must solve its equations; got {refusal}") from refusal
+    if not residual <= 1e-8:
+        raise ValueError(f"orbit must solve its equations; got a residual of {residual:.1e}")
+    return problem

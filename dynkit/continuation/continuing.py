@@ -1,0 +1,163 @@
+"""`continue_orbit`: all periodic orbits that hang together with one, as one parameter changes."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.continuation.arclength import (
+    Bound,
+    Ending,
+    Follower,
+    OrbitEquations,
+    Point,
+    Reason,
+)
+from dynkit.continuation.bifurcations import Bifurcation, Located, Watch
+from dynkit.continuation.branch import Branch
+from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
+from dynkit.continuation.problem import Problem
+from dynkit.continuation.starting import start_points
+from dynkit.continuation.tracing import Trace, trace
+from dynkit.results import Cost
+from dynkit.validation import Array, in_interval
+
+if TYPE_CHECKING:
+    from dynkit.orbits import PeriodicOrbit
+
+
+def continue_orbit(
+    orbit: PeriodicOrbit,
+    parameter: str,
+    *,
+    bounds: tuple[float, float],
+    step: float = 0.01,
+    largest_step: float = 0.05,
+    points: int = 2000,
+    inadmissible: bool = True,
+) -> Branch:
+    """Return the branch of periodic orbits through one, in both directions.
+
+    Pseudo-arclength continuation: it goes through folds, and ends at the bounds, when it closes on
+    itself, or where there is nothing more; `Branch.endings` tells. What was found until then is
+    returned whatever happens. Bifurcations are solved for.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        Where to start; for instance that of a bifurcation.
+    parameter : str
+        Name of the parameter that changes.
+    bounds : (float, float)
+        Least and greatest value of the parameter.
+    step, largest_step : float
+        First and largest distance between points. The parameter is measured in the distance of the
+        bounds, the unknowns in their typical sizes (root mean square).
+    points : int
+        How many points at most in each direction.
+    inadmissible : bool
+        Whether the branch goes on, its points marked, where the orbits are no motions of the
+        system.
+
+    Returns
+    -------
+    Branch
+        Its points in the order in which the curve is run through.
+
+    Raises
+    ------
+    ValueError
+        When the system has no such parameter, the bounds are reversed, the orbit lies outside of
+        them, solves nothing or is no motion where it should be, or a number is out of range.
+
+    References
+    ----------
+    H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, in
+    Applications of Bifurcation Theory, ed. P. H. Rabinowitz, Academic Press 1977, 359-384.
+    """
+    began = time.perf_counter()
+    low, high = checked_bounds("bounds", bounds)
+    problem = problem_of(orbit, (parameter,))
+    in_interval(parameter, float(problem.values[0]), low, high)
+    steps = checked_steps(step, largest_step, points)
+    if not inadmissible and not orbit.admissible:
+        raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")
+    equations = OrbitEquations(problem, high - low)
+    start = start_points(equations, np.append(orbit.unknowns, problem.values))[0]
+    traces = []
+    for sign in (1.0, -1.0):
+        ahead = Point(
+            start.y, start.scale, sign * start.tangent, sign * start.turn, start.residual, 0
+        )
+        follower = Follower(
+            equations,
+            ahead,
+            (Bound(problem.size, parameter, low, high),),
+            steps,
+            lambda y: np.append(problem.canonical(y[:-1]), y[-1] / (high - low)),
+            Watch(problem),
+        )
+        traces.append(trace(problem, follower, inadmissible))
+        if follower.ending is not None and follower.ending.reason is Reason.CLOSED:
+            break
+    return _joined(orbit, problem, parameter, traces, time.perf_counter() - began)
+
+
+def _joined(
+    orbit: PeriodicOrbit, problem: Problem, parameter: str, traces: list[Trace], seconds: float
+) -> Branch:
+    forward = traces[0]
+    backward = traces[1] if len(traces) > 1 else Trace(forward.points[:1], [], forward.ending)
+    points = [*backward.points[:0:-1], *forward.points]
+    first = len(backward.points) - 1
+    places = [(first - place, found, -way) for place, found, way in reversed(backward.located)]
+    places += [(first + place, found, way) for place, found, way in forward.located]
+    endings: list[Ending] = []
+    for part in (backward, forward):
+        assert part.ending is not None
+        endings.append(part.ending)
+    return Branch(
+        problem=problem,
+        system=orbit.system,
+        label=orbit.label,
+        name=parameter,
+        parameter=np.array([point.y[-1] for point in points]),
+        unknowns=np.array([point.y[:-1] for point in points]),
+        multipliers=np.array([point.seen.multipliers for point in points]),
+        admissible=np.array([point.seen.admissible for point in points]),
+        residuals=np.array([point.residual for point in points]),
+        bifurcations=tuple(_bifurcation(problem, parameter, *entry) for entry in places),
+        endings=(endings[0], endings[1]),
+        cost=Cost(
+            seconds,
+            {"points": len(points), "newton_steps": sum(point.iterations for point in points)},
+        ),
+    )
+
+
+def _bifurcation(
+    problem: Problem, parameter: str, place: float, found: Located, tangent: Array
+) -> Bifurcation:
+    kind, event = found.crossing
+    touching = {}
+    if event >= 0 and len(found.history) > 1:
+        touching = dict(problem.touching(event, found.x, found.own, found.p))
+    return Bifurcation(
+        kind=kind,
+        parameter=parameter,
+        value=float(found.p[0]),
+        error=found.error,
+        multiplier=found.multiplier,
+        direction=found.direction,
+        place=place,
+        touching=touching,
+        history=found.history,
+        cost=Cost(found.seconds, {"newton_steps": found.steps}),
+        unknowns=found.x,
+        own=found.own,
+        tangent=tangent,
+        event=event,
+        _problem=problem,
+    )

@@ -1,0 +1,253 @@
+"""Curves of bifurcations in the plane of two parameters."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.continuation.arclength import Bound, Ending, Follower, Point, Reason
+from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
+from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
+from dynkit.continuation.newton import correct
+from dynkit.continuation.problem import Problem
+from dynkit.continuation.starting import start_points
+from dynkit.results import Cost
+from dynkit.validation import Array, in_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.continuation.bifurcations import Bifurcation
+    from dynkit.orbits import PeriodicOrbit
+
+# Where theta is nearer to 0 or pi the two equations of NS are one.
+_RESONANCE = 1e-3
+
+
+@final
+class BifurcationCurve:
+    """Bifurcations of one kind as two parameters change, made by `continue_curve`."""
+
+    def __init__(
+        self,
+        *,
+        problem: Problem,
+        kind: str,
+        names: tuple[str, str],
+        parameters: Array,
+        unknowns: Array,
+        own: Array,
+        admissible: NDArray[np.bool_],
+        residuals: Array,
+        endings: tuple[Ending, Ending],
+        cost: Cost,
+    ) -> None:
+        self._problem = problem
+        self._kind = kind
+        self._names = names
+        self._parameters = parameters
+        self._unknowns = unknowns
+        self._own = own
+        self._admissible = admissible
+        self._residuals = residuals
+        self._endings = endings
+        self._cost = cost
+        for array in (parameters, unknowns, own, admissible, residuals):
+            array.setflags(write=False)
+
+    @property
+    def kind(self) -> str:
+        """What they are: SN, PD, NS, BP, GR or CB."""
+        return self._kind
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Names of the two parameters."""
+        return self._names
+
+    @property
+    def parameters(self) -> Array:
+        """Values of the two parameters, (k, 2), read-only."""
+        return self._parameters
+
+    @property
+    def unknowns(self) -> Array:
+        """Solutions of the orbits' equations, (k, m), read-only."""
+        return self._unknowns
+
+    @property
+    def own(self) -> Array:
+        """Unknowns of the condition's own, (k, e), read-only: for NS the angle theta, (k, 1)."""
+        return self._own
+
+    @property
+    def admissible(self) -> NDArray[np.bool_]:
+        """Whether the orbits are motions of the system, (k,), read-only."""
+        return self._admissible
+
+    @property
+    def residuals(self) -> Array:
+        """Largest residual of each point's equations, (k,), read-only."""
+        return self._residuals
+
+    @property
+    def endings(self) -> tuple[Ending, Ending]:
+        """Why and where it ends: at the first point, and at the last."""
+        return self._endings
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is closed on itself; the last point is then the first again."""
+        return self._endings[0].reason is Reason.CLOSED
+
+    @property
+    def cost(self) -> Cost:
+        """What it cost."""
+        return self._cost
+
+    def __len__(self) -> int:
+        return len(self._parameters)
+
+    def __repr__(self) -> str:
+        ranges = ", ".join(
+            f"{name} from {column.min():.6g} to {column.max():.6g}"
+            for name, column in zip(self._names, self._parameters.T, strict=True)
+        )
+        closed = "closed, " if self.closed else ""
+        return f"<BifurcationCurve of {self._kind}: {closed}{len(self)} points, {ranges}>"
+
+    def orbit(self, place: int) -> PeriodicOrbit:
+        """Return the orbit of a point; negative places count from the end.
+
+        Raises
+        ------
+        ValueError
+            When there is no such point.
+        """
+        if not -len(self) <= place < len(self):
+            raise ValueError(f"place must lie in [{-len(self)}, {len(self) - 1}]; got {place}")
+        past = (float(self._residuals[place]),)
+        return self._problem.orbit(self._unknowns[place], self._parameters[place], past)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw it in the plane of its parameters, each kind with a line of its own."""
+        from dynkit.continuation.drawing import draw_curve
+
+        return draw_curve(self, ax)
+
+
+def continue_curve(
+    bifurcation: Bifurcation,
+    parameters: tuple[str, str],
+    *,
+    bounds: tuple[tuple[float, float], tuple[float, float]],
+    step: float = 0.01,
+    largest_step: float = 0.05,
+    points: int = 2000,
+) -> BifurcationCurve:
+    """Return the bifurcations of one kind that hang together with one, as two parameters change.
+
+    Parameters
+    ----------
+    bifurcation : Bifurcation
+        Where to start.
+    parameters : (str, str)
+        Names of the parameters that change.
+    bounds : ((float, float), (float, float))
+        Least and greatest value of each.
+    step, largest_step, points : float, float, int
+        As in `continue_orbit`.
+
+    Returns
+    -------
+    BifurcationCurve
+        Its points in the order in which the curve is run through.
+
+    Raises
+    ------
+    ValueError
+        When the system has no such parameters, bounds are reversed, the bifurcation lies outside of
+        them or was not solved for, or a number is out of range.
+    """
+    began = time.perf_counter()
+    asked: tuple[str, ...] = tuple(parameters)
+    if len(asked) != 2 or asked[0] == asked[1]:
+        raise ValueError(f"parameters must be two names; got {parameters!r}")
+    names = (asked[0], asked[1])
+    if np.ndim(bounds) == 0 or len(bounds) != 2:
+        raise ValueError(f"bounds must be two pairs of numbers; got {bounds!r}")
+    ranges = [checked_bounds(f"bounds[{i}]", bounds[i]) for i in range(2)]
+    problem = problem_of(bifurcation.orbit, names)
+    for name, value, (low, high) in zip(names, problem.values, ranges, strict=True):
+        in_interval(name, float(value), low, high)
+    steps = checked_steps(step, largest_step, points)
+    widths = np.array([high - low for low, high in ranges])
+    start, equations = _start(bifurcation, problem, widths)
+    m, e = problem.size, equations.condition.unknowns
+    limits = [
+        Bound(m + e + i, name, *interval)
+        for i, (name, interval) in enumerate(zip(names, ranges, strict=True))
+    ]
+    if bifurcation.kind == "NS":
+        limits.append(Bound(m, "theta", _RESONANCE, np.pi - _RESONANCE, Reason.RESONANCE))
+
+    def canonical(y: Array) -> Array:
+        return np.concatenate([problem.canonical(y[:m]), y[-2:] / widths])
+
+    def renewed(before: Point, after: Point) -> bool:  # noqa: ARG001
+        if isinstance(equations.condition, CriticalMultiplier):
+            x, own, p = equations.split(after.y)
+            equations.condition, _ = condition_of(bifurcation.kind, -1, problem, x, own, p)
+        return True
+
+    parts: list[list[Point]] = []
+    endings: list[Ending] = []
+    for sign in (1.0, -1.0):
+        ahead = Point(start.y, start.scale, sign * start.tangent, sign, start.residual, 0)
+        follower = Follower(equations, ahead, tuple(limits), steps, canonical, renewed)
+        renewed(ahead, ahead)
+        parts.append(list(follower))
+        assert follower.ending is not None
+        endings.append(follower.ending)
+        if follower.ending.reason is Reason.CLOSED:
+            parts.append([])
+            endings.append(follower.ending)
+            break
+    found = [*parts[1][:0:-1], *parts[0]]
+    split = [equations.split(point.y) for point in found]
+    return BifurcationCurve(
+        problem=problem,
+        kind=bifurcation.kind,
+        names=names,
+        parameters=np.array([p for _, _, p in split]),
+        unknowns=np.array([x for x, _, _ in split]),
+        own=np.array([own for _, own, _ in split]),
+        admissible=np.array([problem.admissible(x, p) for x, _, p in split]),
+        residuals=np.array([point.residual for point in found]),
+        endings=(endings[1], endings[0]),
+        cost=Cost(
+            time.perf_counter() - began,
+            {"points": len(found), "newton_steps": sum(point.iterations for point in found)},
+        ),
+    )
+
+
+def _start(
+    bifurcation: Bifurcation, problem: Problem, widths: Array
+) -> tuple[Point, BifurcationEquations]:
+    kind, x, p = bifurcation.kind, bifurcation.unknowns, problem.values
+    own = bifurcation.own
+    if kind == "NS":
+        # of the pair of angles the one between 0 and pi
+        own = np.arccos(np.cos(own))
+    condition, own = condition_of(kind, bifurcation.event, problem, x, own, p)
+    equations = BifurcationEquations(problem, condition, widths)
+    (start, *_) = start_points(equations, np.concatenate([x, own, p]))
+    found = correct(equations, start.y, start.scale, start.tangent)
+    if not found.converged:
+        raise ValueError(f"bifurcation must be solved for; got {found.outcome.value}")
+    start.y = found.y
+    return start, equations

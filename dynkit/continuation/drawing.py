@@ -1,0 +1,130 @@
+"""Figures of branches and of curves of bifurcations, black on white."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.sweeps.sweepable import sweepable
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.continuation.branch import Branch
+    from dynkit.continuation.curves import BifurcationCurve
+
+LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 2)), "inadmissible": (0, (1, 1.5))}
+"""How orbits are drawn."""
+
+_CURVES: dict[str, Any] = {
+    "SN": "-",
+    "PD": (0, (5, 2)),
+    "NS": (0, (5, 2, 1, 2)),
+    "GR": (0, (1, 1.5)),
+    "BP": (0, (5, 2, 1, 2, 1, 2)),
+    "CB": (0, (2, 3)),
+}
+_LINE: dict[str, Any] = {"color": "black", "linewidth": 0.9}
+_POINT: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 3.5,
+    "markerfacecolor": "white",
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.7,
+    "zorder": 3.0,
+}
+_TEXT: dict[str, Any] = {
+    "textcoords": "offset points",
+    "xytext": (3.0, 3.0),
+    "fontsize": "small",
+    "zorder": 4.0,
+}
+
+
+def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes:
+    """Draw a branch as `Branch.plot` says."""
+    name = observable or sweepable(branch.system).observables[0]
+    axes = _axes(ax)
+    values, parameter = branch.observable(name), branch.parameter
+    marked = [(b, b.orbit.observable(name)) for b in branch.bifurcations]
+    inserted = sorted((b.place, b.value, row) for b, row in marked)
+    for kind, runs in _runs(branch, parameter, values, inserted).items():
+        for column in range(values.shape[1]):
+            x = np.concatenate([np.append(run[0], np.nan) for run in runs])
+            y = np.concatenate([np.append(run[1][:, column], np.nan) for run in runs])
+            label = kind if column == 0 else "_"
+            axes.plot(x, y, linestyle=LINES[kind], label=label, **_LINE)
+    for bifurcation, row in marked:
+        axes.plot(np.full(len(row), bifurcation.value), row, label="_", **_POINT)
+        axes.annotate(bifurcation.kind, (bifurcation.value, float(row.max())), **_TEXT)
+    axes.set_xlabel(_written(branch.name))
+    axes.set_ylabel(_written(name))
+    return axes
+
+
+def _runs(
+    branch: Branch, parameter: Array, values: Array, inserted: Sequence[tuple[float, float, Array]]
+) -> dict[str, list[tuple[Array, Array]]]:
+    """Return the parts of a branch that are drawn alike; bifurcations end them and begin others."""
+    stop = len(parameter)
+    ends = [entry for entry in inserted if 0.0 <= entry[0] <= stop - 1]
+    runs: dict[str, list[tuple[Array, Array]]] = {}
+    place = 0
+    x: list[float] = []
+    y: list[Array] = []
+    kind = _kind(branch, 0)
+
+    def close() -> None:
+        if len(x) > 1:
+            runs.setdefault(kind, []).append((np.array(x), np.array(y)))
+
+    for i in range(stop):
+        while place < len(ends) and ends[place][0] <= i:
+            _, value, row = ends[place]
+            x.append(value)
+            y.append(row)
+            close()
+            x, y, kind = [value], [row], _kind(branch, i)
+            place += 1
+        if _kind(branch, i) != kind:
+            # no bifurcation was found in between: the change is drawn at the point before
+            close()
+            x, y, kind = x[-1:], y[-1:], _kind(branch, i)
+        x.append(float(parameter[i]))
+        y.append(values[i])
+    close()
+    return runs
+
+
+def _kind(branch: Branch, place: int) -> str:
+    if not branch.admissible[place]:
+        return "inadmissible"
+    return "stable" if branch.stable[place] else "unstable"
+
+
+def draw_curve(curve: BifurcationCurve, ax: Axes | None) -> Axes:
+    """Draw a curve of bifurcations as `BifurcationCurve.plot` says."""
+    axes = _axes(ax)
+    x, y = curve.parameters.T
+    axes.plot(x, y, linestyle=_CURVES[curve.kind], label=curve.kind, **_LINE)
+    middle = len(x) // 2
+    axes.annotate(curve.kind, (float(x[middle]), float(y[middle])), **_TEXT)
+    axes.set_xlabel(_written(curve.names[0]))
+    axes.set_ylabel(_written(curve.names[1]))
+    return axes
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot as plt
+
+    return plt.subplots(figsize=(3.4, 2.6), layout="constrained")[1]
+
+
+def _written(name: str) -> str:
+    return name.replace("_", " ")

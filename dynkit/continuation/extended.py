@@ -1,0 +1,232 @@
+"""Extended systems: an orbit together with what makes it a bifurcation."""
+
+# ruff: noqa: ARG002 (arguments that a default has no use for)
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.continuation.newton import ROUNDING, Equations
+from dynkit.continuation.problem import Condition, NoSolution, Problem
+from dynkit.validation import Array
+
+DIFFERENCE = 2.0 ** (-52.0 / 3.0)
+"""Step of central differences, in scaled unknowns: rounding and curvature are balanced there."""
+
+
+class CriticalMultiplier(Condition):
+    """A multiplier of the orbit has a given place on the unit circle: D(mu) is singular.
+
+    The number g of the bordered system [D b; c^H 0] [v; g] = [0; 1] is zero just there (W.
+    Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, section 3.3).
+    The borders b and c are null vectors nearby.
+    """
+
+    unknowns = 0
+
+    def __init__(self, problem: Problem, x: Array, own: Array, p: Array) -> None:
+        self._problem = problem
+        self._units = problem.scale(x)
+        matrix = self._scaled(x, p, self.multiplier(own))
+        left, _, right = np.linalg.svd(matrix)
+        # D = left sizes right: the last row is already the conjugate of a null vector
+        self._left, self._right = left[:, -1], right[-1]
+        self.rounding = 4.0 * ROUNDING * max(1.0, float(abs(matrix).max()))
+
+    @abstractmethod
+    def multiplier(self, own: Array) -> complex:
+        """Return the critical multiplier."""
+
+    def direction(self, x: Array, own: Array, p: Array) -> Any:
+        """Return the critical null vector, (m,), of unit length in scaled unknowns."""
+        matrix = self._bordered(x, own, p)
+        target = np.zeros(len(matrix))
+        target[-1] = 1.0
+        null = np.linalg.solve(matrix, target)[:-1]
+        return null / np.linalg.norm(null) * self._units
+
+    @property
+    def unfolding(self) -> Array | None:
+        """What is added to the orbit's equations, times the first of the own unknowns, (m,)."""
+        return None
+
+    def residual(self, x: Array, own: Array, p: Array) -> Array:
+        matrix = self._bordered(x, own, p)
+        target = np.zeros(len(matrix))
+        target[-1] = 1.0
+        return self._equations(np.linalg.solve(matrix, target)[-1])
+
+    def _equations(self, g: Any) -> Array:
+        return np.array([g.real])
+
+    def _bordered(self, x: Array, own: Array, p: Array) -> Any:
+        matrix = self._scaled(x, p, self.multiplier(own))
+        m = len(matrix)
+        bordered = np.zeros((m + 1, m + 1), dtype=matrix.dtype)
+        bordered[:m, :m] = matrix
+        bordered[:m, m] = self._left
+        bordered[m, :m] = self._right
+        return bordered
+
+    def _scaled(self, x: Array, p: Array, multiplier: complex) -> Any:
+        return self._problem.linearization(x, p, multiplier) * self._units
+
+
+@final
+class Fold(CriticalMultiplier):
+    """SN: a multiplier is 1, and the branch turns back."""
+
+    def multiplier(self, own: Array) -> complex:
+        return 1.0
+
+
+@final
+class PeriodDoubling(CriticalMultiplier):
+    """PD: a multiplier is -1."""
+
+    def multiplier(self, own: Array) -> complex:
+        return -1.0
+
+
+@final
+class NeimarkSacker(CriticalMultiplier):
+    """NS: a pair of multipliers is exp(±i theta); theta is an unknown."""
+
+    unknowns = 1
+
+    def multiplier(self, own: Array) -> complex:
+        return complex(np.exp(1j * own[0]))
+
+    def _equations(self, g: Any) -> Array:
+        return np.array([g.real, g.imag])
+
+
+@final
+class BranchPoint(CriticalMultiplier):
+    """BP: a multiplier is 1, and another branch crosses.
+
+    The derivative of F by all unknowns and the first parameter has a rank defect. That makes the
+    orbit's equations singular too, so they are unfolded by a number that comes out as zero.
+    """
+
+    unknowns = 1
+
+    def multiplier(self, own: Array) -> complex:
+        return 1.0
+
+    @property
+    def unfolding(self) -> Array:
+        return np.asarray(self._left)
+
+    def residual(self, x: Array, own: Array, p: Array) -> Array:
+        bordered = self._bordered(x, own, p)
+        target = np.zeros(len(bordered))
+        target[-1] = 1.0
+        *null, g = np.linalg.solve(bordered.T, target)
+        slope = self._problem.parameter_derivative(x, p)[:, 0]
+        return np.array([g, null @ slope])
+
+
+@final
+class BifurcationEquations(Equations):
+    """F(x, p) = 0 and a condition; the unknowns are (x, own ones, p).
+
+    There are as many equations as unknowns with one free parameter, one less with two.
+
+    Parameters
+    ----------
+    problem : Problem
+    condition : Condition
+    widths : (k,) array
+        What the free parameters are measured in.
+    """
+
+    def __init__(self, problem: Problem, condition: Condition, widths: Array) -> None:
+        self.problem = problem
+        self.condition = condition
+        self._widths = widths
+        self._m, self._k = problem.size, len(widths)
+
+    def split(self, y: Array) -> tuple[Array, Array, Array]:
+        """Return the orbit's unknowns, the condition's own and the parameters."""
+        q = len(y)
+        return y[: self._m], y[self._m : q - self._k], y[q - self._k :]
+
+    def residual(self, y: Array) -> Array:
+        x, own, p = self.split(y)
+        f = self.problem.residual(x, p)
+        unfolding = getattr(self.condition, "unfolding", None)
+        if unfolding is not None:
+            f = f + own[0] * unfolding
+        return np.concatenate([f, self._condition(y)])
+
+    def jacobian(self, y: Array) -> Array:
+        x, own, p = self.split(y)
+        m, q = self._m, len(y)
+        matrix = np.zeros((m + len(own) + 1, q))
+        matrix[:m, :m] = self.problem.linearization(x, p)
+        matrix[:m, q - self._k :] = self.problem.parameter_derivative(x, p)
+        unfolding = getattr(self.condition, "unfolding", None)
+        if unfolding is not None:
+            matrix[:m, m] = unfolding
+        steps = DIFFERENCE * self.scale(y)
+        for i, step in enumerate(steps):
+            ahead, behind = y.copy(), y.copy()
+            ahead[i] += step
+            behind[i] -= step
+            change = self._condition(ahead) - self._condition(behind)
+            matrix[m:, i] = change / (ahead[i] - behind[i])
+        return matrix
+
+    def scale(self, y: Array) -> Array:
+        x, own, _ = self.split(y)
+        sizes = np.maximum(1.0, abs(own))
+        return np.concatenate([self.problem.scale(x) * self._m**0.5, sizes, self._widths])
+
+    @property
+    def rounding(self) -> Array:
+        """How wrong each equation may be by rounding."""
+        wrong = np.full(self._m + self.condition.unknowns + 1, 4.0 * ROUNDING)
+        wrong[self._m :] = getattr(self.condition, "rounding", 4.0 * ROUNDING)
+        return wrong
+
+    def _condition(self, y: Array) -> Array:
+        try:
+            return self.condition.residual(*self.split(y))
+        except np.linalg.LinAlgError:
+            raise NoSolution("the bordered system is singular") from None
+
+
+_CRITICAL: dict[str, type[CriticalMultiplier]] = {
+    "SN": Fold,
+    "BP": BranchPoint,
+    "PD": PeriodDoubling,
+    "NS": NeimarkSacker,
+}
+
+
+def condition_of(
+    kind: str, event: int, problem: Problem, x: Array, own: Array, p: Array
+) -> tuple[Condition, Array]:
+    """Return what holds at a bifurcation, and a guess of its own unknowns, from an orbit nearby.
+
+    Parameters
+    ----------
+    kind : {"SN", "PD", "NS", "BP", "GR", "CB"}
+    event : int
+        Which of the problem's events, for GR and CB.
+    problem : Problem
+    x : (m,) array
+    own : (e,) array
+        For NS the angle, otherwise whatever is known, or nothing.
+    p : (k,) array
+    """
+    if kind not in _CRITICAL:
+        condition, guess = problem.condition(event, x, p)
+        return condition, (own if len(own) == condition.unknowns else guess)
+    if kind == "BP" and not len(own):
+        own = np.zeros(1)
+    return _CRITICAL[kind](problem, x, own, p), own

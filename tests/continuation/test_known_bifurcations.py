@@ -1,0 +1,104 @@
+"""Bifurcations whose place is known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.branch import Branch
+from dynkit.continuation.continuing import continue_orbit
+from tests.continuation.families import Logistic
+from tests.continuation.starts import delayed_logistic, flat, henon, iterated, logistic
+
+TEN_DIGITS = 1e-10
+
+
+def only(branch: Branch, kind: str) -> Bifurcation:
+    (found,) = (b for b in branch.bifurcations if b.kind == kind)
+    return found
+
+
+@pytest.fixture(scope="module")
+def quadratic() -> Branch:
+    return continue_orbit(logistic(), "r", bounds=(2.0, 4.0))
+
+
+@pytest.fixture(scope="module")
+def twofold(quadratic: Branch) -> Branch:
+    (orbit,) = only(quadratic, "PD").switch()
+    return continue_orbit(orbit, "r", bounds=(2.0, 4.0))
+
+
+# The logistic map: R. M. May, Simple mathematical models with very complicated dynamics, Nature 261
+# (1976) 459-467.
+
+
+def test_the_fixed_point_of_the_logistic_map_doubles_at_three(quadratic: Branch) -> None:
+    assert [b.kind for b in quadratic.bifurcations] == ["PD"]
+    assert abs(only(quadratic, "PD").value - 3.0) < TEN_DIGITS
+
+
+def test_its_orbit_of_period_two_doubles_at_one_plus_root_six(twofold: Branch) -> None:
+    assert abs(only(twofold, "PD").value - (1.0 + np.sqrt(6.0))) < TEN_DIGITS
+
+
+def test_a_doubled_branch_ends_where_it_left(twofold: Branch) -> None:
+    assert abs(only(twofold, "BP").value - 3.0) < TEN_DIGITS
+    assert twofold.endings[0].reason.name == "RETRACED"
+    assert twofold.label == "P(2)"
+
+
+def test_orbits_of_the_doubled_branch_are_the_known_ones(twofold: Branch) -> None:
+    r = twofold.parameter
+    half, sum_ = np.sqrt((r + 1.0) * np.maximum(r - 3.0, 0.0)) / (2.0 * r), (r + 1.0) / (2.0 * r)
+    exact = np.column_stack([sum_ - half, sum_ + half])
+    # beside 3 the coordinates are square roots of what the parameter is off by
+    away = r > 3.001
+    assert abs(np.sort(twofold.unknowns, axis=1) - exact)[away].max() < 1e-12
+
+
+def test_period_three_is_born_at_one_plus_root_eight() -> None:
+    branch = continue_orbit(iterated(Logistic(3.835), [0.5], 3), "r", bounds=(3.8, 3.9))
+    fold = only(branch, "SN")
+    assert abs(fold.value - (1.0 + np.sqrt(8.0))) < TEN_DIGITS
+    assert [str(ending) for ending in branch.endings] == ["the bound was reached: r 3.9"] * 2
+
+
+# Henon's map: its fixed points and multipliers are roots of quadratics.
+
+
+def test_fixed_points_of_henon_fold() -> None:
+    branch = continue_orbit(henon(), "a", bounds=(-0.2, 1.4), points=400)
+    assert abs(only(branch, "SN").value - -((1.0 - 0.3) ** 2) / 4.0) < TEN_DIGITS
+
+
+def test_the_fixed_point_of_henon_doubles() -> None:
+    branch = continue_orbit(henon(), "a", bounds=(-0.1, 1.4), points=400)
+    assert abs(only(branch, "PD").value - 3.0 * (1.0 - 0.3) ** 2 / 4.0) < TEN_DIGITS
+
+
+# The delayed logistic map: J. M. Maynard Smith, Mathematical Ideas in Biology, Cambridge 1968; its
+# multipliers solve mu^2 - mu + r - 1 = 0.
+
+
+def test_the_delayed_logistic_map_has_its_torus_at_two() -> None:
+    branch = continue_orbit(delayed_logistic(), "r", bounds=(1.5, 2.5))
+    torus = only(branch, "NS")
+    assert abs(torus.value - 2.0) < TEN_DIGITS
+    assert torus.multiplier is not None
+    assert abs(torus.multiplier - np.exp(1j * np.pi / 3.0)) < TEN_DIGITS
+
+
+@pytest.mark.parametrize("shape", ["pitchfork", "transcritical"])
+def test_crossing_branches_meet_at_a_branch_point(shape: str) -> None:
+    branch = continue_orbit(flat(shape, 0.0, 0.3), "p", bounds=(-1.0, 1.0))
+    (point,) = branch.bifurcations
+    assert point.kind == "BP"
+    assert abs(point.value) < TEN_DIGITS
+
+
+def test_the_cusp_family_has_two_folds() -> None:
+    branch = continue_orbit(flat("cusp", 0.0, 0.0, 1.0), "p", bounds=(-1.5, 1.5))
+    folds = [b.value for b in branch.bifurcations if b.kind == "SN"]
+    assert np.allclose(sorted(folds), np.array([-1.0, 1.0]) * np.sqrt(4.0 / 27.0), atol=TEN_DIGITS)
