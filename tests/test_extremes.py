@@ -145,8 +145,12 @@ def test_an_error_above_the_claimed_one_is_wrong() -> None:
     ("arguments", "message"),
     [
         (["--only", "sizes"], "only must hold groups among restitution, .*; got 'sizes'"),
+        (["--only", "size,,time"], "only must hold groups among restitution, .*; got ''"),
+        (["--only", ""], "only must hold groups among restitution, .*; got ''"),
         (["--out", "table.txt"], "out must end in .md; got 'table.txt'"),
+        (["--out", ""], "out must end in .md; got ''"),
         (["--out", "missing/table.md"], "out must be writable; got 'missing/table.md' .*"),
+        (["size"], "there is no argument size"),
     ],
 )
 def test_bad_input_is_refused_on_one_line(
@@ -178,3 +182,23 @@ def test_nothing_is_simulated_before_the_arguments_are_right() -> None:
     with pytest.raises(ValueError, match="out must end in"):
         extremes("table.txt", log=log)
     assert not log.getvalue()
+
+
+# --- what the README says -------------------------------------------------------------------------
+
+
+def section() -> str:
+    """The README's section about extreme cases."""
+    text = (Path(__file__).parents[1] / "README.md").read_text()
+    return text.split("## Extreme cases\n")[1].split("\n## ")[0]
+
+
+def test_the_readme_counts_the_cases() -> None:
+    impacts = sum(len(case.values) for case in CASES.values())
+    assert f"{len(CASES)} cases, {impacts} impacts" in section()
+
+
+def test_the_readme_names_cases_of_every_group() -> None:
+    rows = re.findall(r"^\| (.*?) \|", section(), flags=re.MULTILINE)
+    named = [CASES[row] for row in rows if row not in ("case", "---")]
+    assert {case.group for case in named} == set(GROUPS)

@@ -36,8 +36,9 @@ def extremes() -> Iterator[Extreme]:
     for group, cases in _chains().items():
         for name, case in cases:
             yield _of_chain(group, name, case)
-    yield from _forced()
-    yield from _merging()
+        if group == "resonance":
+            yield from _forced()
+            yield from _merging()
     yield from _long_times()
 
 

@@ -15,7 +15,8 @@ _ABOUT = """\
 Largest is the largest section coordinate of the impacts that are compared: their size. True errors
 are those of their section coordinates and times against 30 digits from 50-digit arithmetic, claimed
 ones those of `record.error`; both are absolute. The ratio of the two, the largest of any impact,
-must not exceed 1. Times are those of the simulation without compilation.
+must not exceed 1. Times per impact are without compilation; in a run of few impacts most of it is
+the start of the run.
 """
 
 
