@@ -77,6 +77,15 @@ class Flight:
         k = int(np.argmin(values))
         return float(values[k]), float(at[k])
 
+    @property
+    def _rounding(self) -> float:
+        return 64.0 * 2.0**-52 * float(self._sizes[0].sum() + abs(self.solution.terms.drive))
+
+    @property
+    def surely_closed(self) -> bool:
+        """Whether the gap is negative somewhere between the impacts, by more than rounding."""
+        return min(self.smallest[0], float(self._nodes[1][0, 1:-1].min())) < -self._rounding
+
     @cached_property
     def surely_open(self) -> bool:
         """Whether the gap is proved to be positive between the impacts.
@@ -91,7 +100,7 @@ class Flight:
         caps = 2.0 * sizes[0] + 0.4 * h * sizes[1] + 0.05 * h * h * sizes[2]
         error = float(np.minimum(sizes[3] * h**6 / 46080.0, caps).sum())
         error += self._turning * h**6 / 46080.0
-        error += 64.0 * 2.0**-52 * float(sizes[0].sum() + abs(self.solution.terms.drive))
+        error += self._rounding
         left = np.stack([gap, gap + 0.2 * h * rate, gap + h * (0.4 * rate + 0.05 * h * bend)])
         right = np.stack([gap, gap - 0.2 * h * rate, gap - h * (0.4 * rate - 0.05 * h * bend)])
         left, right = left[:, :-1], right[:, 1:]

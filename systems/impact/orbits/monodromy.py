@@ -6,18 +6,50 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.multipliers import product_eigenvalues
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.responses import Transitions
     from dynkit.systems.impact.orbits.solution import Solution
 
+LARGE = 50
+"""From so many coordinates on, the multipliers are found without a matrix of all of them."""
 
-def passages(solution: Solution) -> list[Array]:
-    """Derivatives (2N, 2N) of the free state just after each impact by that after the one before.
+FEW = 4
+"""Only for orbits of at most so many impacts, whose jumps are of low rank together."""
 
-    The first is from impact 0 to impact 1. An impact with normal b, rows c and c' of place and
-    velocity of the contact coordinate, impulse J, rate g' and acceleration g'' of the gap before
-    it takes a disturbance times I - (1 + r) b c' + ((1 + r) g'' b + J A b) c / g'.
+_STEPS, _TOLERANCE, _AGREEMENT = 100, 1e-14, 1e-9
+
+
+def multipliers(solution: Solution) -> Any:
+    """Floquet multipliers (2N,), complex, the largest modulus first."""
+    if not solution.impulses.all():
+        # An impact that only grazes stretches without bound.
+        found = np.zeros(2 * len(solution.motion.regime.layout.modes), dtype=complex)
+        found[0] = np.inf
+        return found
+    flights, jumps = _passages(solution)
+    if len(jumps) <= FEW and len(flights.alone) >= LARGE and not len(flights.linked):
+        roots = _secular(flights, jumps)
+        if roots is not None:
+            return roots[np.lexsort((-roots.imag, -abs(roots)))]
+    slots = solution.motion.regime.layout.modes
+    matrices = flights.matrices(slots)
+    for matrix, (left, right) in zip(matrices, jumps, strict=True):
+        flat = left[:, slots].reshape(-1, 2), right[:, slots].reshape(-1, 2)
+        matrix += flat[0] @ (flat[1].T @ matrix)
+    return product_eigenvalues(matrices)
+
+
+def _passages(solution: Solution) -> tuple[Transitions, list[tuple[Array, Array]]]:
+    """Flights after each impact in turn, and what the next impact makes of their ends.
+
+    An impact takes a disturbance of the free state times 1 + U V', both (2, slots, 2): with the
+    kick b, the rows c and c' of place and velocity of the contact coordinate, the impulse J and the
+    rate g' and acceleration g'' of the gap before it,
+
+        1 - (1 + r) b c' + ((1 + r) g'' b + J A b) c / g'.
 
     References
     ----------
@@ -25,38 +57,74 @@ def passages(solution: Solution) -> list[Array]:
     Chaos, Solitons & Fractals 5 (1995) 1671-1681 (saltation matrices).
     """
     motion, t = solution.motion, solution.terms
-    n, slots = len(solution.sides), motion.regime.layout.modes
     r = t.restitution
-    place, speed, bend = motion.rows[:3].reshape(3, 2, -1)[:, :, slots].reshape(3, -1)
-    kick = motion.kick[:, slots].ravel()
-    pushed = motion.rate(motion.kick)[:, slots].ravel()
+    place, speed, bend = motion.rows[:3].reshape(3, 2, -1)
+    kick, pushed = motion.kick, motion.rate(motion.kick)
     order = np.argsort(solution.phases)
-    times = np.diff(solution.phases[order], append=solution.phases[order[0]] + solution.turn)
-    flights = motion.transitions(times / t.frequency)
-    matrices = flights.matrices(slots)
-    before = solution.gaps(2) - solution.impulses * (bend @ kick)
-    out = []
-    for k in range(n):
-        i = order[(k + 1) % n]
-        impulse = solution.impulses[i]
+    flights = motion.transitions(solution.lasts[order])
+    before = solution.gaps(2) - solution.impulses * float((bend * kick).sum())
+    jumps = []
+    for i in np.roll(order, -1).tolist():
+        impulse = float(solution.impulses[i])
         rate = -impulse / (1.0 + r)
-        jump = np.outer((1.0 + r) * before[i] * kick + impulse * pushed, place) / rate
-        jump -= (1.0 + r) * np.outer(kick, speed)
-        out.append(matrices[k] + jump @ matrices[k])
-    return out
+        left = np.stack([kick, pushed], axis=-1)
+        shift = (1.0 + r) * before[i] / rate * place - (1.0 + r) * speed
+        jumps.append((left, np.stack([shift, impulse / rate * place], axis=-1)))
+    return flights, jumps
 
 
-def multipliers(solution: Solution) -> Any:
-    """Floquet multipliers (2N,), complex, the largest modulus first."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        matrices = passages(solution)
-    if not all(np.isfinite(matrix).all() for matrix in matrices):
-        # An impact that only grazes stretches without bound.
-        found = np.full(len(matrices[0]), 0.0, dtype=complex)
-        found[0] = np.inf
-        return found
-    product = matrices[0]
-    for matrix in matrices[1:]:
-        product = matrix @ product
-    found = np.linalg.eigvals(product).astype(complex)
-    return found[np.lexsort((-found.imag, -abs(found)))]
+def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | None:
+    """Eigenvalues of the product as roots of its secular equation; None where that fails.
+
+    The product is D + U V' with D of 2 by 2 blocks and U, V of rank 2n. The sum of the roots is
+    compared with the trace.
+    """
+    from dynkit.systems.impact.orbits.secular_kernels import simultaneous_roots
+
+    count = len(flights.alone)
+    blocks = np.broadcast_to(np.eye(2)[..., None], (2, 2, count))
+    left, right = np.empty((2, count, 0)), np.empty((2, count, 0))
+    for flight, (u, v) in zip(flights.own, jumps, strict=True):
+        u, v = u[:, flights.alone], v[:, flights.alone]
+        # (1 + u v') F (D + U V')
+        blocks = np.einsum("ijs,jks->iks", flight, blocks)
+        left = np.einsum("ijs,jsr->isr", flight, left)
+        crossed = np.einsum("isq,isr->qr", left, v)
+        added = np.einsum("ijs,isr->jsr", blocks, v) + np.einsum("isq,qr->isr", right, crossed)
+        left = np.concatenate([left, u], axis=2)
+        right = np.concatenate([right, added], axis=2)
+    rank = left.shape[2]
+    roots = _guesses(blocks)
+    size = float(abs(roots).max())
+    work = np.empty((2, rank, rank), dtype=complex)
+    moving = np.ones(2 * count)
+    missing = simultaneous_roots(
+        np.ascontiguousarray(blocks),
+        np.ascontiguousarray(left),
+        np.ascontiguousarray(right),
+        roots,
+        moving,
+        _STEPS,
+        _TOLERANCE,
+        1e-3 * _TOLERANCE * size,
+        work,
+    )
+    if missing or not np.isfinite(roots).all():
+        return None
+    trace = float((blocks[0, 0] + blocks[1, 1]).sum() + (left * right).sum())
+    sizes = abs(roots).sum()
+    if abs(roots.sum() - trace) > _AGREEMENT * sizes:
+        return None
+    roots.imag[abs(roots.imag) <= 1e-10 * abs(roots)] = 0.0
+    return roots
+
+
+def _guesses(blocks: Array) -> Any:
+    """Eigenvalues of the blocks (2, 2, n), moved a little apart."""
+    half = 0.5 * (blocks[0, 0] + blocks[1, 1])
+    determinant = blocks[0, 0] * blocks[1, 1] - blocks[0, 1] * blocks[1, 0]
+    root = np.sqrt(half * half - determinant + 0j)
+    guesses = np.concatenate([half + root, half - root])
+    random = np.random.default_rng(0)
+    shift = random.normal(size=guesses.size) + 1j * random.normal(size=guesses.size)
+    return guesses + 1e-3 * shift * (abs(guesses) + 1e-9 * abs(guesses).max())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -252,24 +252,41 @@ class ImpactProblem(Problem):
             return False
         return flights_are_open(partial(self.system, p), self.at(x, p))
 
-    def neighbour(self, event: int, x: Array, own: Array) -> tuple[ImpactProblem, Array] | None:
-        """The problem with one impact more or fewer, of which the same motion is a solution.
+    def touching(self, event: int, x: Array, own: Array, p: Array) -> Mapping[str, float]:
+        """Return where the gap touches: phase in [0, 2 pi), time from the first impact, side."""
+        s = self.at(x, p)
+        n, stops = len(self.sides), len(s.terms.signs)
+        if event < n:
+            at, side = float(s.phases[event]), int(self.sides[event])
+        elif event < n + n * stops:
+            at, side = float(own[0]), (event - n) % stops
+        else:
+            at, side = (
+                float(s.phases[event - n - n * stops]),
+                int(self.sides[event - n - n * stops]),
+            )
+        since = (at - float(s.phases[0])) % s.turn / s.terms.frequency
+        return {"phase": at % TWO_PI, "time": since, "side": float(side)}
+
+    def neighbours(self, event: int, x: Array, p: Array) -> list[tuple[Problem, Array, Array]]:
+        """Return the same motion as an orbit of one impact more or fewer.
 
         Where the gap touches, an impulse of zero is added; where an impulse vanishes it is left
-        out. None where there is no such neighbour.
+        out. Both are solutions, to rounding.
         """
-        n, stops = len(self.sides), len(self._base.signs)
+        s = self.at(x, p)
+        n, stops = len(self.sides), len(s.terms.signs)
         phases, impulses, sides = x[:n], x[n:], self.sides
-        if event < n:
-            if n == 1:
-                return None
+        if event < n and n > 1:
             phases, impulses = np.delete(phases, event), np.delete(impulses, event)
             sides = np.delete(sides, event)
-        elif event < n + n * stops:
-            phases, impulses = np.append(phases, own), np.append(impulses, 0.0)
-            sides = np.append(sides, (event - n) % stops)
+        elif n <= event < n + n * stops:
+            flight = s.flights[event - n]
+            phase = phases[flight.start] + s.terms.frequency * flight.smallest[1]
+            phases, impulses = np.append(phases, phase), np.append(impulses, 0.0)
+            sides = np.append(sides, flight.side)
         else:
-            return None
+            return []
         order = np.argsort(phases)
         problem = type(self)(self.oscillator, self._names, self.periods, sides[order], self.speed)
-        return problem, np.concatenate([phases[order], impulses[order]])
+        return [(problem, np.concatenate([phases[order], impulses[order]]), p)]
