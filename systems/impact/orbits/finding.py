@@ -191,5 +191,5 @@ def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactO
     """
     clock = record.system.frequency * (record.time - record.time[0])
     phases = record.phase[0] + clock[:impacts]
-    sides = np.signbit(record.relative_velocity[:impacts])
+    sides = np.signbit(record.relative_velocity[:impacts]).astype(np.intp)
     return orbit_at(record.system, periods, phases, sides)
