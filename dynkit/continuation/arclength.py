@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
-from dynkit.continuation.newton import Equations, Outcome, bordered_tangent, correct
+from dynkit.continuation.newton import (
+    Correction,
+    Direction,
+    Equations,
+    Outcome,
+    bordered_direction,
+    correct,
+)
 from dynkit.continuation.problem import NoSolution
 from dynkit.validation import Array
 
@@ -18,6 +25,9 @@ if TYPE_CHECKING:
 
 # What a step aims at: so many Newton steps, and so many radians between tangents.
 _NEWTON_STEPS, _ANGLE, _LARGEST_ANGLE = 3.0, 0.15, 0.5
+# A last Newton step so short, scaled, leaves the tangent as it is; how far a cubic is prolonged, in
+# units of the last step.
+_SHORT, _FURTHEST = 1e-8, 2.0
 # Where a residual stops falling it is rounding, and need not be pushed lower from there on.
 _LEAST_LEVEL, _LARGEST_LEVEL = 16.0 * 2.0**-52, 1e-12
 # Distance, in scaled unknowns, within which two orbits are one.
@@ -159,12 +169,13 @@ class Follower:
         point = self.start
         home = self.canonical(point.y)
         place = home
+        before = None
         yield point
         if self._starts_outwards(point):
             return
         step = min(self.steps.first, self.steps.largest)
         for count in range(1, self.steps.points):
-            found = self._advance(point, step)
+            found = self._advance(before, point, step)
             if found is None:
                 return
             after, taken = found
@@ -180,7 +191,7 @@ class Follower:
             if self.ending is not None:
                 return
             step = self._next_step(point, after, taken)
-            point = after
+            before, point = point, after
         limit = f"{Reason.LIMIT.value}: {self.steps.points}, at {self._place(point)}"
         self.ending = Ending(Reason.LIMIT, limit)
 
@@ -199,10 +210,12 @@ class Follower:
         value = point.y[bound.unknown]
         self.ending = Ending(bound.reason, f"{bound.reason.value}: {bound.name} {value:.6g}")
 
-    def _advance(self, point: Point, step: float) -> tuple[Point, float] | None:
+    def _advance(
+        self, before: Point | None, point: Point, step: float
+    ) -> tuple[Point, float] | None:
         """Return the next point and the step taken."""
         while step > self.steps.smallest:
-            after, reached = self.at(point, step), None
+            after, reached = self.at(point, step, before), None
             if after is not None and (bound := self._left(after)) is not None:
                 after, reached = self._land(point, after, bound)
             if after is not None:
@@ -216,9 +229,17 @@ class Follower:
         self.ending = Ending(reason, f"{reason.value}: at {self._place(point)}, {self._failure}")
         return None
 
-    def at(self, point: Point, step: float) -> Point | None:
-        """Return the point a step along the tangent further on; None where there is none."""
+    def at(self, point: Point, step: float, before: Point | None = None) -> Point | None:
+        """Return the point a step along the tangent further on; None where there is none.
+
+        The guess is better with the point before.
+        """
         guess = point.y + step * point.tangent * point.scale
+        if before is not None:
+            way = (point.y - before.y) / point.scale
+            part = step / max(float(np.sqrt(way @ way)), 1e-300)
+            if part <= _FURTHEST:
+                guess = interpolated(before, point, 1.0 + part)
         found = self.corrected(guess, point, point.tangent)
         if found is None:
             return None
@@ -243,17 +264,27 @@ class Follower:
         ratio = wanted / scale
         if ratio.max() > 2.0 or ratio.min() < 0.5:
             scale = wanted
+        direction = self._direction(solution, near, row, scale)
+        if direction is None:
+            return None
+        steps = len(solution.history) - 1
+        return Point(solution.y, scale, *direction, residual, steps)
+
+    def _direction(
+        self, solution: Correction, near: Point, row: Array, scale: Array
+    ) -> Direction | None:
+        # after a last step so short the derivative before it serves
+        if row is near.tangent and scale is near.scale and solution.moved < _SHORT:
+            return solution.direction
         try:
             jacobian = self.equations.jacobian(solution.y)
         except NoSolution as refusal:
             self._failure, self._refused = str(refusal), True
             return None
-        direction = bordered_tangent(jacobian, scale, _rescaled(near, scale))
+        direction = bordered_direction(jacobian, scale, _rescaled(near, scale))
         if direction is None:
             self._failure, self._refused = "the curve has no direction there", False
-            return None
-        tangent, turn = direction
-        return Point(solution.y, scale, tangent, turn, residual, len(solution.history) - 1)
+        return direction
 
     def _left(self, point: Point) -> Bound | None:
         for bound in self.bounds:

@@ -25,6 +25,12 @@ _OUTSIDE = 1.0 + 1e-9
 # Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart.
 _SHORTEST = 1e-4
 _HALVINGS = 45
+# A torus with multipliers so nearly real is none; what unfolds a branch point is zero but for
+# rounding.
+_FLAT, _UNFOLDED = 1e-3, 1e-9
+# What was not solved for counts when a multiplier is so near.
+_NEAR = 0.01
+_CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
 
 
 class Crossing(NamedTuple):
@@ -53,8 +59,8 @@ def examine(problem: Problem, point: Point) -> Seen:
     x, p = point.y[:-1], point.y[-1:]
     multipliers = np.asarray(problem.multipliers(x, p))
     events = problem.events(x, p)
-    real = _real(multipliers)
-    flip = bool(np.count_nonzero(multipliers[real].real < -1.0) % 2)
+    # not from the multipliers, which may change their sign through infinity
+    flip = bool(np.linalg.slogdet(problem.linearization(x, p, -1.0))[0] < 0.0)
     outside = int(np.count_nonzero(abs(multipliers) > _OUTSIDE))
     values = tuple(event.value for event in events)
     kinds = tuple(event.kind for event in events)
@@ -141,14 +147,13 @@ def locate(
     narrow as rounding allows, but for NS.
     """
     began = time.perf_counter()
-    width = float(before.scale[-1])
     steps = 0
     for halving in range(_HALVINGS):
         if halving < 8 or halving % 8 == 0:
-            found = _solved(problem, before, after, crossing, width)
+            found = _solved(problem, before, after, crossing)
             if found is not None:
                 seconds = time.perf_counter() - began
-                return found._replace(seconds=seconds, steps=steps + found.steps)
+                return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
         way = (after.y - before.y) / before.scale
         middle = follower.at(before, 0.5 * float(np.sqrt(way @ way)))
         if middle is None:
@@ -159,20 +164,25 @@ def locate(
             after = middle
         else:
             before = middle
-    if crossing.kind == "NS":
+    critical = _CRITICAL.get(crossing.kind)
+    if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
         return None
     error = abs(float(after.y[-1] - before.y[-1])) + 1e-15
-    none = np.empty(0)
-    x, p = after.y[:-1].copy(), after.y[-1:].copy()
-    seconds = time.perf_counter() - began
-    critical = {"SN": 1.0, "BP": 1.0, "PD": -1.0}.get(crossing.kind)
-    history = (after.residual,)
-    return Located(crossing, x, none, p, error, critical, none, history, seconds, steps)
+    return Located(
+        crossing,
+        x=after.y[:-1],
+        own=np.empty(0),
+        p=after.y[-1:],
+        error=error,
+        multiplier=critical,
+        direction=np.empty(0),
+        history=(after.residual,),
+        seconds=time.perf_counter() - began,
+        steps=steps,
+    )
 
 
-def _solved(
-    problem: Problem, before: Point, after: Point, crossing: Crossing, width: float
-) -> Located | None:
+def _solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
     kind, event = crossing
     guess = interpolated(before, after, _part(before, after, crossing))
     own = np.empty(0)
@@ -180,35 +190,26 @@ def _solved(
         own = _angle(before if before.seen.outside > after.seen.outside else after)
     try:
         condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:])
+        equations = BifurcationEquations(problem, condition, before.scale[-1:])
+        y = np.concatenate([guess[:-1], own, guess[-1:]])
+        found = correct(equations, y, equations.scale(y), steps=15)
+        if not found.converged or not _within(before, after, found.y, problem.size):
+            return None
+        scale, jacobian = equations.scale(found.y), equations.jacobian(found.y)
+        residual = equations.residual(found.y)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    equations = BifurcationEquations(problem, condition, np.array([width]))
-    y = np.concatenate([guess[:-1], own, guess[-1:]])
-    found = correct(equations, y, equations.scale(y), steps=15)
-    if not found.converged or not _within(before, after, found.y, problem.size):
-        return None
+    bound = error_bound(jacobian, residual, scale, None, equations.rounding)
     x, own, p = equations.split(found.y)
-    if kind == "NS" and not 1e-3 < own[0] % (2.0 * np.pi) < 2.0 * np.pi - 1e-3:
+    if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
         return None
-    try:
-        bound = error_bound(
-            equations.jacobian(found.y),
-            equations.residual(found.y),
-            equations.scale(found.y),
-            None,
-            equations.rounding,
-        )
-    except NoSolution:
-        return None
-    if kind == "BP" and abs(own[0]) > 1e-9:
+    if kind == "BP" and abs(own[0]) > _UNFOLDED:
         return None
     multiplier, direction = None, np.empty(0)
     if isinstance(condition, CriticalMultiplier):
         multiplier, direction = condition.multiplier(own), condition.direction(x, own, p)
-    steps = len(found.history) - 1
-    return Located(
-        crossing, x, own, p, float(bound[-1]), multiplier, direction, found.history, 0.0, steps
-    )
+    error = float(bound[-1])
+    return Located(crossing, x, own, p, error, multiplier, direction, found.history, 0.0, 0)
 
 
 def _part(before: Point, after: Point, crossing: Crossing) -> float:

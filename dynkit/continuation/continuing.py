@@ -20,7 +20,7 @@ from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.problem import Problem
 from dynkit.continuation.starting import start_points
-from dynkit.continuation.tracing import Trace, trace
+from dynkit.continuation.tracing import Trace, is_of_symmetry, trace
 from dynkit.results import Cost
 from dynkit.validation import Array, in_interval
 
@@ -109,11 +109,14 @@ def _joined(
     orbit: PeriodicOrbit, problem: Problem, parameter: str, traces: list[Trace], seconds: float
 ) -> Branch:
     forward = traces[0]
-    backward = traces[1] if len(traces) > 1 else Trace(forward.points[:1], [], forward.ending)
+    backward = traces[1] if len(traces) > 1 else Trace(forward.points[:1], ending=forward.ending)
     points = [*backward.points[:0:-1], *forward.points]
     first = len(backward.points) - 1
     places = [(first - place, found, -way) for place, found, way in reversed(backward.located)]
     places += [(first + place, found, way) for place, found, way in forward.located]
+    centres = backward.centres + forward.centres
+    scale = points[first].scale
+    places = [entry for entry in places if not is_of_symmetry(entry[1], centres, scale)]
     endings: list[Ending] = []
     for part in (backward, forward):
         assert part.ending is not None

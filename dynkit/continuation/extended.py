@@ -34,7 +34,7 @@ class CriticalMultiplier(Condition):
         left, _, right = np.linalg.svd(matrix)
         # D = left sizes right: the last row is already the conjugate of a null vector
         self._left, self._right = left[:, -1], right[-1]
-        self.rounding = 4.0 * ROUNDING * max(1.0, float(abs(matrix).max()))
+        self.rounding = 16.0 * ROUNDING * max(1.0, float(abs(matrix).max()))
 
     @abstractmethod
     def multiplier(self, own: Array) -> complex:
@@ -189,8 +189,8 @@ class BifurcationEquations(Equations):
     @property
     def rounding(self) -> Array:
         """How wrong each equation may be by rounding."""
-        wrong = np.full(self._m + self.condition.unknowns + 1, 4.0 * ROUNDING)
-        wrong[self._m :] = getattr(self.condition, "rounding", 4.0 * ROUNDING)
+        wrong = np.full(self._m + self.condition.unknowns + 1, 16.0 * ROUNDING)
+        wrong[self._m :] = getattr(self.condition, "rounding", 16.0 * ROUNDING)
         return wrong
 
     def _condition(self, y: Array) -> Array:

@@ -34,6 +34,17 @@ class Outcome(Enum):
     UNDEFINED = "the equations are not defined there"
 
 
+@final
+class Direction(NamedTuple):
+    """Where a curve goes: `tangent`, of unit length in scaled unknowns, along a given row.
+
+    `turn` is the sign of the determinant of the derivative with the tangent as last row.
+    """
+
+    tangent: Array
+    turn: float
+
+
 class Equations(ABC):
     """Equations R(y) = 0; the unknowns are scaled by `scale`."""
 
@@ -52,11 +63,16 @@ class Equations(ABC):
 
 @final
 class Correction(NamedTuple):
-    """What Newton's method found: unknowns, outcome, and largest residuals step by step."""
+    """What Newton's method found: unknowns, outcome, and largest residuals step by step.
+
+    `direction` is the `Direction` at the last place but one, `moved` the scaled step from there.
+    """
 
     y: Array
     outcome: Outcome
     history: tuple[float, ...]
+    direction: Direction | None = None
+    moved: float = np.inf
     message: str = ""
 
     @property
@@ -95,46 +111,70 @@ def correct(
         How many steps at most, and how often one of them is halved.
     """
     history: list[float] = []
+    direction, moved = None, np.inf
+
+    def ended(outcome: Outcome, message: str = "") -> Correction:
+        return Correction(y, outcome, tuple(history), direction, moved, message)
+
     try:
         f = equations.residual(y)
         size = float(abs(f).max())
         history.append(size)
         for _ in range(steps):
             if size <= level:
-                return Correction(y, Outcome.CONVERGED, tuple(history))
+                return ended(Outcome.CONVERGED)
             if not size < np.inf:
-                return Correction(y, Outcome.UNDEFINED, tuple(history))
-            step = _newton_step(equations.jacobian(y), f, scale, row)
+                return ended(Outcome.UNDEFINED)
+            step, direction = _newton_step(equations.jacobian(y), f, scale, row)
             if step is None:
-                return Correction(y, Outcome.SINGULAR, tuple(history))
-            trial, f_trial, size_trial = _damped(equations, y, step, size, halvings)
+                return ended(Outcome.SINGULAR)
+            trial, f_trial, size_trial = _damped(equations, y, step * scale, size, halvings)
             if not size_trial < size:
-                near = size <= _ACCEPTABLE
-                outcome = Outcome.CONVERGED if near else Outcome.STALLED
-                return Correction(y, outcome, tuple(history))
+                moved = 0.0
+                return ended(Outcome.CONVERGED if size <= _ACCEPTABLE else Outcome.STALLED)
             slow = size_trial > 0.5 * size
+            moved = float(np.sqrt(step @ step))
             y, f, size = trial, f_trial, size_trial
             history.append(size)
             if slow and size <= _ACCEPTABLE:
-                return Correction(y, Outcome.CONVERGED, tuple(history))
+                return ended(Outcome.CONVERGED)
     except NoSolution as refusal:
-        return Correction(y, Outcome.UNDEFINED, tuple(history), str(refusal))
-    outcome = Outcome.CONVERGED if size <= _ACCEPTABLE else Outcome.LIMIT
-    return Correction(y, outcome, tuple(history))
+        return ended(Outcome.UNDEFINED, str(refusal))
+    return ended(Outcome.CONVERGED if size <= _ACCEPTABLE else Outcome.LIMIT)
 
 
-def _newton_step(jacobian: Array, f: Array, scale: Array, row: Array | None) -> Array | None:
+def _newton_step(
+    jacobian: Array, f: Array, scale: Array, row: Array | None
+) -> tuple[Array | None, Direction | None]:
+    """Return the step in scaled unknowns and, with a row, the direction along it."""
+    if row is None:
+        try:
+            step = np.asarray(np.linalg.solve(jacobian * scale, -f))
+        except np.linalg.LinAlgError:
+            return None, None
+        return (step, None) if np.isfinite(step).all() else (None, None)
+    solved = _bordered(jacobian, f, scale, row)
+    return (None, None) if solved is None else solved
+
+
+def _bordered(
+    jacobian: Array, f: Array | float, scale: Array, row: Array
+) -> tuple[Array, Direction] | None:
     n, q = jacobian.shape
     matrix = np.empty((q, q), order="F")
     np.multiply(jacobian, scale, out=matrix[:n])
-    target = np.zeros(q)
-    np.negative(f, out=target[:n])
-    if row is not None:
-        matrix[n] = row
-    _, _, step, info = dgesv(matrix, target, overwrite_a=True, overwrite_b=True)
-    if info != 0 or not np.isfinite(step).all():
+    matrix[n] = row
+    targets = np.zeros((q, 2), order="F")
+    targets[:n, 0] = -f
+    targets[n, 1] = 1.0
+    factors, pivots, solved, info = dgesv(matrix, targets, overwrite_a=True, overwrite_b=True)
+    if info != 0 or not np.isfinite(solved).all():
         return None
-    return np.asarray(step * scale)
+    vector = solved[:, 1]
+    exchanges = np.count_nonzero(pivots != np.arange(q))
+    negative = np.count_nonzero(factors.diagonal() < 0.0)
+    turn = -1.0 if (exchanges + negative) % 2 else 1.0
+    return solved[:, 0], Direction(vector / np.sqrt(vector @ vector), turn)
 
 
 def _damped(
@@ -158,38 +198,17 @@ def _damped(
     return trial, f, size_trial
 
 
-def bordered_tangent(jacobian: Array, scale: Array, row: Array) -> tuple[Array, float] | None:
-    """Return the unit null vector of a scaled derivative, along a row, and a determinant's sign.
+def bordered_direction(jacobian: Array, scale: Array, row: Array) -> Direction | None:
+    """Return where a curve goes, from its derivative (n, n + 1), or None where it cannot be told.
 
-    Parameters
-    ----------
-    jacobian : (n, n + 1) array
-    scale, row : (n + 1,) arrays
-        The row is in scaled unknowns; null vector and row make a sharp angle.
-
-    Returns
-    -------
-    tuple of (n + 1,) array and float, or None
-        In scaled unknowns; the determinant is that of the derivative with the vector as last row.
-        None where it cannot be told.
+    The row, (n + 1,), is in scaled unknowns; the tangent makes a sharp angle with it.
     """
-    n, q = jacobian.shape
-    matrix = np.empty((q, q), order="F")
-    np.multiply(jacobian, scale, out=matrix[:n])
-    matrix[n] = row
-    target = np.zeros(q)
-    target[n] = 1.0
-    factors, pivots, vector, info = dgesv(matrix, target, overwrite_a=True, overwrite_b=True)
-    length = float(np.sqrt(vector @ vector))
-    if info != 0 or not 0.0 < length < np.inf:
-        return None
-    exchanges = np.count_nonzero(pivots != np.arange(q))
-    negative = np.count_nonzero(factors.diagonal() < 0.0)
-    return vector / length, -1.0 if (exchanges + negative) % 2 else 1.0
+    solved = _bordered(jacobian, 0.0, scale, row)
+    return None if solved is None else solved[1]
 
 
 def error_bound(
-    jacobian: Array, f: Array, scale: Array, row: Array | None, rounding: Any = 4.0 * ROUNDING
+    jacobian: Array, f: Array, scale: Array, row: Array | None, rounding: Any = _FLOOR
 ) -> Array:
     """Return how far a solution with residual f may be from the exact one, unknown by unknown.
 

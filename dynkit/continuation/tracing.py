@@ -13,17 +13,22 @@ from dynkit.continuation.problem import Problem
 from dynkit.continuation.starting import crossing_directions
 from dynkit.validation import Array
 
-# The parameter's part in a tangent below which a branch folds; how far aside it is looked at.
+# The parameter's part in a tangent below which a branch folds; how far aside, in scaled unknowns,
+# it is looked at, and no fold counts.
 _FLAT, _ASIDE = 1e-4, 1e-3
 
 
 @final
 @dataclass
 class Trace:
-    """Points as they were found; bifurcations with their places and directions."""
+    """Points as they were found; bifurcations with their places and directions.
+
+    At the `centres` the branch meets one that it is symmetric about.
+    """
 
     points: list[Point] = field(default_factory=list)
     located: list[tuple[float, Located, Array]] = field(default_factory=list)
+    centres: list[Array] = field(default_factory=list)
     ending: Ending | None = None
 
 
@@ -45,13 +50,20 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
             found.points.append(point)
             continue
         before = found.points[-1]
-        here, retraced = _between(problem, follower, before, point)
-        index = len(found.points) - 1
-        found.located += [(index + part, located, point.y - before.y) for part, located in here]
+        index, way = len(found.points) - 1, point.y - before.y
+        here = _between(problem, follower, before, point)
+        found.located += [(index + part, located, way) for part, located in here]
         if not inadmissible and not point.seen.admissible:
             follower.ending = _ends(Reason.INADMISSIBLE, point)
             break
-        if retraced:
+        centres = [
+            (np.append(located.x, located.p), tangent)
+            for _, located in here
+            if located.crossing.kind == "BP"
+            and (tangent := _flat_tangent(follower, before, point, located)) is not None
+        ]
+        found.centres += [place for place, _ in centres]
+        if any(_same_on_both_sides(problem, follower, before, *centre) for centre in centres):
             follower.ending = _ends(Reason.RETRACED, point)
             break
         found.points.append(point)
@@ -63,44 +75,43 @@ def _ends(reason: Reason, point: Point) -> Ending:
     return Ending(reason, f"{reason.value}: near {point.y[-1]:.6g}")
 
 
+def is_of_symmetry(located: Located, centres: list[Array], scale: Array) -> bool:
+    """Whether a fold is that of a branch where it meets one that it is symmetric about."""
+    place = np.append(located.x, located.p)
+    near = [np.linalg.norm((place - other) / scale) < _ASIDE for other in centres]
+    return located.crossing.kind == "SN" and any(near)
+
+
 def _between(
     problem: Problem, follower: Follower, before: Point, after: Point
-) -> tuple[list[tuple[float, Located]], bool]:
-    """Return the bifurcations within a step, each with its place there, and whether it retraces.
-
-    A place is from 0 to 1. A branch retraces where it crosses one that it is symmetric about: its
-    orbits behind are those before. It folds there, and that is no fold of its own.
-    """
+) -> list[tuple[float, Located]]:
+    """Return the bifurcations within a step, each with its place there from 0 to 1."""
     way = (after.y - before.y) / before.scale
     found = []
-    symmetric = retraced = False
-    # branch points first: they tell what a fold is worth
-    for crossing in sorted(after.seen.crossings, key=lambda crossing: crossing.kind != "BP"):
-        if crossing.kind == "SN" and symmetric:
-            continue
+    for crossing in after.seen.crossings:
         located = locate(problem, follower, before, after, crossing)
-        if located is None:
-            continue
-        place = np.append(located.x, located.p)
-        part = float(np.clip((place - before.y) / before.scale @ way / (way @ way), 0.0, 1.0))
-        found.append((part, located))
-        if crossing.kind == "BP":
-            tangent = _tangent(follower, place, before.scale, way)
-            symmetric = abs(tangent[-1]) < _FLAT
-            retraced = symmetric and _same_on_both_sides(problem, follower, before, place, tangent)
-    return sorted(found, key=lambda entry: entry[0]), retraced
+        if located is not None:
+            gap = (np.append(located.x, located.p) - before.y) / before.scale
+            found.append((float(np.clip(gap @ way / (way @ way), 0.0, 1.0)), located))
+    return sorted(found, key=lambda entry: entry[0])
 
 
-def _tangent(follower: Follower, place: Array, scale: Array, way: Array) -> Array:
-    """Return the direction of a branch at a branch point, in scaled unknowns."""
-    directions = crossing_directions(follower.equations, place, scale)
-    directions.append(way / np.sqrt(way @ way))
-    return max(directions[:2], key=lambda direction: abs(float(direction @ way)))
+def _flat_tangent(
+    follower: Follower, before: Point, after: Point, located: Located
+) -> Array | None:
+    """Return the direction of a branch at a branch point, in scaled unknowns, where it folds."""
+    way = (after.y - before.y) / before.scale
+    place = np.append(located.x, located.p)
+    directions = crossing_directions(follower.equations, place, before.scale)
+    directions = directions or [way / np.sqrt(way @ way)]
+    tangent = max(directions, key=lambda direction: abs(float(direction @ way)))
+    return tangent if abs(tangent[-1]) < _FLAT else None
 
 
 def _same_on_both_sides(
     problem: Problem, follower: Follower, near: Point, place: Array, tangent: Array
 ) -> bool:
+    """Whether a branch's orbits behind a branch point are those before."""
     sides = []
     for sign in (1.0, -1.0):
         start = Point(place, near.scale, sign * tangent, 1.0, 0.0, 0)
