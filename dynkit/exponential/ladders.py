@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.exponential.drifts import Responses, tail_rows
 from dynkit.exponential.pairs import Pairs
 from dynkit.validation import Array
 
@@ -54,7 +55,9 @@ class Propagators:
     rungs : how many of them a search uses
     step : (all rungs, 8, slots) propagators exp(G h), high and low parts
     links : (L, 2) targets and sources
-    link_step : (1 + all rungs, L, 4) of how the target is driven, then of what reaches it in a step
+    link_step : (2 + all rungs, L, 4) of how the target is driven, of what reaches it in a step, and
+        of its steady response
+    responses : what is steady
     """
 
     smallest: float
@@ -62,13 +65,16 @@ class Propagators:
     step: Array
     links: NDArray[np.intp]
     link_step: Array
+    responses: Responses
 
     @staticmethod
     def of(pairs: Pairs) -> Propagators:
         """The propagators of all pairs."""
         smallest, rungs = rung_sizes(pairs)
         step = steps(pairs, smallest, max(rungs, LONGEST))
-        return Propagators(smallest, rungs, step, *_links(pairs, smallest, len(step)))
+        responses = Responses.of(pairs)
+        links = _links(pairs, smallest, len(step), responses)
+        return Propagators(smallest, rungs, step, *links, responses)
 
 
 def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
@@ -89,10 +95,12 @@ def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
     return step
 
 
-def _links(pairs: Pairs, smallest: float, rungs: int) -> tuple[NDArray[np.intp], Array]:
-    """All ways from a slot to another, with what is driven directly and what arrives in a step."""
+def _links(
+    pairs: Pairs, smallest: float, rungs: int, responses: Responses
+) -> tuple[NDArray[np.intp], Array]:
+    """All ways from a slot to another, and `link_step` of them."""
     if not pairs.links.size:
-        return np.empty((0, 2), dtype=np.intp), np.empty((1 + rungs, 0, 4))
+        return np.empty((0, 2), dtype=np.intp), np.empty((2 + rungs, 0, 4))
     from dynkit.exponential.double_double_kernels import fill_coupled_steps
 
     slots = np.unique(pairs.links)
@@ -121,8 +129,11 @@ def _links(pairs: Pairs, smallest: float, rungs: int) -> tuple[NDArray[np.intp],
         reached = reached | (reached @ reached)
     to, start = np.nonzero(reached)
     links = np.stack([slots[to], slots[start]], axis=1)
-    reach = both[:, to, :, start, :].transpose(1, 0, 2, 3)
-    return links, np.ascontiguousarray(reach).reshape(1 + rungs, -1, 4)
+    reach = np.zeros((2 + rungs, len(links), 2, 2))
+    reach[:-1] = both[:, to, :, start, :].transpose(1, 0, 2, 3)
+    for way, matrix in zip(responses.slots, responses.matrices, strict=True):
+        reach[-1, (links == way).all(axis=1)] = matrix
+    return links, reach.reshape(2 + rungs, -1, 4)
 
 
 def _pad(rows: Array, slots: int) -> Array:
@@ -178,13 +189,9 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
         last = pairs.bound(full, DEGREE + 1, window) / factorial(DEGREE + 1)
         weights, kept = cell_bounds(pairs, full, propagators.smallest, rungs)
     size = pairs.bound(full, 0)
-    tail, drift = size, np.zeros((6, pairs.count))
+    tail, drift, swing = tail_rows(propagators.responses, full, steady)
     if pairs.grows:
         size = np.where(np.isfinite(size), size, pairs.bound(full, 0, 0.0))
-        rigid = pairs.polynomial_row(full)
-        if rigid is not None and not pairs.derivative_rows(rigid, 3).any():
-            tail = pairs.bound(full - rigid, 0)
-            drift = np.concatenate([pairs.derivative_rows(rigid, order) for order in range(3)])
     bounds = [size, pairs.bound(full, 4, window), last, tail, drift]
     bounds.append((pairs.scale == 0.0).astype(float)[None])
     rows = np.concatenate([rows, _pad(np.concatenate(bounds), seen)])
@@ -213,5 +220,5 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
         pairs.grows,
         float(window),
         steady,
-        float(tail[0, steady]) if steady >= 0 else 0.0,
+        swing,
     )

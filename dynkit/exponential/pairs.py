@@ -233,18 +233,6 @@ class Pairs:
         even = g[0] == g[3] and g[1] == -g[2] * scale**2 and self._clusters[slot] == slot
         return max(0.0, -float(g[0])) if even else 0.0
 
-    def polynomial_row(self, row: Array) -> Array | None:
-        """The part (2, n) of a row that sees rigid bodies; None where all terms stay bounded."""
-        g = self.generator
-        apart = self.scale == 0.0
-        out = np.zeros_like(row)
-        out[0] = np.where(apart & (g[0] == 0.0), row[0], 0.0)
-        # Drag takes the velocity into the position: where the body will be is what remains.
-        dragged = g[3] < 0.0
-        ahead = out[0] * g[1] / np.where(dragged, -g[3], 1.0)
-        out[1] = np.where(dragged, ahead, np.where(apart & (g[3] == 0.0), row[1], 0.0))
-        return out if out.any() else None
-
     def rates(self) -> tuple[Array, Array]:
         """Largest and smallest absolute eigenvalue of each G, (n,) each.
 

@@ -35,7 +35,7 @@ from dynkit.exponential.polynomial_kernels import (
 from dynkit.exponential.tail_kernels import stays_in_band, tail, weighted
 
 FOREVER = 2**62
-"""The farthest horizon."""
+"""The farthest horizon, in smallest steps; a search that comes there is at its limit."""
 
 LOW = 1024.0
 """In units of the rounding band: lower flights are followed by Taylor polynomials, each taken on
@@ -324,6 +324,6 @@ def first_root(
         value, slope, second = value_and_rates(rows, offset, states, current)
         j = wide
         wide = 0
-    if n > horizon:
+    if horizon < FOREVER and n > horizon:
         return BEYOND, n, 0.0, 0.0, cells
     return LIMIT, n, 0.0, 0.0, cells

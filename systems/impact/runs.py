@@ -76,16 +76,16 @@ def run(
     part of itself, pseudo-randomly.
     """
     from dynkit.exponential.evaluation_kernels import START
-    from dynkit.systems.impact import kernels
+    from dynkit.systems.impact import clock_kernels, kernels
 
     began = time.perf_counter()
     n, free = oscillator.degrees_of_freedom, oscillator._free
     q, turn = start._coordinates, start._turn
-    clock = np.zeros(kernels.CLOCK)
-    clock[kernels.SPEED] = abs(start.relative_velocity)
-    clock[kernels.SIDE] = start._side
-    clock[kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
-    clock[kernels.SEED] = seed
+    clock = np.zeros(clock_kernels.CLOCK)
+    clock[clock_kernels.SPEED] = abs(start.relative_velocity)
+    clock[clock_kernels.SIDE] = start._side
+    clock[clock_kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
+    clock[clock_kernels.SEED] = seed
     if noise > 0.0:
         random = np.random.default_rng(seed)
         # What turning positions into coordinates rounds: half of the disturbance.
@@ -93,8 +93,8 @@ def run(
         q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
         q += oscillator._structure.free.coordinates(x, v)
         turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
-        clock[kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
-    clock[kernels.SINE], clock[kernels.COSINE] = turn
+        clock[clock_kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
+    clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
     slots = free.layout.slots
     flight = workspace(slots)
     flight.states[START] = free.states(q, *turn)
@@ -117,7 +117,7 @@ def run(
             flight,
             contact,
         )
-        used = int(clock[kernels.CONTACTS])
+        used = int(clock[clock_kernels.CONTACTS])
         done += impacts
         if ending != kernels.CONTACTS_FULL:
             break
@@ -125,25 +125,29 @@ def run(
     q, sine, cosine = free.parts(flight.states[START])
     turn = np.array([sine, cosine])
     if free.layout.table < 0:
-        turn = clock[[kernels.SINE, kernels.COSINE]]
-    speed = -clock[kernels.SPEED] if clock[kernels.SIDE] == 1.0 else clock[kernels.SPEED]
+        turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
+    speed = (
+        -clock[clock_kernels.SPEED]
+        if clock[clock_kernels.SIDE] == 1.0
+        else clock[clock_kernels.SPEED]
+    )
     return Run(
         start,
-        state_of(oscillator, q, turn, speed, _MOTIONS[int(clock[kernels.PHASE_OF_MOTION])]),
+        state_of(oscillator, q, turn, speed, _MOTIONS[int(clock[clock_kernels.PHASE_OF_MOTION])]),
         states[:done],
         contacts[:used],
         done,
         ending,
-        float(clock[kernels.CHATTER_ERROR]),
-        int(clock[kernels.CELLS]),
-        int(clock[kernels.TOUCHES]),
+        float(clock[clock_kernels.CHATTER_ERROR]),
+        int(clock[clock_kernels.CELLS]),
+        int(clock[clock_kernels.TOUCHES]),
         time.perf_counter() - began,
     )
 
 
 def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, Any]:
     """What the kernels take, and a workspace for contact; empty arrays where there is none."""
-    from dynkit.systems.impact import kernels
+    from dynkit.systems.impact.contact_kernels import Mechanics, Stop
 
     structure, free = oscillator._structure, oscillator._free
     kick = np.zeros((4, free.layout.slots))
@@ -157,8 +161,8 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
             held = oscillator._contacts[side]
             force, to_stuck, to_free = held.force, held.to_stuck, held.to_free
             slots = held.regime.layout.slots
-        stops.append(kernels.Stop(gap, force, stand.sign * kick, to_stuck, to_free))
-    mechanics = kernels.Mechanics(
+        stops.append(Stop(gap, force, stand.sign * kick, to_stuck, to_free))
+    mechanics = Mechanics(
         tuple(stops),
         free.layout.modes,
         oscillator.restitution,

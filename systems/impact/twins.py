@@ -24,7 +24,7 @@ def growth_of_distance(oscillator: ImpactOscillator, start: ImpactState, impacts
     Minus infinity where the motion ends, or where contact makes both the same.
     """
     from dynkit.exponential.evaluation_kernels import START
-    from dynkit.systems.impact import kernels
+    from dynkit.systems.impact import clock_kernels, kernels
 
     base = run(oscillator, start, impacts, store=True, noise=0.0, seed=0)
     blocks = impacts // BLOCK
@@ -49,10 +49,10 @@ def growth_of_distance(oscillator: ImpactOscillator, start: ImpactState, impacts
     for i in range(blocks):
         twin = motion[i] + gap
         flight.states[START] = free.states(twin[: 2 * n].reshape(2, n), *twin[2 * n : -1])
-        clock = np.zeros(kernels.CLOCK)
-        clock[kernels.SPEED] = abs(twin[-1])
-        clock[kernels.SIDE] = motion[i, -1] < 0.0
-        clock[kernels.PHASE_OF_MOTION] = kernels.BOUNCED
+        clock = np.zeros(clock_kernels.CLOCK)
+        clock[clock_kernels.SPEED] = abs(twin[-1])
+        clock[clock_kernels.SIDE] = motion[i, -1] < 0.0
+        clock[clock_kernels.PHASE_OF_MOTION] = kernels.BOUNCED
         done, _ = kernels.run(
             mechanics,
             clock,
@@ -66,7 +66,11 @@ def growth_of_distance(oscillator: ImpactOscillator, start: ImpactState, impacts
             contact,
         )
         q, *turn = free.parts(flight.states[START])
-        speed = -clock[kernels.SPEED] if clock[kernels.SIDE] == 1.0 else clock[kernels.SPEED]
+        speed = (
+            -clock[clock_kernels.SPEED]
+            if clock[clock_kernels.SIDE] == 1.0
+            else clock[clock_kernels.SPEED]
+        )
         gap = np.array([*q.ravel(), *turn, speed]) - motion[i + 1]
         if free.layout.table < 0:
             gap[2 * n : -1] = 0.0

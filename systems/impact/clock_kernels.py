@@ -1,0 +1,132 @@
+"""Kernels of the clock of a run, the scalar part of its state, and of disturbances for errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.compiled import kernel
+from dynkit.exponential.double_double_kernels import two_product
+from dynkit.exponential.evaluation_kernels import (
+    EPSILON,
+    FOUND,
+    START,
+    Ladder,
+    shift,
+    start_sums,
+)
+from dynkit.validation import Array
+
+Indices = NDArray[np.intp]
+
+(
+    TIME,
+    TIME_LOW,
+    SPEED,
+    SIDE,
+    PHASE_OF_MOTION,
+    CHATTER_ERROR,
+    IMPACTS,
+    CELLS,
+    TOUCHES,
+    CONTACTS,
+    SEED,
+    SINE,
+    COSINE,
+) = range(13)
+CLOCK = 13
+"""Numbers of a clock; above, the places of them."""
+
+
+@kernel()
+def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) -> None:
+    """Add ``n * smallest + e`` to the time, in double-double; turn the phase."""
+    # The smallest step is a power of two: the first product is exact.
+    for part in (n * smallest, e):
+        total = clock[TIME] + part
+        back = total - clock[TIME]
+        clock[TIME_LOW] += (clock[TIME] - (total - back)) + (part - back)
+        clock[TIME] = total
+    total = clock[TIME] + clock[TIME_LOW]
+    clock[TIME_LOW] -= total - clock[TIME]
+    clock[TIME] = total
+    if rate > 0.0:
+        # Of the wait alone: a run that goes on from another one gives the same bits. In
+        # double-double: many turns would cost as many digits.
+        wait = n * smallest + e
+        angle, low = two_product(rate, wait)
+        low += rate * ((n * smallest - wait) + e)
+        sine = math.sin(angle) + low * math.cos(angle)
+        cosine = math.cos(angle) - low * math.sin(angle)
+        s = clock[SINE] * cosine + clock[COSINE] * sine
+        c = clock[COSINE] * cosine - clock[SINE] * sine
+        factor = 1.5 - 0.5 * (s * s + c * c)
+        clock[SINE] = s * factor
+        clock[COSINE] = c * factor
+
+
+@kernel()
+def normalise(states: Array, slot: int) -> None:
+    """Sine and cosine of the table in the start state back to the unit circle."""
+    if slot < 0:
+        return
+    s = states[START, 0, slot]
+    c = states[START, 1, slot]
+    factor = 1.5 - 0.5 * (s * s + c * c)
+    states[START, 0, slot] = s * factor
+    states[START, 1, slot] = c * factor
+
+
+@kernel()
+def random(clock: Array) -> float:
+    """Pseudo-random number in [-1, 1]."""
+    seed = np.uint64(clock[SEED])
+    seed = (seed * np.uint64(1103515245) + np.uint64(12345)) & np.uint64(0x7FFFFFFF)
+    clock[SEED] = float(seed)
+    return float(seed) / 1073741824.0 - 1.0
+
+
+@kernel()
+def perturb(
+    slots: Indices, table: int, states: Array, clock: Array, noise: float, extra: float
+) -> None:
+    """Add (noise * number + extra) * xi to the modes, xi pseudo-random in [-1, 1]; noise to all."""
+    for m in range(slots.shape[0]):
+        for row in range(2):
+            number = states[START, row, slots[m]]
+            states[START, row, slots[m]] += (noise * number + extra) * random(clock)
+    if table >= 0:
+        for row in range(2):
+            states[START, row, table] *= 1.0 + noise * random(clock)
+    clock[SPEED] *= 1.0 + noise * random(clock)
+
+
+@kernel()
+def perturb_released(
+    to_free: Array, slots: Indices, table: int, states: Array, clock: Array, noise: float
+) -> None:
+    """As `perturb` with noise, with the terms that the change of basis summed up."""
+    width = states.shape[2]
+    for m in range(slots.shape[0]):
+        for row in range(2):
+            place = abs(to_free[row * width + slots[m], to_free.shape[1] - 1])
+            states[START, row, slots[m]] += noise * place * random(clock)
+    perturb(slots, table, states, clock, noise, 0.0)
+
+
+@kernel()
+def perturb_touch(gap: Ladder, band_factor: float, states: Array, clock: Array) -> float:
+    """Move a touch, in the found state, by what the rounding band leaves open; the new rate."""
+    second, _, _, reach = start_sums(gap.rows, states, FOUND)
+    band = band_factor * EPSILON * (reach + abs(gap.offset))
+    longest = gap.smallest
+    if second * longest * longest > 2.0 * band:
+        longest = math.sqrt(2.0 * band / second)
+    slots = states.shape[2]
+    shift(gap.generator, longest * random(clock), states, FOUND, START, 0, slots)
+    for row in range(2):
+        for i in range(slots):
+            states[FOUND, row, i] = states[START, row, i]
+    return -abs(second * longest * random(clock))
