@@ -11,8 +11,15 @@ from dynkit.systems.impact.energy_coordinates import EnergyCoordinates
 from dynkit.systems.impact.schur import SchurForm
 from dynkit.systems.structure.double_double import DoubleDouble
 
-LARGEST_PROJECTOR = 1e3
-"""Clusters are joined until no projector onto one of them, along the others, is larger."""
+SMALL_PROJECTOR = 1e3
+"""Clusters are joined until no projector onto one of them, along the others, is larger, where links
+inside of them remain fewer than pairs, or than `FEW_LINKS`: more would cost most of an impact."""
+
+LARGEST_PROJECTOR = 1e5
+"""However many links that takes, no projector is larger. States lose its product with the roundings
+of their conversions, some 1e-11 of their size."""
+
+FEW_LINKS = 64
 
 # What double-double arithmetic cannot tell from zero, relative to the fastest rate.
 _UNRESOLVED = 2.0**-90
@@ -53,7 +60,11 @@ class Cluster:
 
 
 def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
-    """Invariant subspaces of the state matrix that are a well-conditioned basis together."""
+    """Invariant subspaces of the state matrix that are a well-conditioned basis together.
+
+    Where dashpots are graded along a chain, projectors grow exponentially with its length, also
+    those onto any part of the modes: there is no cheap basis that is as good as an orthonormal one.
+    """
     rigid = coordinates.rigid
     form = SchurForm(coordinates.matrix, rigid)
     clusters = _rigid_pairs(form, coordinates) if rigid else []
@@ -69,7 +80,7 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
         squares = np.diagonal(np.linalg.inv(gram + 1e-13 * np.eye(len(gram))))
         projectors = np.add.reduceat(squares, starts)
         worst = int(np.argmax(projectors))
-        if projectors[worst] <= LARGEST_PROJECTOR**2:
+        if projectors[worst] <= SMALL_PROJECTOR**2:
             break
         cosines = np.add.reduceat(np.sum(gram[starts[worst] : ends[worst]] ** 2, axis=0), starts)
         cosines[worst] = 0.0
@@ -78,8 +89,14 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
             # Rigid-body positions stay together, but for pairs of their own.
             joined += [cluster for cluster in clusters if cluster.numbers[0] < rigid]
         numbers = sorted({number for cluster in joined for number in cluster.numbers})
-        clusters = [cluster for cluster in clusters if cluster not in joined]
-        clusters.append(Cluster.of(form, numbers, rigid))
+        rest = [cluster for cluster in clusters if cluster not in joined]
+        sizes = [sum(form.size[number] for number in numbers)]
+        sizes += [len(cluster.matrix.high) for cluster in rest]
+        links = sum((size // 2) * (size // 2 - 1) // 2 for size in sizes)
+        few = links <= max(len(basis) // 2, FEW_LINKS)
+        if not few and projectors[worst] <= LARGEST_PROJECTOR**2:
+            break
+        clusters = [*rest, Cluster.of(form, numbers, rigid)]
     return clusters
 
 
@@ -124,7 +141,7 @@ def _rigid_pairs(form: SchurForm, coordinates: EnergyCoordinates) -> list[Cluste
     speeds = np.array([pair.matrix.high[:, 1] for pair in pairs])
     reach = speeds[:, 0] / np.hypot(*speeds.T)
     chosen = qr(drifts * reach, mode="r", pivoting=True)[1][:rigid].tolist()
-    if np.linalg.cond(drifts[:, chosen]) <= LARGEST_PROJECTOR:
+    if np.linalg.cond(drifts[:, chosen]) <= SMALL_PROJECTOR:
         return [pairs[i] for i in chosen]
     return [Cluster.of(form, numbers, rigid)]
 

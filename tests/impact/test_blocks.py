@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynkit.systems.impact.blocks import Blocks, real_blocks
-from dynkit.systems.impact.clusters import LARGEST_PROJECTOR
+from dynkit.systems.impact.clusters import LARGEST_PROJECTOR, SMALL_PROJECTOR
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
@@ -134,9 +134,9 @@ def norm(a: Array) -> float:
     return float(np.linalg.norm(a, 2))
 
 
-def largest_condition(matrices: Matrices) -> float:
+def largest_condition(matrices: Matrices, projector: float = SMALL_PROJECTOR) -> float:
     """That of 2N unit vectors, and as many rows of the inverse as long as projectors may be."""
-    return 2.0 * len(matrices[0]) * LARGEST_PROJECTOR
+    return 2.0 * len(matrices[0]) * projector
 
 
 def errors(matrices: Matrices, times: tuple[float, ...]) -> tuple[Blocks, Array, float]:
@@ -201,12 +201,21 @@ def test_motion_of_graded_chains_is_exact_to_rounding(n: int) -> None:
     assert error.max() < 1e-12
 
 
+def test_motion_of_strongly_graded_chains_keeps_nine_digits() -> None:
+    # All that is linked to a condition of 1e3 would be 171 links of 50 pairs.
+    matrices = chain(np.ones(50), np.ones(50), np.geomspace(0.01, 1.0, 50))
+    blocks, error, rounding = errors(matrices, (1.0,))
+    assert blocks.condition <= largest_condition(matrices, LARGEST_PROJECTOR)
+    assert error.max() <= rounding
+    assert error.max() < 1e-9
+
+
 def test_a_hundred_graded_dashpots_leave_residuals_of_rounding() -> None:
     # The modes by themselves have a condition number of 5e9. Bounds of the residuals: every entry
     # of basis, inverse and couplings is rounded once.
     matrices = graded(100)
     blocks = real_blocks(*matrices)
-    assert blocks.condition <= largest_condition(matrices)
+    assert blocks.condition <= largest_condition(matrices, LARGEST_PROJECTOR)
     with ctx.workprec(200):
         measure = energy_measure(matrices)
         matrix, generator = measure * state_matrix(matrices) * measure.inv(), block_matrix(blocks)
