@@ -1,29 +1,20 @@
-"""Poincare sections, and the map that a flow makes on one."""
+"""Poincare sections: surfaces that a flow crosses."""
 
-import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Self, final
+from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 
-from dynkit.flows import Crossing, Flow
-from dynkit.maps import Map
 from dynkit.validation import (
     Array,
     finite_array,
     finite_scalar,
     non_negative_integer,
-    positive,
     positive_integer,
 )
 
 _TURN = 2.0 * np.pi
-
-
-class TangentCrossing(RuntimeError):
-    """The flow touches the section without passing through: the map has no derivative there."""
 
 
 class PoincareSection(ABC):
@@ -276,113 +267,6 @@ class Stroboscope(PoincareSection):
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self._dimension,))
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class PoincareMap(Map):
-    """The map from one crossing of a section to the next: a flow and a section.
-
-    Its states are the coordinates that the section gives its points, d - 1 of them for a flow of
-    dimension d.
-
-    Parameters
-    ----------
-    flow : Flow
-    section : PoincareSection
-        Of the flow's dimension.
-    time_limit : float
-        The longest time to wait for a crossing. A call that gets none by then raises `NoCrossing`.
-
-    Raises
-    ------
-    ValueError
-        When the dimensions differ or the time limit is not positive.
-
-    References
-    ----------
-    T. S. Parker and L. O. Chua, Practical Numerical Algorithms for Chaotic Systems, Springer 1989,
-    chapter 2 (the map) and appendix D (its derivative).
-    """
-
-    flow: Flow
-    section: PoincareSection
-    time_limit: float
-
-    def __post_init__(self) -> None:
-        if self.section.dimension != self.flow.dimension:
-            raise ValueError(
-                f"section must have the flow's dimension {self.flow.dimension}; "
-                f"got {self.section.dimension}"
-            )
-        object.__setattr__(self, "time_limit", positive("time_limit", self.time_limit))
-
-    @property
-    def dimension(self) -> int:
-        return self.flow.dimension - 1
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The parameters of the flow."""
-        return self.flow.parameters
-
-    def replace(self, **parameters: float) -> Self:
-        return dataclasses.replace(self, flow=self.flow.replace(**parameters))
-
-    @property
-    def accuracy(self) -> float:
-        """How wrong one call may be, relative to the size of the state: the flow's accuracy."""
-        return self.flow.accuracy
-
-    def difference(self, a: Array, b: Array) -> Array:
-        return self.section.difference(a, b)
-
-    def crossing(self, state: Array) -> Crossing:
-        """Return time and full state, (d,), of the next crossing from a point of the section.
-
-        Parameters
-        ----------
-        state : (d - 1,) array
-
-        Raises
-        ------
-        NoCrossing
-            When the flow does not cross the section within the time limit.
-        ValueError
-            When the state is not finite, or not of that shape.
-        """
-        start = self.section.lift(finite_array("state", state, (self.dimension,)))
-        return self.flow.next_crossing(start, self.section, self.time_limit)
-
-    def __call__(self, state: Array) -> Array:
-        return self.section.reduce(self.crossing(state).state)
-
-    def return_time(self, state: Array) -> float:
-        """Return the time from a point of the section, (d - 1,), to the next crossing."""
-        return self.crossing(state).time
-
-    def jacobian(self, state: Array) -> Array:
-        """Return the derivative, (d - 1, d - 1), with the hit time's own change accounted for.
-
-        Raises
-        ------
-        TangentCrossing
-            When the flow is tangent to the section at the crossing.
-        NoCrossing, ValueError
-            As the call itself.
-        """
-        hit = self.crossing(state)
-        velocity = self.flow.velocity(hit.state)
-        gradient = self.section.gradient(hit.state)
-        rate = float(gradient @ velocity)
-        if rate == 0.0:
-            raise TangentCrossing(f"the flow is tangent to the section at {hit.state.tolist()}")
-        transport = self.flow.derivative(
-            self.section.lift(state), hit.time
-        ) @ self.section.lift_derivative(state)
-        # Parker and Chua, appendix D: the hit time moves by -(gradient . dx) / rate
-        on_section = transport - np.outer(velocity, gradient @ transport) / rate
-        return np.asarray(self.section.reduce_derivative(hit.state) @ on_section)
 
 
 def _orthonormal_complement(unit: Array) -> Array:
