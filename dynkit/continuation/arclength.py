@@ -216,7 +216,9 @@ class Follower:
         """Return the next point and the step taken."""
         while step > self.steps.smallest:
             after, reached = self.at(point, step, before), None
-            if after is not None and (bound := self._left(after)) is not None:
+            if after is None and self._refused:
+                after, reached = self._land_ahead(point, step)
+            if reached is None and after is not None and (bound := self._left(after)) is not None:
                 after, reached = self._land(point, after, bound)
             if after is not None:
                 if self.watch(point, after):
@@ -244,7 +246,7 @@ class Follower:
         if found is None:
             return None
         # another branch, or too sharp a bend to be sure
-        if found.tangent @ _rescaled(point, found.scale) < np.cos(_LARGEST_ANGLE):
+        if not _ahead(point, found):
             self._failure, self._refused = "its direction jumps", False
             return None
         return found
@@ -313,6 +315,23 @@ class Follower:
             after, bound = point, left
         return None, None
 
+    def _land_ahead(self, point: Point, step: float) -> tuple[Point, Bound] | tuple[None, None]:
+        """Return the point on a bound beyond which the equations may not be defined."""
+        way = step * point.tangent * point.scale
+        for bound in self.bounds:
+            index = bound.unknown
+            value = bound.low if way[index] < 0.0 else bound.high
+            if way[index] == 0.0 or not 0.0 < (value - point.y[index]) / way[index] <= 1.0:
+                continue
+            guess = point.y + way * ((value - point.y[index]) / way[index])
+            guess[index] = value
+            row = np.zeros(len(guess))
+            row[index] = 1.0
+            found = self.corrected(guess, point, row)
+            if found is not None and self._left(found) is None and _ahead(point, found):
+                return found, bound
+        return None, None
+
     def _next_step(self, before: Point, after: Point, taken: float) -> float:
         cosine = float(after.tangent @ _rescaled(before, after.scale))
         angle = float(np.arccos(min(cosine, 1.0)))
@@ -358,6 +377,10 @@ def _rescaled(point: Point, scale: Array) -> Array:
         return point.tangent
     tangent = point.tangent * point.scale / scale
     return np.asarray(tangent / np.sqrt(tangent @ tangent))
+
+
+def _ahead(before: Point, after: Point) -> bool:
+    return bool(after.tangent @ _rescaled(before, after.scale) >= np.cos(_LARGEST_ANGLE))
 
 
 def _between(before: Point, after: Point, point: Point) -> bool:

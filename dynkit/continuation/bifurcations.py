@@ -116,7 +116,7 @@ def crossings(before: Point, after: Point) -> tuple[Crossing, ...]:
     if abs(a.outside - b.outside) - alone >= 2 and not _real(b.multipliers).all():
         found.append(Crossing("NS"))
     for i, (kind, u, v) in enumerate(zip(a.kinds, a.events, b.events, strict=True)):
-        if (u < 0.0) != (v < 0.0):
+        if (u < 0.0) != (v < 0.0) and u == u and v == v:  # not where one of them tells nothing
             found.append(Crossing(kind, i))
     return tuple(found)
 

@@ -174,12 +174,23 @@ class BifurcationEquations(Equations):
             matrix[:m, m] = unfolding
         steps = DIFFERENCE * self.scale(y)
         for i, step in enumerate(steps):
-            ahead, behind = y.copy(), y.copy()
-            ahead[i] += step
-            behind[i] -= step
-            change = self._condition(ahead) - self._condition(behind)
-            matrix[m:, i] = change / (ahead[i] - behind[i])
+            matrix[m:, i] = self._difference(y, i, step)
         return matrix
+
+    def _difference(self, y: Array, i: int, step: float) -> Array:
+        """Change of the condition by unknown `i`; from one side at the edge of its domain."""
+        ends = []
+        for sign in (1.0, -1.0):
+            there = y.copy()
+            there[i] += sign * step
+            try:
+                ends.append((there[i], self._condition(there)))
+            except NoSolution:
+                ends.append((y[i], self._condition(y)))
+        (a, ahead), (b, behind) = ends
+        if a == b:
+            raise NoSolution("the condition is defined on neither side")
+        return np.asarray((ahead - behind) / (a - b))
 
     def scale(self, y: Array) -> Array:
         x, own, _ = self.split(y)

@@ -33,7 +33,7 @@ class Event:
         Which part of the orbit it belongs to.
     value : float
         Positive on the admissible side, zero on the border; infinite where there is nothing to
-        watch.
+        watch, NaN where its sign would tell nothing.
     """
 
     kind: str

@@ -21,7 +21,7 @@ _REFINEMENTS = 3
 
 @final
 class Flight:
-    """The gap of one stop from an impact to the next.
+    """The gap of one stop from impact number `start` to the next, number `end`.
 
     Parameters
     ----------
@@ -34,7 +34,10 @@ class Flight:
 
     def __init__(self, solution: Solution, start: int, side: int) -> None:
         self.solution, self.start, self.side = solution, start, side
-        self.lasts = float(solution.lasts[start])
+        ahead = (solution.phases - solution.phases[start]) % solution.turn
+        ahead[start] = solution.turn
+        self.end = int(np.argmin(ahead))
+        self.lasts = float(ahead[self.end]) / solution.terms.frequency
         t, state = solution.terms, abs(solution.states[start])
         turning = abs(t.drive) * t.frequency ** np.array([0.0, 1.0, 2.0, 6.0])
         self._sizes = solution.motion.bounds * state
@@ -108,13 +111,6 @@ class Flight:
         own = self.solution.sides == self.side
         if own[self.start]:
             left[0, 0] = math.inf
-        if own[self._next]:
+        if own[self.end]:
             right[0, -1] = math.inf
         return bool(min(left.min(), right.min()) > 1.1 * error)
-
-    @property
-    def _next(self) -> int:
-        s = self.solution
-        ahead = (s.phases - s.phases[self.start]) % s.turn
-        ahead[self.start] = s.turn
-        return int(np.argmin(ahead))

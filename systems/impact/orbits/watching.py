@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, final
 
@@ -22,9 +23,14 @@ SAME = 1e-6
 
 
 def watched(solution: Solution) -> list[Event]:
-    """Impulses, smallest gaps of the flights to each stop, then accelerations without rebound."""
+    """Impulses, smallest gaps of the flights to each stop, then accelerations without rebound.
+
+    Flights from or to an impact that pulls, and so begin or end beyond the stop, tell nothing.
+    """
     events = [Event("GR", i, float(impulse)) for i, impulse in enumerate(solution.impulses)]
-    events += [Event("GR", f.start, f.smallest[0]) for f in solution.flights]
+    for f in solution.flights:
+        pulled = min(solution.impulses[f.start], solution.impulses[f.end]) < 0.0
+        events.append(Event("GR", f.start, math.nan if pulled else f.smallest[0]))
     if solution.terms.restitution == 0.0:
         events += [Event("CB", i, float(a)) for i, a in enumerate(solution.gaps(2))]
     return events
