@@ -1,18 +1,26 @@
 """Attractors: where a motion stays once its transient has died out."""
 
+from __future__ import annotations
+
 import time
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from dynkit.flows import NoCrossing
-from dynkit.labels import OrbitLabel, Window, label_orbit
+from dynkit.labels import OrbitKind, OrbitLabel, Window, label_orbit
 from dynkit.maps import Map
 from dynkit.results import Cost
 from dynkit.sections import PoincareSection
 from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
+
+if TYPE_CHECKING:
+    from dynkit.map_orbits import MapOrbit
+
+# How far, relative, a motion that was labelled while it still settled may be from its orbit.
+_NEARBY = 0.1
 
 
 class Attractor(ABC):
@@ -194,6 +202,43 @@ class MapAttractor(Attractor):
                 gap = self._system.difference(twin, self._states[i - self._transient])
                 largest = max(largest, float(np.linalg.norm(gap)))
         return largest
+
+    def periodic_orbit(self) -> MapOrbit:
+        """Return the periodic orbit that the motion settles on, to rounding, by Newton's method.
+
+        The guess are the last of all states from which the `label` was decided.
+
+        Raises
+        ------
+        ValueError
+            When the label is none of a periodic orbit: chaotic, or unsettled.
+        NoConvergence
+            When Newton's method does not get to an orbit, or to one elsewhere.
+
+        Examples
+        --------
+        >>> from dynkit.systems import Logistic
+        >>> attractor = MapAttractor(Logistic(rate=3.2), [0.3], transient=50, iterations=20)
+        >>> orbit = attractor.periodic_orbit()
+        >>> orbit.label, orbit.residual < 1e-15
+        ('P(2)', True)
+        """
+        from dynkit.continuation.newton import NoConvergence
+        from dynkit.map_orbits import periodic_orbit
+
+        n = self.label.impacts
+        if self.label.kind is not OrbitKind.PERIODIC or n is None:
+            raise ValueError(f"attractor must be periodic; got one that is {self.label}")
+        rest = max(self.label.simulated - len(self._states), 0)
+        guess = self._system.iterate(self._states[-1], max(rest, n))[-n:]
+        orbit = periodic_orbit(self._system, guess)
+        gap = abs(self._system.difference(np.resize(orbit.states, guess.shape), guess))
+        if (gap > _NEARBY * abs(guess).max()).any():
+            raise NoConvergence(
+                f"Newton's method left the attractor {self.label} for an orbit {orbit.label} that "
+                f"is {float(gap.max()):.1e} away"
+            )
+        return orbit
 
     def time_series(self, times: Array) -> Array:
         """Return the states, (k, d), at the given times: iterates after the first state kept.

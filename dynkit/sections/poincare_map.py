@@ -111,14 +111,33 @@ class PoincareMap(Map):
             As the call itself.
         """
         hit = self.crossing(state)
+        transport = self.flow.derivative(self.section.lift(state), hit.time)
+        return self._on_section(hit, transport @ self.section.lift_derivative(state))
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        """Return the derivative, (d - 1,), by a parameter, the hit time's own change included.
+
+        It is as right as the flow's own derivatives; the section does not depend on the parameter.
+
+        Raises
+        ------
+        TangentCrossing, NoCrossing
+            As for `jacobian`.
+        ValueError
+            As the call itself; and when there is no such parameter.
+        """
+        self.value_of(name)
+        hit = self.crossing(state)
+        change = self.flow.parameter_derivative(self.section.lift(state), hit.time, name)
+        return self._on_section(hit, change[:, None])[:, 0]
+
+    def _on_section(self, hit: Crossing, change: Array) -> Array:
+        """What changes, (d, k), at the time of a crossing come to on the section: (d - 1, k)."""
         velocity = self.flow.velocity(hit.state)
         gradient = self.section.gradient(hit.state)
         rate = float(gradient @ velocity)
         if rate == 0.0:
             raise TangentCrossing(f"the flow is tangent to the section at {hit.state.tolist()}")
-        transport = self.flow.derivative(
-            self.section.lift(state), hit.time
-        ) @ self.section.lift_derivative(state)
-        # Parker and Chua, appendix D: the hit time moves by -(gradient . dx) / rate
-        on_section = transport - np.outer(velocity, gradient @ transport) / rate
+        # Parker and Chua, appendix D: the hit time moves by -(gradient . change) / rate
+        on_section = change - np.outer(velocity, gradient @ change) / rate
         return np.asarray(self.section.reduce_derivative(hit.state) @ on_section)
