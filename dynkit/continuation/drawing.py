@@ -59,6 +59,8 @@ def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes
             label = kind if column == 0 else "_"
             axes.plot(x, y, linestyle=LINES[kind], label=label, **_LINE)
     for bifurcation, row in marked:
+        if bifurcation.kind == "BP" and not 0.0 <= bifurcation.place <= len(branch) - 1:
+            continue  # where the branch ends on another one, whose bifurcation it is
         axes.plot(np.full(len(row), bifurcation.value), row, label="_", **_POINT)
         axes.annotate(bifurcation.kind, (bifurcation.value, float(row.max())), **_TEXT)
     axes.set_xlabel(_written(branch.name))
@@ -70,8 +72,6 @@ def _runs(
     branch: Branch, parameter: Array, values: Array, inserted: Sequence[tuple[float, float, Array]]
 ) -> dict[str, list[tuple[Array, Array]]]:
     """Return the parts of a branch that are drawn alike; bifurcations end them and begin others."""
-    stop = len(parameter)
-    ends = [entry for entry in inserted if 0.0 <= entry[0] <= stop - 1]
     runs: dict[str, list[tuple[Array, Array]]] = {}
     place = 0
     x: list[float] = []
@@ -82,14 +82,17 @@ def _runs(
         if len(x) > 1:
             runs.setdefault(kind, []).append((np.array(x), np.array(y)))
 
-    for i in range(stop):
-        while place < len(ends) and ends[place][0] <= i:
-            _, value, row = ends[place]
+    for i in range(len(parameter) + 1):
+        after = min(i, len(parameter) - 1)
+        while place < len(inserted) and inserted[place][0] <= i:
+            _, value, row = inserted[place]
             x.append(value)
             y.append(row)
             close()
-            x, y, kind = [value], [row], _kind(branch, i)
+            x, y, kind = [value], [row], _kind(branch, after)
             place += 1
+        if i > after:
+            break
         if _kind(branch, i) != kind:
             # no bifurcation was found in between: the change is drawn at the point before
             close()
@@ -111,11 +114,18 @@ def draw_curve(curve: BifurcationCurve, ax: Axes | None) -> Axes:
     axes = _axes(ax)
     x, y = curve.parameters.T
     axes.plot(x, y, linestyle=_CURVES[curve.kind], label=curve.kind, **_LINE)
-    middle = len(x) // 2
+    middle = _middle(x, y)
     axes.annotate(curve.kind, (float(x[middle]), float(y[middle])), **_TEXT)
     axes.set_xlabel(_written(curve.names[0]))
     axes.set_ylabel(_written(curve.names[1]))
     return axes
+
+
+def _middle(x: Array, y: Array) -> int:
+    """Return the point halfway along a curve as it is seen."""
+    steps = np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0))
+    way = np.append(0.0, np.cumsum(steps))
+    return int(np.searchsorted(way, 0.5 * way[-1]))
 
 
 def _axes(ax: Axes | None) -> Axes:

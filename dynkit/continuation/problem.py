@@ -162,6 +162,13 @@ class Problem(ABC):
         """
         return []
 
+    def shortest(self, x: Array) -> tuple[Problem, Array]:
+        """Return the orbit of a solution as one that is run through once, to rounding.
+
+        This problem and the solution as they are, unless a subclass tells repetitions.
+        """
+        return self, x
+
     def canonical(self, x: Array) -> Array:
         """Return numbers, (l,), of order one, that two solutions share if they are one orbit.
 

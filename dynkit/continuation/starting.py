@@ -33,6 +33,7 @@ def start_points(equations: Equations, y: Array) -> list[Point]:
     for direction in directions:
         # the sign of a tiny last component is rounding; any sign will do
         tangent = direction if direction[-1] >= 0.0 else -direction
+        tangent[-1] = max(tangent[-1], np.finfo(float).tiny)
         sign, _ = np.linalg.slogdet(np.vstack([jacobian, tangent]))
         points.append(Point(y, scale, tangent, float(sign) or 1.0, residual, 0))
     return sorted(points, key=lambda point: -point.tangent[-1])

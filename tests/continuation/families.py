@@ -86,6 +86,25 @@ class DelayedLogistic(ToyMap):
 
 
 @dataclass(frozen=True)
+class Rotation(ToyMap):
+    """x' = y, y' = -d x + t y: NS of the origin at d = 1, with t = 2 cos(theta)."""
+
+    d: float = 0.9
+    t: float = 0.5
+    dimension = 2
+
+    def __call__(self, state: Array) -> Array:
+        x, y = state
+        return np.array([y, -self.d * x + self.t * y])
+
+    def jacobian(self, state: Array) -> Array:
+        return np.array([[0.0, 1.0], [-self.d, self.t]])
+
+    def slope(self, state: Array, name: str) -> Array:
+        return np.array([0.0, -state[0] if name == "d" else state[1]])
+
+
+@dataclass(frozen=True)
 class Flat(ToyMap):
     """x' = x + f(x, p, q): fixed points are the zeros of f, a curve in the plane of x and p.
 
@@ -183,6 +202,10 @@ class Cycle(PeriodicOrbit):
         return self.states[:, int(name[6:-1])]
 
 
+SIGHT = 0.01
+"""From how far a border is seen."""
+
+
 class AtBorder(Condition):
     """The first coordinate is at a border; the number of its own is twice the last one."""
 
@@ -260,7 +283,11 @@ class CycleProblem(Problem):
         return twice, np.tile(x, 2), np.concatenate([disturbance, -disturbance])
 
     def events(self, x: Array, p: Array) -> list[Event]:
-        return [] if self.border is None else [Event("GR", 0, float(x[0]) - self.border)]
+        if self.border is None:
+            return []
+        value = float(x[0]) - self.border
+        # from further off than that there is nothing to see
+        return [Event("GR", 0, value if value < SIGHT else np.inf)]
 
     def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
         assert self.border is not None
@@ -271,6 +298,10 @@ class CycleProblem(Problem):
 
     def touching(self, event: int, x: Array, own: Array, p: Array) -> dict[str, float]:
         return {"twice": float(own[0])}
+
+    def neighbours(self, event: int, x: Array, p: Array) -> list[tuple[Problem, Array, Array]]:
+        # the mirror image, if the family has one, from a guess that is a little off
+        return [(self, -1.001 * x, -p)]
 
     def canonical(self, x: Array) -> Array:
         states = x.reshape(self.period, -1)

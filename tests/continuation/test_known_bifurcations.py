@@ -102,3 +102,30 @@ def test_the_cusp_family_has_two_folds() -> None:
     branch = continue_orbit(flat("cusp", 0.0, 0.0, 1.0), "p", bounds=(-1.5, 1.5))
     folds = [b.value for b in branch.bifurcations if b.kind == "SN"]
     assert np.allclose(sorted(folds), np.array([-1.0, 1.0]) * np.sqrt(4.0 / 27.0), atol=TEN_DIGITS)
+
+
+def exact_values() -> list[tuple[str, Bifurcation, float]]:
+    known = {
+        "logistic": (logistic(), "r", (0.5, 4.0), {"BP": 1.0, "PD": 3.0}),
+        "period three": (iterated(Logistic(3.835), [0.5], 3), "r", (3.8, 3.84), {"SN": 8**0.5 + 1}),
+        "henon": (henon(), "a", (-0.2, 1.4), {"SN": -0.1225, "PD": 0.3675}),
+        "delayed logistic": (delayed_logistic(), "r", (0.5, 2.5), {"BP": 1.0, "NS": 2.0}),
+        "pitchfork": (flat("pitchfork", 0.0, 0.3, 0.1), "p", (-1.0, 1.0), {"BP": 0.1}),
+        "circle": (flat("circle", 0.0, 0.7, 0.49), "p", (-2.0, 0.7), {"SN": -0.7}),
+    }
+    found = []
+    for name, (orbit, parameter, bounds, values) in known.items():
+        branch = continue_orbit(orbit, parameter, bounds=bounds, points=400)
+        found += [
+            (f"{name} {b.kind}", b, values[b.kind]) for b in branch.bifurcations if b.kind in values
+        ]
+    return found
+
+
+@pytest.mark.parametrize(("name", "bifurcation", "value"), exact_values())
+def test_errors_bound_what_a_value_is_off_by(
+    name: str, bifurcation: Bifurcation, value: float
+) -> None:
+    # the known value is rounded too
+    assert abs(bifurcation.value - value) <= bifurcation.error + 2.0**-52 * abs(value)
+    assert bifurcation.error < 1e-11

@@ -1,0 +1,117 @@
+"""Whether an orbit lies on a branch that is known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, final
+
+import numpy as np
+
+from dynkit.continuation.arclength import SAME, OrbitEquations
+from dynkit.continuation.newton import correct
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.continuation.bifurcations import Bifurcation
+    from dynkit.continuation.branch import Branch
+
+# How often a place between two nodes is narrowed down; values as near as this, in units of the
+# range of the parameter, are the same.
+_STEPS, _RESOLVED = 60, 1e-13
+# A stretch is looked at when an orbit is within so many of its lengths, and this, of its ends.
+_LENGTHS, _NEAR = 3.0, 1e-2
+
+
+class Node(NamedTuple):
+    """A point of a branch, or a bifurcation on it."""
+
+    place: float
+    bifurcation: Bifurcation | None
+
+
+def nodes_of(branch: Branch) -> list[Node]:
+    """Return points and bifurcations in the order in which the branch is run through."""
+    nodes = [Node(float(i), None) for i in range(len(branch))]
+    nodes += [Node(b.place, b) for b in branch.bifurcations]
+    return sorted(nodes, key=lambda node: node.place)
+
+
+@final
+class Trail:
+    """A branch as a line from point to point, through its bifurcations, which are its corners.
+
+    Between two nodes the parameter grows or falls throughout, as folds are nodes.
+
+    Parameters
+    ----------
+    branch : Branch
+    width : float
+        Range of the parameter.
+    """
+
+    def __init__(self, branch: Branch, width: float) -> None:
+        self._problem = branch.problem
+        self._width = width
+        self._equations = OrbitEquations(branch.problem, width)
+        rows = []
+        for place, b in nodes_of(branch):
+            x = branch.unknowns[int(place)] if b is None else b.unknowns
+            rows.append(np.append(x, branch.parameter[int(place)] if b is None else b.value))
+        self._nodes = np.array(rows)
+        self._marks = np.array([self._problem.canonical(y[:-1]) for y in rows])
+
+    def holds(self, x: Array, value: float) -> bool:
+        """Whether a solution (m,) at a value of the parameter is one of the branch's.
+
+        The branch is solved for at the same value, wherever it takes it.
+        """
+        if len(x) != self._nodes.shape[1] - 1:
+            return False
+        mark = self._problem.canonical(x)
+        slack = _RESOLVED * self._width
+        side = self._nodes[:, -1] - value
+        passes = (np.minimum(side[:-1], side[1:]) <= slack) & (
+            np.maximum(side[:-1], side[1:]) >= -slack
+        )
+        apart = abs(self._marks - mark).max(axis=1)
+        lengths = abs(np.diff(self._marks, axis=0)).max(axis=1)
+        near = np.minimum(apart[:-1], apart[1:]) <= _LENGTHS * lengths + _NEAR
+        return any(
+            self._marks_agree(i, value, mark) for i in np.flatnonzero(passes & near).tolist()
+        )
+
+    def _marks_agree(self, i: int, value: float, mark: Array) -> bool:
+        x = self._solution(i, value)
+        return x is not None and bool(abs(self._problem.canonical(x) - mark).max() < SAME)
+
+    def _solution(self, i: int, value: float) -> Array | None:
+        """Return the solution (m,) between nodes i and i + 1 at a value of the parameter.
+
+        By the Illinois variant of false position along the line between the nodes.
+        """
+        a, b = self._nodes[i], self._nodes[i + 1]
+        scale = self._equations.scale(a)
+        row = (b - a) / scale
+        length = float(np.sqrt(row @ row))
+        if length <= 1e-12:
+            return np.asarray(a[:-1])
+        row /= length
+        (low, f_low), (high, f_high) = (0.0, float(a[-1] - value)), (1.0, float(b[-1] - value))
+        limit = _RESOLVED * self._width
+        for f, y in ((f_low, a), (f_high, b)):
+            if abs(f) <= limit:
+                return np.asarray(y[:-1])
+        for _ in range(_STEPS):
+            part = (low * f_high - high * f_low) / (f_high - f_low)
+            if not low < part < high:
+                part = 0.5 * (low + high)
+            found = correct(self._equations, a + part * (b - a), scale, row)
+            if not found.converged:
+                return None
+            f = float(found.y[-1] - value)
+            if abs(f) <= limit or high - low <= 1e-12:
+                return np.asarray(found.y[:-1])
+            if (f < 0.0) == (f_high < 0.0):
+                high, f_high, f_low = part, f, 0.5 * f_low
+            else:
+                low, f_low, f_high = part, f, 0.5 * f_high
+        return None

@@ -1,0 +1,81 @@
+"""Figures of branches and curves: what is drawn how."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from dynkit.continuation.branch import Branch
+from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.curves import continue_curve
+from tests.continuation.starts import flat, henon
+
+
+def axes() -> Any:
+    return Figure().add_subplot()
+
+
+@pytest.fixture(scope="module")
+def branch() -> Branch:
+    return continue_orbit(flat("cusp", 0.0, 0.0, 1.0, border=-1.1), "p", bounds=(-1.5, 1.5))
+
+
+def drawn(branch: Branch) -> dict[str, Any]:
+    lines = branch.plot(axes()).get_lines()
+    return {str(line.get_label()): line for line in lines if line.get_linestyle() != "None"}
+
+
+def test_kinds_of_orbits_are_told_apart_without_colour(branch: Branch) -> None:
+    lines = drawn(branch)
+    assert sorted(lines) == ["inadmissible", "stable", "unstable"]
+    assert {line.get_color() for line in lines.values()} == {"black"}
+    patterns = [str(line._unscaled_dash_pattern) for line in lines.values()]
+    assert len(set(patterns)) == 3
+    assert lines["stable"].get_linestyle() == "-"
+
+
+def test_lines_meet_at_bifurcations(branch: Branch) -> None:
+    lines = drawn(branch)
+    for b in branch.bifurcations:
+        touching = [
+            name
+            for name, line in lines.items()
+            if ((line.get_xdata() == b.value) & (line.get_ydata() == b.unknowns[0])).any()
+        ]
+        assert len(touching) == 2
+
+
+def test_no_stretch_is_left_out(branch: Branch) -> None:
+    x = np.concatenate([line.get_xdata() for line in drawn(branch).values()])
+    assert set(branch.parameter) <= set(x)
+
+
+def test_bifurcations_carry_their_kinds(branch: Branch) -> None:
+    ax = branch.plot(axes())
+    assert [text.get_text() for text in ax.texts] == [b.kind for b in branch.bifurcations]
+
+
+def test_axes_are_named(branch: Branch) -> None:
+    ax = branch.plot(axes(), y="state[0]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("p", "state[0]")
+
+
+def test_another_observable_is_drawn() -> None:
+    made = continue_orbit(henon(), "a", bounds=(0.05, 1.4))
+    ax = made.plot(axes(), y="state[1]")
+    assert ax.get_ylabel() == "state[1]"
+    (stable,) = (line for line in ax.get_lines() if line.get_label() == "stable")
+    assert set(np.asarray(stable.get_ydata())) & set(made.unknowns[:, 1])
+
+
+def test_curves_carry_their_kind_and_names() -> None:
+    made = continue_orbit(henon(), "a", bounds=(0.05, 1.4))
+    curve = continue_curve(made.bifurcations[0], ("a", "b"), bounds=((0.0, 3.0), (-0.5, 0.5)))
+    ax = curve.plot(axes())
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("a", "b")
+    assert [text.get_text() for text in ax.texts] == ["PD"]
+    (line,) = ax.get_lines()
+    assert (np.column_stack([line.get_xdata(), line.get_ydata()]) == curve.parameters).all()

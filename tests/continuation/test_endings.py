@@ -1,0 +1,125 @@
+"""Every way in which a branch ends has a name, and what is bad is refused in one line."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.newton import NoConvergence, solve
+from dynkit.orbits import PeriodicOrbit
+from tests.continuation.families import Cycle, CycleProblem, Flat, Logistic
+from tests.continuation.starts import flat, logistic
+
+
+def reasons(orbit: PeriodicOrbit, name: str, **options: Any) -> list[str]:
+    return [ending.reason.name for ending in continue_orbit(orbit, name, **options).endings]
+
+
+def test_the_last_point_is_on_the_bound() -> None:
+    branch = continue_orbit(logistic(), "r", bounds=(2.1, 3.7))
+    assert list(branch.parameter[[0, -1]]) == [2.1, 3.7]
+    assert [str(e) for e in branch.endings] == [
+        "the bound was reached: r 2.1",
+        "the bound was reached: r 3.7",
+    ]
+
+
+def test_an_orbit_on_the_bound_goes_one_way() -> None:
+    branch = continue_orbit(logistic(2.5), "r", bounds=(2.5, 3.7))
+    assert list(branch.parameter[[0, -1]]) == [2.5, 3.7]
+
+
+def test_the_number_of_points_is_a_limit() -> None:
+    branch = continue_orbit(logistic(2.5), "r", bounds=(0.5, 4.0), points=5)
+    assert len(branch) == 9
+    assert [ending.reason.name for ending in branch.endings] == ["LIMIT", "LIMIT"]
+    assert str(branch.endings[1]).startswith("the number of points was reached: 5, at r 2.")
+
+
+def test_a_branch_ends_where_the_equations_do() -> None:
+    branch = continue_orbit(flat("root", -1.0, 1.0), "p", bounds=(-3.0, 3.0))
+    assert sorted(e.reason.name for e in branch.endings) == ["BOUND", "NO_SOLUTION"]
+    assert abs(branch.parameter.min()) < 1e-6
+    (message,) = (str(e) for e in branch.endings if e.reason.name == "NO_SOLUTION")
+    assert message.endswith("the square root is not defined")
+
+
+def test_a_branch_ends_where_newton_does_not_converge() -> None:
+    # at a corner there is no direction
+    branch = continue_orbit(flat("kink", -1.0, 1.0), "p", bounds=(-0.1, 1.2))
+    assert sorted(e.reason.name for e in branch.endings) == ["BOUND", "NO_CONVERGENCE"]
+    assert abs(branch.parameter.min()) < 1e-6
+
+
+def test_a_closed_branch_has_two_ends_of_one_name() -> None:
+    assert reasons(flat("circle", 1.0, 0.0, 1.0), "p", bounds=(-2.0, 2.0)) == ["CLOSED"] * 2
+
+
+def test_a_circle_cut_by_its_bounds_is_not_closed() -> None:
+    assert reasons(flat("circle", 1.0, 0.0, 1.0), "p", bounds=(-0.5, 2.0)) == ["BOUND"] * 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"bounds": (3.0, 2.0)}, r"bounds must be \(low, high\) with low < high; got \(3.0, 2.0\)"),
+        ({"bounds": (2.6, 3.0)}, r"r must lie in \[2.6, 3.0\]; got 2.5"),
+        ({"bounds": (2.0, np.nan)}, r"bounds\[1\] must be a finite number; got nan"),
+        ({"bounds": (2.0, "3")}, r"bounds\[1\] must be a finite number; got '3'"),
+        ({"bounds": 3.0}, "bounds must be two numbers; got 3.0"),
+        ({"bounds": (2.0, 3.0), "step": 0.0}, "step must be positive; got 0.0"),
+        ({"bounds": (2.0, 3.0), "largest_step": -1}, "largest_step must be positive; got -1"),
+        ({"bounds": (2.0, 3.0), "points": 0}, "points must be a positive integer; got 0"),
+    ],
+)
+def test_bad_options_are_refused(options: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        continue_orbit(logistic(2.5), "r", **options)
+
+
+def test_a_parameter_that_the_system_lacks_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^parameter must be one of: r; got 'speed'$"):
+        continue_orbit(logistic(), "speed", bounds=(0.0, 1.0))
+
+
+def test_what_is_no_orbit_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^orbit must solve its equations; got a residual of "):
+        continue_orbit(Cycle(Logistic(2.5), np.array([0.5])), "r", bounds=(2.0, 3.0))
+
+
+def test_an_inadmissible_start_is_refused_where_none_is_wanted() -> None:
+    start = flat("cusp", 0.0, 0.0, 1.0, border=0.5)
+    with pytest.raises(ValueError, match=r"^orbit must be admissible where inadmissible=False"):
+        continue_orbit(start, "p", bounds=(-1.0, 1.0), inadmissible=False)
+
+
+NONE = np.empty(0)
+
+
+def test_no_orbit_is_an_error_that_says_how_far_it_came() -> None:
+    # x^2 + 4 = 0 has no solution
+    problem = CycleProblem(Flat("circle", p=2.0, q=0.0), 1, ())
+    with pytest.raises(NoConvergence, match=r"^no periodic orbit found from the guess after "):
+        solve(problem, np.array([0.3]), NONE)
+
+
+def test_newton_converges_quadratically() -> None:
+    # Newton's method on f = c - x^2 leaves f' = -(f / 2x)^2, with x >= 0.8 all the way from above
+    problem = CycleProblem(Flat("circle", p=0.6, q=1.0), 1, ())
+    x, history = solve(problem, np.array([1.2]), NONE)
+    assert abs(x[0] - 0.8) < 1e-15
+    assert len(history) > 4
+    for before, after in pairwise(history):
+        assert after <= (before / 1.6) ** 2 + 2.0**-52
+
+
+def test_located_bifurcations_have_a_quadratic_history() -> None:
+    branch = continue_orbit(flat("cusp", 0.0, 0.0, 1.0), "p", bounds=(-1.5, 1.5))
+    for bifurcation in branch.bifurcations:
+        for before, after in pairwise(bifurcation.history):
+            # second derivatives of f are below 6 |x| < 12 here, first ones of the pair above 1
+            assert after <= 12.0 * before**2 + 1e-9 * before + 1e-15

@@ -1,0 +1,102 @@
+"""From a bifurcation to the branches that leave it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.branch import Branch
+from dynkit.continuation.continuing import continue_orbit
+from tests.continuation.starts import delayed_logistic, flat, henon, logistic
+
+
+def at(branch: Branch, kind: str) -> Bifurcation:
+    (found,) = (b for b in branch.bifurcations if b.kind == kind)
+    return found
+
+
+def test_a_doubled_orbit_is_no_orbit_run_through_twice() -> None:
+    branch = continue_orbit(logistic(), "r", bounds=(2.0, 3.5))
+    (orbit,) = at(branch, "PD").switch()
+    assert orbit.label == "P(2)"
+    assert np.ptp(orbit.states) > 1e-4
+    assert orbit.residual < 1e-14
+
+
+def test_doublings_of_the_logistic_map_accumulate() -> None:
+    # the ratio of successive intervals tends to 4.669...: M. J. Feigenbaum, Quantitative
+    # universality for a class of nonlinear transformations, J. Stat. Phys. 19 (1978) 25-52. The
+    # places are those of K. M. Briggs, A precise calculation of the Feigenbaum constants, Math.
+    # Comp. 57 (1991) 435-439, of x' = 1 - a x^2, with a = r (r - 2) / 4.
+    orbit, values = logistic(), []
+    branch = continue_orbit(orbit, "r", bounds=(2.0, 3.6))
+    for _ in range(4):
+        doubling = at(branch, "PD")
+        values.append(doubling.value)
+        (start,) = doubling.switch()
+        branch = continue_orbit(start, "r", bounds=(2.0, 3.6), largest_step=0.01)
+    a = [r * (r - 2.0) / 4.0 for r in values]
+    known = [0.75, 1.25, 1.3680989394, 1.3940461566]
+    assert np.allclose(a, known, rtol=0.0, atol=1e-10)
+
+
+def test_the_doubled_orbits_of_henon_are_the_known_ones() -> None:
+    branch = continue_orbit(henon(), "a", bounds=(-0.1, 0.6), points=200)
+    (orbit,) = at(branch, "PD").switch()
+    twofold = continue_orbit(orbit, "a", bounds=(-0.1, 0.6))
+    # both x are roots of a^2 x^2 - a (1 - b) x + (1 - b)^2 - a = 0
+    a, x = twofold.parameter[:, None], twofold.unknowns[:, ::2]
+    # whose derivatives by x and a are below 2 and 3; x is measured in units of 2, the root of m
+    wrong = abs(a**2 * x**2 - 0.7 * a * x + 0.49 - a).max(axis=1)
+    assert (wrong <= 7.0 * twofold.error).all()
+    assert wrong[1:].max() < 1e-12
+
+
+def test_the_critical_direction_is_the_null_vector() -> None:
+    doubling = at(continue_orbit(henon(), "a", bounds=(0.05, 0.6)), "PD")
+    jacobian = doubling.orbit.system.jacobian(doubling.orbit.states[0])
+    assert abs(jacobian @ doubling.direction + doubling.direction).max() < 1e-12
+    torus = at(continue_orbit(delayed_logistic(), "r", bounds=(1.5, 2.5)), "NS")
+    jacobian = torus.orbit.system.jacobian(torus.orbit.states[0])
+    assert abs(jacobian @ torus.direction - torus.multiplier * torus.direction).max() < 1e-12
+
+
+@pytest.mark.parametrize(("shape", "power"), [("pitchfork", 2), ("transcritical", 1)])
+def test_the_crossing_branch_is_found(shape: str, power: int) -> None:
+    branch = continue_orbit(flat(shape, 0.0, 0.3), "p", bounds=(-1.0, 1.0))
+    (orbit,) = at(branch, "BP").switch()
+    other = continue_orbit(orbit, "p", bounds=(-1.0, 1.0))
+    # whose derivatives are 1 and, at most, 2; the parameter is measured in its range, at most 2
+    wrong = abs(other.parameter - other.unknowns[:, 0] ** power)
+    assert (wrong <= 4.0 * other.error + 1e-15).all()
+    assert np.median(wrong) < 1e-15
+    assert abs(other.unknowns[[0, -1], 0]).min() == 1.0
+
+
+def test_a_branch_through_a_pitchfork_is_followed_on_the_other_side() -> None:
+    # x and -x are different orbits: the branch does not retrace
+    branch = continue_orbit(flat("pitchfork", 0.5, 0.25), "p", bounds=(-1.0, 1.0))
+    assert [ending.reason.name for ending in branch.endings] == ["BOUND", "BOUND"]
+    assert [b.kind for b in branch.bifurcations] == ["BP"]
+    assert branch.unknowns[0, 0] * branch.unknowns[-1, 0] == -1.0
+
+
+def test_from_the_crossing_branch_one_comes_back() -> None:
+    branch = continue_orbit(flat("pitchfork", 0.5, 0.25), "p", bounds=(-1.0, 1.0))
+    (orbit,) = at(branch, "BP").switch()
+    assert abs(orbit.unknowns[0]) < 1e-15
+
+
+def test_nothing_leaves_a_fold_or_a_torus() -> None:
+    fold = continue_orbit(flat("circle", 1.0, 0.0, 1.0), "p", bounds=(-2.0, 2.0)).bifurcations[0]
+    torus = at(continue_orbit(delayed_logistic(), "r", bounds=(1.5, 2.5)), "NS")
+    assert fold.switch() == torus.switch() == []
+
+
+def test_a_grazing_offers_what_its_problem_knows() -> None:
+    start = flat("cusp", 1.2, 1.2**3 - 1.2, 1.0, border=1.05)
+    grazing = at(continue_orbit(start, "p", bounds=(0.1, 1.5)), "GR")
+    (orbit,) = grazing.switch()
+    # the small family offers the mirror image of the orbit that grazes, at the opposite parameter
+    assert abs(orbit.unknowns[0] + 1.05) < 1e-14
