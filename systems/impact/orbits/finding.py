@@ -47,8 +47,10 @@ def find_orbits(
     seen: list[Array] = []
     for problem, guess in guesses:
         result = correct(FixedParameters(problem, _NONE), guess, problem.scale(guess), steps=30)
-        x = ordered(result.y)
-        if not result.converged or (x[n:] <= 0.0).any() or repeats(problem, x):
+        if not result.converged or (result.y[n:] <= 0.0).any():
+            continue
+        problem, x = ordered(problem, result.y)
+        if coincide(problem, x) or repeats(problem, x):
             continue
         mark = problem.canonical(x)
         if all(abs(mark - other).max() > APART for other in seen):
@@ -84,7 +86,7 @@ def orbit_at(
     problem = make_problem(oscillator, m, at)
     x, history = solve(problem, with_impulses(problem, given), _NONE)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
-    return ImpactOrbit(problem, ordered(x), history, cost)
+    return ImpactOrbit(*ordered(problem, x), history, cost)
 
 
 def make_problem(oscillator: ImpactOscillator, periods: int, sides: Any) -> ImpactProblem:
@@ -119,11 +121,22 @@ def with_impulses(problem: ImpactProblem, phases: Array) -> Array:
     return np.concatenate([phases, impulses])
 
 
-def ordered(x: Array) -> Array:
-    """The same solution from its first impact in [0, 2 pi) on."""
-    n = len(x) // 2
-    turns = TWO_PI * np.floor(x[0] / TWO_PI)
-    return np.concatenate([x[:n] - turns, x[n:]])
+def ordered(problem: ImpactProblem, x: Array) -> tuple[ImpactProblem, Array]:
+    """The same solution with its impacts in turn, from its first one in [0, 2 pi) on."""
+    n, turn = len(problem.sides), TWO_PI * problem.periods
+    late = turn * np.floor((x[:n] - x[0]) / turn)
+    phases = x[:n] - late - TWO_PI * np.floor(x[0] / TWO_PI)
+    order = np.argsort(phases)
+    if (np.diff(order) < 0).any():
+        problem = make_problem(problem.oscillator, problem.periods, problem.sides[order])
+    return problem, np.concatenate([phases[order], x[n:][order]])
+
+
+def coincide(problem: ImpactProblem, x: Array) -> bool:
+    """Whether two impacts are one, as without rebound an impulse of zero follows any impact."""
+    n = len(problem.sides)
+    ends = np.append(x[:n], x[0] + TWO_PI * problem.periods)
+    return bool(np.diff(ends).min() < APART)
 
 
 def repeats(problem: ImpactProblem, x: Array) -> bool:
