@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 TURN = 2.0 * np.pi
 
+# States that agree so well, in units of their size, are one.
+_REPEATED = 1e-7
+
 
 @final
 class MapProblem(Problem):
@@ -113,6 +116,15 @@ class MapProblem(Problem):
 
     def admissible(self, x: Array, p: Array) -> bool:  # noqa: ARG002
         return True
+
+    def shortest(self, x: Array) -> tuple[MapProblem, Array]:
+        states, n = self._rows(x), len(self._like)
+        for k in (k for k in range(1, n // 2 + 1) if n % k == 0):
+            apart = self._system.difference(np.roll(states, -k, axis=0), states)
+            if (abs(apart) <= _REPEATED * self.units).all():
+                problem = type(self)(self._system, self._like[:k], self._names)
+                return problem, states[:k].ravel()
+        return self, x
 
     def canonical(self, x: Array) -> Array:
         """Return its states in units of their size, from the same one on; angles as their sines.

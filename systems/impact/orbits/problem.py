@@ -23,6 +23,9 @@ from dynkit.validation import Array
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
 
+# Impacts and impulses that agree so well, in their units, are the same.
+_REPEATED = 1e-7
+
 
 @final
 class ImpactProblem(Problem):
@@ -230,6 +233,17 @@ class ImpactProblem(Problem):
         twice = np.concatenate([phases, phases + turn, impulses, impulses])
         a, b = disturbance[:n], disturbance[n:]
         return problem, twice, np.concatenate([a, -a, b, -b])
+
+    def shortest(self, x: Array) -> tuple[ImpactProblem, Array]:
+        n, m = len(self.sides), self.periods
+        for k in (k for k in range(1, n // 2 + 1) if n % k == 0 and m % (n // k) == 0):
+            periods = m // (n // k)
+            phases = np.append(x[k:n], x[:k] + TWO_PI * m) - TWO_PI * periods
+            apart = abs(phases - x[:n]).max(), abs(np.roll(x[n:], -k) - x[n:]).max() / self.speed
+            if max(apart) < _REPEATED and (np.roll(self.sides, -k) == self.sides).all():
+                once = type(self)(self.oscillator, self._names, periods, self.sides[:k], self.speed)
+                return once, np.concatenate([x[:k], x[n : n + k]])
+        return self, x
 
     def canonical(self, x: Array) -> Array:
         n = len(self.sides)
