@@ -20,8 +20,8 @@ from dynkit.validation import Array
 if TYPE_CHECKING:
     from dynkit.orbits import PeriodicOrbit
 
-# A multiplier counts as outside the unit circle from here on: less is rounding.
-_OUTSIDE = 1.0 + 1e-9
+# Squares of moduli, and products, up to here count as inside the unit circle: more is rounding.
+_INSIDE = 1.0 + 1e-9
 # Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart.
 _SHORTEST = 1e-4
 _HALVINGS = 45
@@ -50,7 +50,8 @@ class Seen:
     events: tuple[float, ...]
     kinds: tuple[str, ...]
     flip: bool
-    outside: int
+    pairs: int
+    inside: int
     crossings: tuple[Crossing, ...] = ()
 
 
@@ -61,10 +62,11 @@ def examine(problem: Problem, point: Point) -> Seen:
     events = problem.events(x, p)
     # not from the multipliers, which may change their sign through infinity
     flip = bool(np.linalg.slogdet(problem.linearization(x, p, -1.0))[0] < 0.0)
-    outside = int(np.count_nonzero(abs(multipliers) > _OUTSIDE))
+    upper = multipliers[(multipliers.imag > 0.0) & ~_real(multipliers)]
+    inside = int(np.count_nonzero(abs(upper) ** 2 <= _INSIDE))
     values = tuple(event.value for event in events)
     kinds = tuple(event.kind for event in events)
-    return Seen(multipliers, problem.admissible(x, p), values, kinds, flip, outside)
+    return Seen(multipliers, problem.admissible(x, p), values, kinds, flip, len(upper), inside)
 
 
 def _real(multipliers: Any) -> Any:
@@ -111,14 +113,28 @@ def crossings(before: Point, after: Point) -> tuple[Crossing, ...]:
         found.append(Crossing("BP"))
     if a.flip != b.flip:
         found.append(Crossing("PD"))
-    # what enters or leaves the unit circle on the real axis does so alone
-    alone = (fold or branch_point) + (a.flip != b.flip)
-    if abs(a.outside - b.outside) - alone >= 2 and not _real(b.multipliers).all():
-        found.append(Crossing("NS"))
+    found += [Crossing("NS")] * _tori(a, b)
     for i, (kind, u, v) in enumerate(zip(a.kinds, a.events, b.events, strict=True)):
         if (u < 0.0) != (v < 0.0) and u == u and v == v:  # not where one of them tells nothing
             found.append(Crossing(kind, i))
     return tuple(found)
+
+
+def _tori(before: Seen, after: Seen) -> int:
+    """Return how many complex pairs enter or leave the unit circle within a step.
+
+    Where pairs become real, or real ones a pair, the product over i < j of mu_i mu_j - 1 tells: it
+    changes its sign there only when a pair is on the circle, or, real, has the product one.
+    """
+    if before.pairs == after.pairs:
+        return abs(after.inside - before.inside)
+    return int(_sign(before) != _sign(after))
+
+
+def _sign(seen: Seen) -> bool:
+    real = seen.multipliers[_real(seen.multipliers)].real
+    products = np.outer(real, real)[np.triu_indices(len(real), 1)]
+    return bool((np.count_nonzero(products <= _INSIDE) + seen.inside) % 2)
 
 
 @final
@@ -159,6 +175,8 @@ def locate(
         if middle is None:
             break
         middle.seen = examine(problem, middle)
+        if crossing.kind == "NS" and halving > 8 and _far(before, after):
+            return None
         steps += middle.iterations
         if crossing in crossings(before, middle):
             after = middle
@@ -182,12 +200,17 @@ def locate(
     )
 
 
+def _far(before: Point, after: Point) -> bool:
+    """Whether no complex pair is near the unit circle."""
+    return min(_distance(before, "NS"), _distance(after, "NS")) > _NEAR
+
+
 def _solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
     kind, event = crossing
     guess = interpolated(before, after, _part(before, after, crossing))
     own = np.empty(0)
     if kind == "NS":
-        own = _angle(before if before.seen.outside > after.seen.outside else after)
+        own = _angle(before, after)
     try:
         condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:])
         equations = BifurcationEquations(problem, condition, before.scale[-1:])
@@ -235,12 +258,11 @@ def _distance(point: Point, kind: str) -> float:
     return float(there.min()) if len(there) else np.inf
 
 
-def _angle(point: Point) -> Array:
-    multipliers = point.seen.multipliers
-    pairs = multipliers[multipliers.imag > 0.0]
-    if not len(pairs):
-        return np.array([0.5 * np.pi])
-    nearest = pairs[np.argmin(abs(abs(pairs) - 1.0))]
+def _angle(before: Point, after: Point) -> Array:
+    """Return the angle of the complex pair that is nearest to the unit circle."""
+    both = np.append(before.seen.multipliers, after.seen.multipliers)
+    upper = both[(both.imag > 0.0) & ~_real(both)]
+    nearest = upper[np.argmin(abs(abs(upper) - 1.0))]
     return np.array([float(np.angle(nearest))])
 
 

@@ -87,13 +87,17 @@ def _between(
 ) -> list[tuple[float, Located]]:
     """Return the bifurcations within a step, each with its place there from 0 to 1."""
     way = (after.y - before.y) / before.scale
-    found = []
+    found: list[tuple[float, Located]] = []
     for crossing in after.seen.crossings:
         located = locate(problem, follower, before, after, crossing)
-        if located is not None:
+        if located is not None and not any(_same(located, other) for _, other in found):
             gap = (np.append(located.x, located.p) - before.y) / before.scale
             found.append((float(np.clip(gap @ way / (way @ way), 0.0, 1.0)), located))
     return sorted(found, key=lambda entry: entry[0])
+
+
+def _same(a: Located, b: Located) -> bool:
+    return a.crossing == b.crossing and abs(float(a.p[0] - b.p[0])) <= 2.0 * (a.error + b.error)
 
 
 def _flat_tangent(

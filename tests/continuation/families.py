@@ -105,6 +105,27 @@ class Rotation(ToyMap):
 
 
 @dataclass(frozen=True)
+class Exchange(ToyMap):
+    """A `Rotation` and z' = (d - 2 - e) z: while the pair leaves, -1 is passed inwards at 1 + e."""
+
+    d: float = 0.9
+    e: float = 0.001
+    dimension = 3
+
+    def __call__(self, state: Array) -> Array:
+        x, y, z = state
+        return np.array([y, -self.d * x + 0.5 * y, (self.d - 2.0 - self.e) * z])
+
+    def jacobian(self, state: Array) -> Array:
+        last = self.d - 2.0 - self.e
+        return np.array([[0.0, 1.0, 0.0], [-self.d, 0.5, 0.0], [0.0, 0.0, last]])
+
+    def slope(self, state: Array, name: str) -> Array:
+        x, _, z = state
+        return np.array([0.0, -x, z] if name == "d" else [0.0, 0.0, -z])
+
+
+@dataclass(frozen=True)
 class Flat(ToyMap):
     """x' = x + f(x, p, q): fixed points are the zeros of f, a curve in the plane of x and p.
 
@@ -306,3 +327,29 @@ class CycleProblem(Problem):
     def canonical(self, x: Array) -> Array:
         states = x.reshape(self.period, -1)
         return np.asarray(np.roll(states, -int(np.argmin(states[:, 0])), axis=0).ravel())
+
+
+class PoleProblem(CycleProblem):
+    """(1 - p) x = 0: a disturbance that returns multiplied by mu leaves (1 - mu p) x.
+
+    The multiplier 1 / p changes its sign through infinity.
+    """
+
+    def residual(self, x: Array, p: Array) -> Array:
+        return np.asarray((1.0 - p) * x)
+
+    def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
+        return np.array([[1.0 - np.real(multiplier) * p[0]]])
+
+    def parameter_derivative(self, x: Array, p: Array) -> Array:
+        return -x[:, None]
+
+    def multipliers(self, x: Array, p: Array) -> Any:
+        return np.array([1.0 / (p[0] or 1e-300)], dtype=complex)
+
+
+class PoleOrbit(Cycle):
+    """An orbit of `PoleProblem`."""
+
+    def problem(self, *names: str) -> PoleProblem:
+        return PoleProblem(self.map, 1, names)

@@ -8,7 +8,7 @@ import pytest
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
-from tests.continuation.families import Logistic
+from tests.continuation.families import Cycle, Exchange, Flat, Logistic, PoleOrbit, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon, iterated, logistic
 
 TEN_DIGITS = 1e-10
@@ -102,6 +102,37 @@ def test_the_cusp_family_has_two_folds() -> None:
     branch = continue_orbit(flat("cusp", 0.0, 0.0, 1.0), "p", bounds=(-1.5, 1.5))
     folds = [b.value for b in branch.bifurcations if b.kind == "SN"]
     assert np.allclose(sorted(folds), np.array([-1.0, 1.0]) * np.sqrt(4.0 / 27.0), atol=TEN_DIGITS)
+
+
+# What multipliers alone do not tell
+
+
+@pytest.mark.parametrize("largest_step", [0.01, 0.3])
+def test_a_pair_that_leaves_while_another_multiplier_enters_is_seen(largest_step: float) -> None:
+    orbit = Cycle(Exchange(0.9), np.zeros(3))
+    branch = continue_orbit(orbit, "d", bounds=(0.8, 1.2), largest_step=largest_step)
+    assert abs(only(branch, "NS").value - 1.0) < TEN_DIGITS
+    assert abs(only(branch, "PD").value - 1.001) < TEN_DIGITS
+
+
+def test_a_pair_that_forms_and_leaves_within_a_step_is_seen() -> None:
+    # real below d = 0.9025
+    orbit = Cycle(Rotation(0.85, 1.9), np.zeros(2))
+    branch = continue_orbit(orbit, "d", bounds=(0.8, 1.2), step=0.5, largest_step=0.5)
+    assert abs(only(branch, "NS").value - 1.0) < TEN_DIGITS
+
+
+def test_real_multipliers_of_product_one_are_no_torus() -> None:
+    orbit = Cycle(Rotation(0.85, 3.0), np.zeros(2))
+    branch = continue_orbit(orbit, "d", bounds=(0.8, 1.2))
+    assert branch.bifurcations == ()
+
+
+def test_a_multiplier_that_passes_infinity_is_no_bifurcation() -> None:
+    orbit = PoleOrbit(Flat("pitchfork", -0.5), np.zeros(1))
+    branch = continue_orbit(orbit, "p", bounds=(-0.6, 0.6))
+    assert branch.multipliers[0].real * branch.multipliers[-1].real < 0.0
+    assert branch.bifurcations == ()
 
 
 def exact_values() -> list[tuple[str, Bifurcation, float]]:
