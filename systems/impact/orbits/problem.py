@@ -105,7 +105,7 @@ class ImpactProblem(Problem):
         """All responses at a place."""
         key = x.tobytes() + p.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = key, Solution(*self.parts(p), self.periods, self.sides, x)
+            self._last = key, Solution(*self.parts(p), self.periods, self.sides, x.copy())
         return self._last[1]
 
     # --- equations --------------------------------------------------------------------------------
@@ -190,7 +190,9 @@ class ImpactProblem(Problem):
 
     def _numerically(self, x: Array, p: Array, k: int) -> Array:
         """Derivative (2n,) by the free parameter number `k`, from differences of fourth order."""
-        h = 1e-3 * max(abs(float(p[k])), 1e-2)
+        # Small beside a turn of the fastest mode over the period.
+        turns = self.at(x, p).period * float(self.oscillator.natural_frequencies[-1])
+        h = 5e-3 * max(abs(float(p[k])), 1e-2) / (1.0 + turns)
 
         def at(steps: float) -> Array:
             moved = p.copy()
