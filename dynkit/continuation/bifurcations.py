@@ -218,7 +218,7 @@ def _solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -
         found = correct(equations, y, equations.scale(y), steps=15)
         if not found.converged or not _within(before, after, found.y, problem.size):
             return None
-        scale, jacobian = equations.scale(found.y), equations.jacobian(found.y)
+        scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
         residual = equations.residual(found.y)
     except (NoSolution, np.linalg.LinAlgError):
         return None

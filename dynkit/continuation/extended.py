@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from contextlib import suppress
 from typing import Any, final
 
 import numpy as np
@@ -14,7 +15,7 @@ from dynkit.continuation.problem import Condition, NoSolution, Problem
 from dynkit.validation import Array
 
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
-"""Step of central differences, in scaled unknowns: rounding and curvature are balanced there."""
+"""Step of central differences, in scaled unknowns: rounding and curvature balance each other."""
 
 
 class CriticalMultiplier(Condition):
@@ -149,6 +150,7 @@ class BifurcationEquations(Equations):
         self.condition = condition
         self._widths = widths
         self._m, self._k = problem.size, len(widths)
+        self._last: tuple[Array | None, Array] = None, np.empty(0)
 
     def split(self, y: Array) -> tuple[Array, Array, Array]:
         """Return the orbit's unknowns, the condition's own and the parameters."""
@@ -161,36 +163,51 @@ class BifurcationEquations(Equations):
         unfolding = getattr(self.condition, "unfolding", None)
         if unfolding is not None:
             f = f + own[0] * unfolding
+        self._last = y, f
         return np.concatenate([f, self._condition(y)])
 
     def jacobian(self, y: Array) -> Array:
-        x, own, p = self.split(y)
+        """Return the derivative, as far as steps of Newton's method and tangents depend on it.
+
+        The condition is differentiated along the null vectors of the orbit's equations, and along
+        the step to their solution. All steps are combinations of these.
+        """
+        orbit, scale = self._orbit_rows(y), self.scale(y)
+        m = self._m
+        frame, triangle = np.linalg.qr((orbit * scale).T, mode="complete")
+        directions = list(frame[:, m:].T)
+        f = self._last[1] if self._last[0] is y else self.residual(y)[:m]
+        with suppress(np.linalg.LinAlgError):
+            step = frame[:, :m] @ np.linalg.solve(triangle[:m].T, f)
+            size = float(np.sqrt(step @ step))
+            if 0.0 < size < np.inf:
+                directions.append(step / size)
+        return np.concatenate([orbit, self._along(y, scale, directions)])
+
+    def full_jacobian(self, y: Array) -> Array:
+        """Return the derivative, along all unknowns."""
+        directions = list(np.eye(len(y)))
+        return np.concatenate([self._orbit_rows(y), self._along(y, self.scale(y), directions)])
+
+    def _orbit_rows(self, y: Array) -> Array:
+        x, _, p = self.split(y)
         m, q = self._m, len(y)
-        matrix = np.zeros((m + len(own) + 1, q))
-        matrix[:m, :m] = self.problem.linearization(x, p)
-        matrix[:m, q - self._k :] = self.problem.parameter_derivative(x, p)
+        matrix = np.zeros((m, q))
+        matrix[:, :m] = self.problem.linearization(x, p)
+        matrix[:, q - self._k :] = self.problem.parameter_derivative(x, p)
         unfolding = getattr(self.condition, "unfolding", None)
         if unfolding is not None:
-            matrix[:m, m] = unfolding
-        steps = DIFFERENCE * self.scale(y)
-        for i, step in enumerate(steps):
-            matrix[m:, i] = self._difference(y, i, step)
+            matrix[:, m] = unfolding
         return matrix
 
-    def _difference(self, y: Array, i: int, step: float) -> Array:
-        """Change of the condition by unknown `i`; from one side at the edge of its domain."""
-        ends = []
-        for sign in (1.0, -1.0):
-            there = y.copy()
-            there[i] += sign * step
-            try:
-                ends.append((there[i], self._condition(there)))
-            except NoSolution:
-                ends.append((y[i], self._condition(y)))
-        (a, ahead), (b, behind) = ends
-        if a == b:
-            raise NoSolution("the condition is defined on neither side")
-        return np.asarray((ahead - behind) / (a - b))
+    def _along(self, y: Array, scale: Array, directions: list[Array]) -> Array:
+        """Return a derivative of the condition, right along orthonormal scaled directions."""
+        rows = np.zeros((self.condition.unknowns + 1, len(y)))
+        for direction in directions:
+            step = DIFFERENCE * scale * direction
+            change = self._condition(y + step) - self._condition(y - step)
+            rows += np.outer(change / (2.0 * DIFFERENCE), direction)
+        return rows / scale
 
     def scale(self, y: Array) -> Array:
         x, own, _ = self.split(y)
