@@ -23,7 +23,7 @@ _ROUNDINGS = 4.0
 _NONE = np.empty(0)
 
 
-def periodic_orbit(system: Map, guess: Array, *, period: int | None = None) -> MapOrbit:
+def periodic_orbit(system: Map, guess: Any, *, period: int | None = None) -> MapOrbit:
     """Find a periodic orbit of a map, stable or not, by Newton's method from a guess.
 
     All states of the orbit are unknowns at once, so that unstable orbits of long periods are found
@@ -33,7 +33,7 @@ def periodic_orbit(system: Map, guess: Array, *, period: int | None = None) -> M
     Parameters
     ----------
     system : Map
-    guess : (d,) or (n, d) array
+    guess : (d,) or (n, d) array_like
         One state near the orbit, from which the map is iterated; or all n of them, in order.
     period : int, optional
         n. By default one, or as many as there are states.
@@ -68,9 +68,9 @@ def periodic_orbit(system: Map, guess: Array, *, period: int | None = None) -> M
     return MapOrbit(system, x, history, cost)
 
 
-def _guessed(system: Map, guess: Array, period: int | None) -> Array:
+def _guessed(system: Map, guess: Any, period: int | None) -> Array:
     d = system.dimension
-    if np.ndim(guess) == 1:
+    if _is_one_state(guess):
         n = 1 if period is None else positive_integer("period", period)
         start = finite_array("guess", guess, (d,))
         try:
@@ -86,6 +86,13 @@ def _guessed(system: Map, guess: Array, period: int | None) -> Array:
     if period is not None and positive_integer("period", period) != len(states):
         raise ValueError(f"period must be the number of states, {len(states)}; got {period}")
     return states
+
+
+def _is_one_state(guess: Any) -> bool:
+    try:
+        return np.ndim(guess) == 1
+    except ValueError:  # rows of different lengths
+        return False
 
 
 def _solved(system: Map, states: Array) -> tuple[Array, tuple[float, ...]]:
