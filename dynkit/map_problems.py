@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from dynkit.map_orbits import MapOrbit
 
 TURN = 2.0 * np.pi
+# Errors of calls are no larger than this in the equations: Newton's method ends in them.
+_NOISE = 1e-13
 
 # States that agree so well, in units of their size, are one.
 _REPEATED = 1e-7
@@ -31,7 +33,8 @@ class MapProblem(Problem):
     ----------
     system : Map
     states : (n, d) array
-        Near the solutions; the equations are in units of their largest coordinates.
+        Near the solutions; the equations are in units of their largest coordinates, enlarged for
+        a map whose calls are wrong by more than 1e-13, so that this is what remains of them.
     names : sequence of str
         The free parameters.
 
@@ -46,8 +49,9 @@ class MapProblem(Problem):
         self._like = states
         self._names = tuple(names)
         self._values = np.array([system.value_of(name) for name in names])
-        self.units = sizes(states)
-        """Units (d,) of the equations."""
+        self._sizes = sizes(states)
+        self.units = self._sizes * max(1.0, system.accuracy / _NOISE)
+        """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
         self._at: tuple[bytes, Map] = (self._values.tobytes(), system)
         self._derivatives: tuple[bytes, Array] = (b"", np.empty(0))
 
@@ -133,7 +137,7 @@ class MapProblem(Problem):
         """
         states = self._rows(x)
         turning = angles(self._system)
-        plain = states[:, ~turning] / self.units[~turning]
+        plain = states[:, ~turning] / self._sizes[~turning]
         turned = states[:, turning]
         rows = np.hstack([plain, np.cos(turned), np.sin(turned)])
         # a direction without symmetry, as states of symmetric orbits have equal coordinates
