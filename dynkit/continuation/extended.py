@@ -204,10 +204,25 @@ class BifurcationEquations(Equations):
         """Return a derivative of the condition, right along orthonormal scaled directions."""
         rows = np.zeros((self.condition.unknowns + 1, len(y)))
         for direction in directions:
-            step = DIFFERENCE * scale * direction
-            change = self._condition(y + step) - self._condition(y - step)
-            rows += np.outer(change / (2.0 * DIFFERENCE), direction)
+            change = self._change(y, DIFFERENCE * scale * direction)
+            rows += np.outer(change / DIFFERENCE, direction)
         return rows / scale
+
+    def _change(self, y: Array, step: Array) -> Array:
+        """Return how the condition changes over a step, to second order."""
+        try:
+            ahead = self._condition(y + step)
+        except NoSolution:
+            # on the edge of where it is defined
+            return -self._change_ahead(y, -step)
+        try:
+            return 0.5 * (ahead - self._condition(y - step))
+        except NoSolution:
+            return self._change_ahead(y, step)
+
+    def _change_ahead(self, y: Array, step: Array) -> Array:
+        here, ahead, further = (self._condition(y + i * step) for i in range(3))
+        return np.asarray(2.0 * ahead - 1.5 * here - 0.5 * further)
 
     def scale(self, y: Array) -> Array:
         x, own, _ = self.split(y)

@@ -105,6 +105,26 @@ class Rotation(ToyMap):
 
 
 @dataclass(frozen=True)
+class Edge(ToyMap):
+    """x' = y, y' = -(d + 1 - e) x + y / 2: NS of the origin at d = e; e is at most 1."""
+
+    d: float = 0.9
+    e: float = 1.0
+    dimension = 2
+
+    def __call__(self, state: Array) -> Array:
+        return self.jacobian(state) @ state
+
+    def jacobian(self, state: Array) -> Array:
+        if self.e > 1.0:
+            raise NoSolution("e must be at most 1")
+        return np.array([[0.0, 1.0], [-(self.d + 1.0 - self.e), 0.5]])
+
+    def slope(self, state: Array, name: str) -> Array:
+        return np.array([0.0, -state[0] if name == "d" else state[0]])
+
+
+@dataclass(frozen=True)
 class Exchange(ToyMap):
     """A `Rotation` and z' = (d - 2 - e) z: while the pair leaves, -1 is passed inwards at 1 + e."""
 

@@ -11,7 +11,7 @@ from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
 from dynkit.orbits import PeriodicOrbit
-from tests.continuation.families import Cycle, Rotation
+from tests.continuation.families import Cycle, Edge, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon
 
 ROUNDING = 1e-12
@@ -109,3 +109,12 @@ def test_bad_curves_are_refused(names: Any, bounds: Any, message: str) -> None:
     start = first(henon(), "a", (-0.2, 1.4), "PD")
     with pytest.raises(ValueError, match=f"^{message}$"):
         continue_curve(start, names, bounds=bounds)
+
+
+def test_a_curve_ends_on_the_edge_of_what_the_system_allows() -> None:
+    # of `Edge` no value of e above one is allowed; its NS is at d = e
+    start = first(Cycle(Edge(0.5, 0.9), np.zeros(2)), "d", (0.3, 1.5), "NS")
+    curve = continue_curve(start, ("d", "e"), bounds=((0.3, 1.5), (0.5, 1.0)))
+    assert sorted(curve.parameters[[0, -1], 1]) == [0.5, 1.0]
+    assert abs(curve.parameters[:, 0] - curve.parameters[:, 1]).max() < ROUNDING
+    assert [ending.reason.name for ending in curve.endings] == ["BOUND", "BOUND"]
