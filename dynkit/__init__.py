@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from dynkit.continuation.branch import Branch
     from dynkit.continuation.continuing import continue_orbit
     from dynkit.continuation.curves import BifurcationCurve, continue_curve
+    from dynkit.continuation.exploring import explore
+    from dynkit.continuation.network import Network
     from dynkit.exponential.sums import ExponentialSum
     from dynkit.flows import Flow
     from dynkit.labels import OrbitLabel
@@ -38,6 +40,7 @@ __all__ = [
     "Map",
     "MapAttractor",
     "MapOrbit",
+    "Network",
     "OrbitLabel",
     "PeriodicOrbit",
     "PoincareMap",
@@ -47,6 +50,7 @@ __all__ = [
     "__version__",
     "continue_curve",
     "continue_orbit",
+    "explore",
     "periodic_orbit",
     "sweep",
 ]
@@ -65,6 +69,7 @@ __getattr__, __dir__ = lazy_names(
         "Map": "dynkit.maps",
         "MapAttractor": "dynkit.attractors",
         "MapOrbit": "dynkit.map_orbits",
+        "Network": "dynkit.continuation.network",
         "OrbitLabel": "dynkit.labels",
         "PeriodicOrbit": "dynkit.orbits",
         "PoincareMap": "dynkit.sections",
@@ -73,6 +78,7 @@ __getattr__, __dir__ = lazy_names(
         "Sweep": "dynkit.sweeps",
         "continue_curve": "dynkit.continuation.curves",
         "continue_orbit": "dynkit.continuation.continuing",
+        "explore": "dynkit.continuation.exploring",
         "periodic_orbit": "dynkit.map_orbits",
         "sweep": "dynkit.sweeps",
     },

@@ -1,0 +1,79 @@
+"""Orbits that the exploration of a network starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from dynkit.continuation.newton import NoConvergence
+from dynkit.continuation.problem import NoSolution
+from dynkit.maps import Map
+from dynkit.validation import Array, finite_array
+
+if TYPE_CHECKING:
+    from dynkit.orbits import PeriodicOrbit
+
+SEARCHED = 3
+"""Orbits of more states than this are not searched for from guesses; they branch off others."""
+
+_GUESSES = 20
+_ROUNDING = 1e-14
+
+
+@runtime_checkable
+class OffersOrbits(Protocol):
+    """A system that finds periodic orbits itself.
+
+    ``periodic_orbits(impacts=n, periods=m)`` returns orbits P(n,m), always the same.
+    """
+
+    def periodic_orbits(self, *, impacts: int, periods: int) -> Sequence[PeriodicOrbit]:
+        """Return orbits P(n,m)."""
+        ...
+
+
+def checked_box(box: Any, dimension: int) -> Array:
+    """Return least and greatest coordinates, (d, 2).
+
+    Raises
+    ------
+    ValueError
+        When they are not.
+    """
+    found = finite_array("box", box, (dimension, 2))
+    for i in np.flatnonzero(~(found[:, 0] < found[:, 1]))[:1].tolist():
+        raise ValueError(f"box[{i}] must be (low, high) with low < high; got {found[i].tolist()}")
+    return found
+
+
+def offered(systems: Sequence[Map], impacts: int, periods: int) -> Iterator[PeriodicOrbit]:
+    """Yield all P(1,m) that the systems offer, then the admissible P(n,m) of more impacts."""
+    for n in range(1, min(impacts, SEARCHED) + 1):
+        for m in range(1, periods + 1):
+            for system in systems:
+                assert isinstance(system, OffersOrbits)
+                found = system.periodic_orbits(impacts=n, periods=m)
+                yield from (orbit for orbit in found if n == 1 or orbit.admissible)
+
+
+def searched(systems: Sequence[Map], box: Array, states: int) -> Iterator[PeriodicOrbit]:
+    """Yield orbits of maps that Newton's method finds from guesses in a box, always the same."""
+    from dynkit.map_orbits import periodic_orbit
+
+    for n in range(1, min(states, SEARCHED) + 1):
+        random = np.random.default_rng(n)
+        guesses = random.uniform(box[:, 0], box[:, 1], (_GUESSES, len(box)))
+        for system in systems:
+            for guess in guesses:
+                try:
+                    orbit = periodic_orbit(system, guess, period=n)
+                    small = abs(orbit.states) <= _ROUNDING * abs(box).max()
+                    if small.any():
+                        # numbers that have no digits but rounding are zero
+                        orbit = periodic_orbit(system, np.where(small, 0.0, orbit.states))
+                except (ValueError, NoConvergence, NoSolution):
+                    continue
+                if orbit.period == n:
+                    yield orbit
