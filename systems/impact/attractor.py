@@ -20,6 +20,7 @@ from dynkit.validation import Array, finite_array
 if TYPE_CHECKING:
     from dynkit.orbits import PeriodicOrbit
     from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.second_moments import SecondMoments
 
 TWO_PI = 2.0 * math.pi
 
@@ -125,6 +126,10 @@ class ImpactAttractor(Attractor):
         if free_motion(self._system._structure).rigid:
             return periodic_orbit(self._system, record.states, period=n)
         return orbit_of_motion(record, n, m)
+
+    def second_moments(self, batches: int = 1) -> SecondMoments:
+        """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
+        return self.record.second_moments(batches)
 
     def time_series(self, times: Array) -> Array:
         """Positions and velocities, (k, 2N), at times from the last skipped impact on."""

@@ -13,10 +13,11 @@ from dynkit.results import Cost
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import ImpactState
-from dynkit.validation import Array, finite_array
+from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.second_moments import SecondMoments
 
 TWO_PI = 2.0 * math.pi
 
@@ -194,3 +195,27 @@ class ImpactRecord:
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
         return sample_run(self.system, self._run, asked)
+
+    def second_moments(self, batches: int = 1) -> SecondMoments:
+        """Time averages of positions and of their products, in closed form.
+
+        From the start to the last impact: over flights, chatter and contact.
+
+        Parameters
+        ----------
+        batches : int
+            Into how many batches of successive impacts to divide them; not more than impacts.
+
+        Raises
+        ------
+        ValueError
+            When there are fewer impacts, or no time passes.
+        """
+        from dynkit.systems.impact.second_moments import second_moments
+
+        count = positive_integer("batches", batches)
+        if count > len(self):
+            raise ValueError(f"batches must not exceed the {len(self)} impacts; got {count}")
+        if not self.time[-1] > 0.0:
+            raise ValueError("impacts must be at more than one time; got only the start's")
+        return second_moments(self.system, self._run, count)

@@ -1,0 +1,247 @@
+"""Time averages of the motion: integrals of positions and of their products, in closed form."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.results import Cost
+from dynkit.systems.impact.eigen_coordinates import EigenCoordinates
+from dynkit.systems.impact.mechanics import Regime
+from dynkit.systems.impact.motion import evolve, transformed
+from dynkit.systems.impact.runs import Run
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+_EPS = 2.0**-52
+
+# A sum of two rates below this part of one over the mean time is not divided by: integrals of
+# single intervals are summed up instead.
+_SLOW = 1e-3
+
+# Closed forms are replaced by quadrature when rounding may have cost them more than this part.
+_LOST = 1e-10
+
+# Gauss-Legendre panels: so many nodes, and the largest product of rate and length. Of a term exp(z
+# s) a panel is wrong by less than |z h|^32 (16!)^4 / (33 (32!)^3) = 3e-26 for |z h| = 8: ten digits
+# to spare for what grows like a polynomial.
+_NODES, _REACH = 16, 8.0
+_CHUNK, _MOST_NODES = 1 << 16, 1 << 25
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SecondMoments:
+    """Integrals over time of the positions x and of x x^T, in batches of successive impacts.
+
+    Attributes
+    ----------
+    products : (b, N, N)
+        Integrals of x x^T over each batch.
+    sums : (b, N)
+        Integrals of x.
+    durations : (b,)
+    error, mean_error : float
+        Bounds, to leading order, of what rounding and the rests of chatters, replaced by contact,
+        changed in any entry of the means of x x^T and of x. That single states of a chaotic motion
+        cannot be computed, but only their distribution, is not part of it.
+    cost : Cost
+        Seconds; impacts, and nodes of quadrature where closed forms would have lost digits.
+    """
+
+    products: Array
+    sums: Array
+    durations: Array
+    error: float
+    mean_error: float
+    cost: Cost
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Intervals:
+    """Successive intervals in one regime: states at their begins, durations, numbers of impacts."""
+
+    regime: Regime
+    ladder: Any
+    starts: Array
+    durations: Array
+    impact: NDArray[np.intp]
+
+
+def second_moments(oscillator: ImpactOscillator, run: Run, batches: int) -> SecondMoments:
+    """Moments of a run from its start to its last impact, which must be later."""
+    began = time.perf_counter()
+    n = oscillator.degrees_of_freedom
+    edges = (np.arange(batches + 1) * run.impacts) // batches
+    moments = np.zeros((batches, n + 1, n + 1))
+    lost = np.zeros((n + 1, n + 1))
+    nodes = 0
+    for part in _intervals(oscillator, run):
+        inner, own_lost = _closed_form(part, edges)
+        largest = inner[:, :n, :n].sum(axis=0).max(initial=0.0)
+        if not own_lost[:n, :n].max(initial=0.0) <= _LOST * largest:
+            other, other_lost, count = _quadrature(part, edges)
+            nodes += count
+            if not own_lost.max() <= other_lost.max():
+                inner, own_lost = other, other_lost
+        moments += inner
+        lost += own_lost
+    lost[oscillator.contact % n] += _left_out(oscillator, run, moments)
+    if not np.isfinite(lost).all():
+        raise ValueError(
+            f"intervals must not need more than {_MOST_NODES} nodes of quadrature where modes merge"
+        )
+    total = float(moments[:, n, n].sum())
+    return SecondMoments(
+        moments[:, :n, :n],
+        moments[:, :n, n],
+        moments[:, n, n],
+        float(lost[:n, :n].max()) / total,
+        float(lost[:n, n].max()) / total,
+        Cost(time.perf_counter() - began, {"impacts": run.impacts, "nodes": nodes}),
+    )
+
+
+def _intervals(oscillator: ImpactOscillator, run: Run) -> Iterator[_Intervals]:
+    """Flights, contacts, and flights after a release."""
+    n, free, gap = oscillator.degrees_of_freedom, oscillator._free, oscillator._gaps[0]
+    rows, count = run.states, run.impacts
+    q = np.concatenate([run.start._coordinates[None], rows[:-1, : 2 * n].reshape(-1, 2, n)])
+    sine = np.append(run.start._turn[0], rows[:-1, 2 * n])
+    cosine = np.append(run.start._turn[1], rows[:-1, 2 * n + 1])
+    starts = free.states(q, sine, cosine)
+    times = np.append(0.0, rows[:, -1])
+    contacts = run.contacts[run.contacts[:, 0] < count]
+    flying = np.ones(count, dtype=bool)
+    before = contacts[:, 0].astype(np.intp)
+    flying[before] = False
+    where = np.flatnonzero(flying)
+    yield _Intervals(free, gap, starts[where], np.diff(times)[where], where)
+    if not len(contacts):
+        return
+    speeds = np.append(run.start.relative_velocity, rows[:, -2])
+    sides = np.signbit(speeds[before]).astype(np.intp)
+    for side in np.unique(sides).tolist():
+        held = oscillator._contacts[side]
+        own = before[sides == side]
+        ends = contacts[sides == side, 2]
+        stuck = transformed(held.to_stuck, starts[own])
+        lasted = ends - times[own]
+        yield _Intervals(held.regime, held.force, stuck, lasted, own)
+        released = transformed(held.to_free, evolve(held.force, stuck, np.arange(len(own)), lasted))
+        yield _Intervals(free, gap, released, times[own + 1] - ends, own)
+
+
+def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Moments (b, N + 1, N + 1), the number one last, and a bound of the errors of their sum."""
+    from dynkit.systems.impact import moment_kernels
+
+    eigen = EigenCoordinates.of(part.regime)
+    out = np.zeros((len(edges) - 1, *(2 * [len(eigen.back)])))
+    if not np.isfinite(eigen.condition):
+        return out, np.full(out.shape[1:], np.inf)
+    rates, back = eigen.rates, eigen.back
+    mean = float(part.durations.mean()) if len(part.durations) else 1.0
+    turning = [rates[:, None] + rates, rates[:, None] + rates.conj()]
+    slow = [abs(mu) * mean < _SLOW for mu in turning]
+    divisor = [np.where(s, 1.0, mu) for s, mu in zip(slow, turning, strict=True)]
+    listed = np.array(
+        [(a, b, kind) for kind in range(2) for a, b in np.argwhere(slow[kind]).tolist()],
+        dtype=np.intp,
+    ).reshape(-1, 3)
+    forward = np.concatenate([eigen.forward.real, eigen.forward.imag])
+    parts = np.stack([rates.real, rates.imag])
+    m = len(rates)
+    norms = np.zeros((4, m))
+    places = np.searchsorted(part.impact, edges)
+    flat = part.starts.reshape(len(part.starts), 2 * part.regime.layout.slots)
+    work, block = np.empty((4, m)), np.empty((2 * m, 2 * m))
+    for batch, now in enumerate(map(slice, places[:-1], places[1:])):
+        gram, grown = np.zeros((2 * m, 2 * m)), np.zeros((2, len(listed)))
+        moment_kernels.sum_products(
+            flat[now],
+            part.durations[now],
+            forward,
+            parts,
+            eigen.fastest,
+            listed,
+            work,
+            block,
+            gram,
+            norms,
+            grown,
+        )
+        gram = np.triu(gram) + np.triu(gram, 1).T
+        own, mixed, imaginary = gram[:m, :m], gram[:m, m:], gram[m:, m:]
+        changes = (
+            own - imaginary + 1j * (mixed + mixed.T),
+            own + imaginary + 1j * (mixed.T - mixed),
+        )
+        for kind, other in enumerate((back, back.conj())):
+            integral = changes[kind] / divisor[kind]
+            these = listed[:, 2] == kind
+            integral[listed[these, 0], listed[these, 1]] = grown[0, these] + 1j * grown[1, these]
+            out[batch] += 0.5 * (back @ integral @ other.T).real
+    begins, ends, turned, over_time = np.sqrt(norms)
+    size = _EPS * (8 + len(rates)) * eigen.condition
+    ends_error = size * (np.outer(begins, begins) + np.outer(ends, ends))
+    ends_error += _EPS * (np.outer(turned, ends) + np.outer(ends, turned))
+    lost = np.zeros(out.shape[1:])
+    for s, d in zip(slow, divisor, strict=True):
+        entry = np.where(s, 2.0 * size * np.outer(over_time, over_time), ends_error / abs(d))
+        lost += 0.5 * abs(back) @ entry @ abs(back).T
+    return out, lost
+
+
+def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
+    """The same, and the number of nodes, by Gauss-Legendre quadrature of the exact motion."""
+    regime = part.regime
+    n = len(regime.forced.rest)
+    out = np.zeros((len(edges) - 1, n + 1, n + 1))
+    fastest = 2.0 * float(regime.pairs.rates()[0].max(initial=0.0))
+    panels = np.maximum(np.ceil(part.durations * fastest / _REACH), 1.0)
+    if panels.sum() * _NODES > _MOST_NODES:
+        return out, np.full(out.shape[1:], np.inf), 0
+    repeats = panels.astype(np.intp)
+    which = np.repeat(np.arange(len(repeats)), repeats)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    length = (part.durations / panels)[which]
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    batch = np.searchsorted(edges, part.impact, side="right") - 1
+    size = _CHUNK // _NODES
+    for low in range(0, len(which), size):
+        now = slice(low, low + size)
+        at = (place[now, None] + 0.5 * (nodes + 1.0)) * length[now, None]
+        weight = 0.5 * weights * length[now, None]
+        row = np.repeat(which[now], _NODES)
+        states = evolve(part.ladder, part.starts, row, at.ravel())
+        x = np.ones((len(row), n + 1))
+        x[:, :n] = regime.forced.positions(*regime.parts(states))
+        weighted = x * weight.ravel()[:, None]
+        for b in np.unique(batch[which[now]]).tolist():
+            own = batch[row] == b
+            out[b] += weighted[own].T @ x[own]
+    root = np.sqrt(np.diagonal(out.sum(axis=0)))
+    phases = fastest * float(part.durations.max(initial=0.0))
+    lost = _EPS * (8.0 + 2.0 * n + phases) * np.outer(root, root)
+    return out, lost, len(which) * _NODES
+
+
+def _left_out(oscillator: ImpactOscillator, run: Run, moments: Array) -> Array:
+    """Bound (N + 1,) of the integrals that bounces, replaced by contact, would have added."""
+    contacts = run.contacts[run.contacts[:, 0] < run.impacts]
+    before = contacts[:, 0].astype(np.intp)
+    speeds = abs(np.append(run.start.relative_velocity, run.states[:, -2])[before])
+    rest = contacts[:, 1] - np.append(0.0, run.states[:, -1])[before]
+    # The first bounce, a parabola, is the highest.
+    height = 0.25 * speeds * rest * (1.0 - oscillator.restitution)
+    squares = np.diagonal(moments.sum(axis=0))
+    return np.asarray(2.0 * np.sqrt((height**2 * rest).sum() * squares))
