@@ -159,7 +159,8 @@ def tail_rows(responses: Responses, row: Array, steady: int) -> tuple[Array, Arr
     swing : bound of all that comes from the pair `steady`
     """
     pairs = responses.pairs
-    seen, rounding = responses.seen(row)
+    with np.errstate(over="ignore", invalid="ignore"):
+        seen, rounding = responses.seen(row)
     drift = Drift.of(pairs, seen)
     rest = seen if drift is None else drift.rest
     rows = np.zeros((6, pairs.count)) if drift is None else drift.rows.copy()
@@ -167,7 +168,9 @@ def tail_rows(responses: Responses, row: Array, steady: int) -> tuple[Array, Arr
     still = ~pairs.generator.any(axis=0) & (pairs.scale > 0.0)
     rows[0, still] += rest[0, still]
     rest[:, still] = 0.0
-    weights = pairs.bound(rest, 0) + rounding
+    # Responses at resonance, hardly damped, may overflow: then there is no bound.
+    with np.errstate(over="ignore", invalid="ignore"):
+        weights = pairs.bound(rest, 0) + rounding
     if drift is not None:
         weights = weights + drift.lost
     return weights, rows, float(weights[0, steady]) if steady >= 0 else 0.0

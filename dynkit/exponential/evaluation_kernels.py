@@ -51,11 +51,11 @@ class Ladder(NamedTuple):
         numbers kept, 0 for those that swing too fast for that size and are left out
     rows : (23, seen), two each: rows that give f, f', f'', f^(3) from y; from BOUND on weights of
         |y| that bound |f_k|, |f_k^(4)| and |f_k^(DEGREE + 1)| / (DEGREE + 1)! for the time `window`
-        (the first of a term that grows is its present size); from TAIL on weights that bound, less
-        their steady responses, the terms that do not drift, for ever, infinite where there is no
-        bound; from DRIFT on rows that give the terms that drift, with the constant ones, their rate
-        and their acceleration; the last row is 1 where two separate numbers add up, 0 where they
-        turn into each other
+        (the first of a term that grows, or is slow, is its present size); from TAIL on weights that
+        bound, less their steady responses, the terms that do not drift, for ever, infinite where
+        there is no bound; from DRIFT on rows that give the terms that drift, with the constant
+        ones, their rate and their acceleration; the last row is 1 where two separate numbers add
+        up, 0 where they turn into each other
     generator : (6, slots) entries 11, 12, 21, 22, trace and determinant of G
     links : (L, 2) slots that are driven and slots that drive them
     link_step : (2 + all rungs, L, 4) entries 11, 12, 21, 22 of how, then of what the driving slot
@@ -64,7 +64,7 @@ class Ladder(NamedTuple):
     smallest : step of rung 0, a power of two
     smooth : largest rung on which nothing is left out
     apart : whether a seen slot holds two separate numbers, or is driven by another
-    grows : whether a term may grow beyond all bounds
+    grows : whether a term may grow beyond its present size for long, or for ever
     window : time for which `bound` holds
     steady : number of the slot that never decays (the table), or -1
     swing : bound of all that comes from that slot, steady responses included; infinite where there

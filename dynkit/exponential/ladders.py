@@ -21,6 +21,13 @@ MAXIMUM_RUNGS = 61
 LARGEST = 1e300
 """Of weights."""
 
+SLOWEST = 1e-20
+"""Rates below this do not make the smallest step longer: its powers must not overflow."""
+
+SLOW = 1e-4
+"""A term that is so much slower than the fastest one is far from its amplitude for long: what
+rounding does to it is told by its present size."""
+
 LONGEST = 46
 """At least so many rungs, of twice the step each, for propagation over long times."""
 
@@ -35,13 +42,13 @@ def rung_sizes(pairs: Pairs) -> tuple[float, int]:
     from dynkit.exponential.evaluation_kernels import REACH
 
     fast, slow = pairs.rates()
-    fastest = float(fast.max(initial=0.0)) or 1.0
+    fastest = max(float(fast.max(initial=0.0)), SLOWEST) if fast.any() else 1.0
     slowest = float(slow[slow > 0.0].min(initial=fastest))
     if pairs.grows:
         # A rigid body may fly for long while nothing else happens.
         slowest = min(slowest, 1e-9 * fastest)
     smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
-    rungs = int(np.ceil(np.log2(8.0 * np.pi / slowest / smallest))) + 1
+    rungs = int(np.ceil(np.log2(8.0 * np.pi / smallest) - np.log2(slowest))) + 1
     return float(smallest), min(max(rungs, 2), MAXIMUM_RUNGS)
 
 
@@ -192,6 +199,11 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     tail, drift, swing = tail_rows(propagators.responses, full, steady)
     if pairs.grows:
         size = np.where(np.isfinite(size), size, pairs.bound(full, 0, 0.0))
+    fast = pairs.rates()[0]
+    slow = (pairs.scale > 0.0) & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
+    slow &= full.any(axis=0)
+    slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude
+    size[:, slow] = abs(full[:, slow])
     bounds = [size, pairs.bound(full, 4, window), last, tail, drift]
     bounds.append((pairs.scale == 0.0).astype(float)[None])
     rows = np.concatenate([rows, _pad(np.concatenate(bounds), seen)])
@@ -217,7 +229,7 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
         propagators.smallest,
         smooth,
         bool(np.any(pairs.scale[: row.shape[1]] == 0.0)) or len(propagators.links) > 0,
-        pairs.grows,
+        pairs.grows or bool(slow.any()),
         float(window),
         steady,
         swing,

@@ -134,10 +134,16 @@ def polynomial_first_root(
             if rate >= 0.0:
                 return NEVER, end, 0.0
             e -= value / rate
-        elif rate < 0.0:
-            e += 2.0 * value / (math.sqrt(rate * rate + 2.0 * curvature * value) - rate)
         else:
-            e += (rate + math.sqrt(rate * rate + 2.0 * curvature * value)) / curvature
+            square = rate * rate + 2.0 * curvature * value
+            root = math.sqrt(square)
+            if square < 1e-280:
+                # Squares of the smallest numbers vanish.
+                root = math.hypot(rate, math.sqrt(2.0 * curvature) * math.sqrt(value))
+            if rate < 0.0:
+                e += 2.0 * value / (root - rate)
+            else:
+                e += (rate + root) / curvature
         if e > end:
             return NEVER, end, 0.0
     return _downhill(c, first, e, end, band)

@@ -33,6 +33,7 @@ from dynkit.exponential.polynomial_kernels import (
     polynomial_first_root,
 )
 from dynkit.exponential.tail_kernels import stays_in_band, tail, weighted
+from dynkit.validation import Array
 
 FOREVER = 2**62
 """The farthest horizon, in smallest steps; a search that comes there is at its limit."""
@@ -97,6 +98,19 @@ def _first_rung(
             return j
         h *= 0.5
     return -1
+
+
+@kernel()
+def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
+    """The root of a polynomial near that of the same one `raised`, if it is no double root."""
+    c[0] -= raised
+    for _ in range(3):
+        value, rate = polynomial(c, 0, e)
+        second = 2.0 * abs(c[2]) + 6.0 * abs(c[3] * e)
+        if rate >= 0.0 or 8.0 * second * raised > rate * rate:
+            break
+        e = max(e - value / rate, earliest)
+    return e
 
 
 @kernel()
@@ -259,6 +273,7 @@ def first_root(
                 expand(ladder.generator, rows, offset, states, current, c)
         expanded = False
         threshold = band
+        raised = 0.0
         carries = n == carried_to
         if n == 0 and order > 0:
             first = order
@@ -286,11 +301,14 @@ def first_root(
                 else:
                     if n == 0:
                         c[0] = max(c[0], -threshold)
-                    c[0] = max(c[0] + 2.0 * threshold, SMALLEST)
+                    raised = max(2.0 * threshold, SMALLEST - c[0])
+                    c[0] += raised
                     carries = False
         h = smallest * (1 << wide)
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         cells += 1
+        if outcome == ROOT and raised > 0.0:
+            e = _lowered(c, raised, e, -smallest if n > 0 else 0.0)
         if outcome == ROOT or (outcome == TOUCH and touches):
             m = int(e / smallest)
             if m > 0:

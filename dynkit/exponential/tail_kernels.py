@@ -81,7 +81,9 @@ def _reach(ladder: Ladder, states: Array, k: int) -> float:
         if i != ladder.steady:
             a = rows[TAIL, i] * states[k, 0, i]
             b = rows[TAIL + 1, i] * states[k, 1, i]
-            total += math.sqrt(a * a + b * b)
+            square = a * a + b * b
+            # Squares of the smallest numbers vanish.
+            total += math.sqrt(square) if square > 1e-280 else abs(a) + abs(b)
     return total
 
 

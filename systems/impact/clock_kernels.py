@@ -58,8 +58,8 @@ def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) 
         wait = n * smallest + e
         angle, low = two_product(rate, wait)
         low += rate * ((n * smallest - wait) + e)
-        sine = math.sin(angle) + low * math.cos(angle)
-        cosine = math.cos(angle) - low * math.sin(angle)
+        sine = math.sin(angle) * math.cos(low) + math.cos(angle) * math.sin(low)
+        cosine = math.cos(angle) * math.cos(low) - math.sin(angle) * math.sin(low)
         s = clock[SINE] * cosine + clock[COSINE] * sine
         c = clock[COSINE] * cosine - clock[SINE] * sine
         factor = 1.5 - 0.5 * (s * s + c * c)
