@@ -28,6 +28,8 @@ _HALVINGS = 45
 # A torus with multipliers so nearly real is none; what unfolds a branch point is zero but for
 # rounding.
 _FLAT, _UNFOLDED = 1e-3, 1e-9
+# A place that may be wrong by more, in the range of the parameter, is not solved for.
+_UNSURE = 1e-6
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
@@ -211,6 +213,8 @@ def _solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -
     own = np.empty(0)
     if kind == "NS":
         own = _angle(before, after)
+        if not len(own):
+            return None
     try:
         condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:])
         equations = BifurcationEquations(problem, condition, before.scale[-1:])
@@ -228,10 +232,12 @@ def _solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -
         return None
     if kind == "BP" and abs(own[0]) > _UNFOLDED:
         return None
+    error = float(bound[-1])
+    if not error < _UNSURE * before.scale[-1]:
+        return None
     multiplier, direction = None, np.empty(0)
     if isinstance(condition, CriticalMultiplier):
         multiplier, direction = condition.multiplier(own), condition.direction(x, own, p)
-    error = float(bound[-1])
     return Located(crossing, x, own, p, error, multiplier, direction, found.history, 0.0, 0)
 
 
@@ -259,11 +265,11 @@ def _distance(point: Point, kind: str) -> float:
 
 
 def _angle(before: Point, after: Point) -> Array:
-    """Return the angle of the complex pair that is nearest to the unit circle."""
+    """Return the angle, (1,), of the complex pair nearest to the unit circle, if there is one."""
     both = np.append(before.seen.multipliers, after.seen.multipliers)
     upper = both[(both.imag > 0.0) & ~_real(both)]
-    nearest = upper[np.argmin(abs(abs(upper) - 1.0))]
-    return np.array([float(np.angle(nearest))])
+    nearest = upper[np.argsort(abs(abs(upper) - 1.0))][:1]
+    return np.asarray(np.angle(nearest))
 
 
 def _within(before: Point, after: Point, y: Array, m: int) -> bool:

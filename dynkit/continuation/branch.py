@@ -29,6 +29,20 @@ class Branch:
 
     Its k points stand in the order in which the curve is run through; orbits are made of them when
     asked for.
+
+    Examples
+    --------
+    >>> from dynkit import continue_orbit, periodic_orbit
+    >>> from dynkit.systems import Logistic
+    >>> orbit = periodic_orbit(Logistic(rate=2.5), [0.6])
+    >>> branch = continue_orbit(orbit, "rate", bounds=(2.0, 3.8))
+    >>> branch.bifurcations
+    (<PD at rate 3>,)
+    >>> print(branch.endings[1])
+    the bound was reached: rate 3.8
+    >>> (doubled,) = branch.bifurcations[0].switch()
+    >>> print(doubled.label, doubled.stable)
+    P(2) True
     """
 
     def __init__(

@@ -171,6 +171,17 @@ def continue_curve(
     ValueError
         When the system has no such parameters, bounds are reversed, the bifurcation lies outside of
         them or was not solved for, or a number is out of range.
+
+    Examples
+    --------
+    >>> from dynkit import continue_orbit, periodic_orbit
+    >>> from dynkit.systems import Henon
+    >>> orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
+    >>> (doubling,) = continue_orbit(orbit, "a", bounds=(0.1, 1.4)).bifurcations
+    >>> curve = continue_curve(doubling, ("a", "b"), bounds=((0.0, 3.0), (-0.9, 0.9)))
+    >>> a, b = curve.parameters.T
+    >>> bool(abs(a - 3.0 * (1.0 - b) ** 2 / 4.0).max() < 1e-12)
+    True
     """
     began = time.perf_counter()
     asked: tuple[str, ...] = tuple(parameters)

@@ -128,6 +128,13 @@ def test_real_multipliers_of_product_one_are_no_torus() -> None:
     assert branch.bifurcations == ()
 
 
+def test_a_pair_that_forms_beyond_the_product_one_is_no_torus() -> None:
+    # real up to d = 1.050625, with the product d; one of them is 1 at d = 1.05
+    orbit = Cycle(Rotation(0.9, 2.05), np.zeros(2))
+    branch = continue_orbit(orbit, "d", bounds=(0.8, 1.3), step=0.5, largest_step=0.5)
+    assert [b.kind for b in branch.bifurcations] == ["BP"]
+
+
 def test_a_multiplier_that_passes_infinity_is_no_bifurcation() -> None:
     orbit = PoleOrbit(Flat("pitchfork", -0.5), np.zeros(1))
     branch = continue_orbit(orbit, "p", bounds=(-0.6, 0.6))
