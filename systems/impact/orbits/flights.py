@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 LEAST, MOST = 16, 4096
 """Cells of a flight."""
 
-_REFINEMENTS = 3
+_REFINEMENTS, _CONVERGED = 12, 1e-7
 
 
 @final
@@ -75,7 +75,11 @@ class Flight:
         for _ in range(_REFINEMENTS):
             _, rate, bend = self.gap(at, 3)
             move = np.where(bend > 0.0, -rate / np.where(bend > 0.0, bend, 1.0), 0.0)
+            before = at
             at = np.clip(at + np.clip(move, -step, step), times[inner - 1], times[inner + 1])
+            # Newton's method: the next step would be the square of it.
+            if abs(at - before).max() <= _CONVERGED * step:
+                break
         values = self.gap(at, 1)[0]
         k = int(np.argmin(values))
         return float(values[k]), float(at[k])
