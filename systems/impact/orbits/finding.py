@@ -163,20 +163,20 @@ def _closed_forms(
     With the steady gap Im(C exp(i phase)) + c and the periodic response G, G' just after a unit
     impulse, C exp(i phase) = J s / w - i (c + J G), where s = r / (1 + r) - G'.
     """
-    for side, sign in enumerate(Terms.of(oscillator).signs.tolist()):
+    for side, stand in enumerate(oscillator._stands):
         problem = make_problem(oscillator, periods, [side])
         s = Solution(*problem.parts(_NONE), periods, problem.sides, np.zeros(2))
         t = s.terms
         g, rate = s.responses[:2, 0, 0].tolist()
         slope = (t.restitution / (1.0 + t.restitution) - rate) / t.frequency
-        middle = sign * (t.rest - float(t.places[side]))
+        middle = stand.sign * (t.rest - float(t.places[side]))
         square, linear = g * g + slope * slope, middle * g
         discriminant = linear * linear - square * (middle * middle - abs(t.drive) ** 2)
         if discriminant < 0.0:
             continue
         for root in (1.0, -1.0):
             impulse = (root * discriminant**0.5 - linear) / square
-            place = complex(impulse * slope, -(middle + impulse * g)) / (sign * t.drive)
+            place = complex(impulse * slope, -(middle + impulse * g)) / (stand.sign * t.drive)
             yield problem, np.array([np.angle(place), impulse])
 
 

@@ -40,6 +40,10 @@ class ImpactOrbit(PeriodicOrbit):
         self._history = history
         self._cost = cost
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew: copies of arrays could be written to.
+        return ImpactOrbit, (self._problem, self._x, self._history, self._cost)
+
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
         if not self.admissible:
@@ -107,7 +111,9 @@ class ImpactOrbit(PeriodicOrbit):
 
         Those of the impact map, or of the flow over the whole period: they are the same.
         """
-        return self._problem.multipliers(self._x, _NONE)
+        found = self._problem.multipliers(self._x, _NONE)
+        found.setflags(write=False)
+        return found
 
     @cached_property
     def admissible(self) -> bool:

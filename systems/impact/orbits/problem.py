@@ -69,6 +69,11 @@ class ImpactProblem(Problem):
         self._known: list[tuple[bytes, tuple[FreeMotion, Terms]]] = []
         self._last: tuple[bytes, Solution] | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Without what is kept for the next call.
+        names, sides = self._names, self.sides
+        return ImpactProblem, (self.oscillator, names, self.periods, sides, self.speed)
+
     # --- parameters -------------------------------------------------------------------------------
 
     @property
