@@ -1,0 +1,305 @@
+"""Orbits as objects: samples, arrays, copies, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit.continuation.newton import NoConvergence
+from dynkit.orbits import PeriodicOrbit
+from dynkit.systems.impact.ball import BouncingBall
+from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.matrices import MatrixOscillator
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.play import PlayOscillator
+from tests.impact_orbits.structures import SYSTEMS
+from tests.impact_orbits.test_many_impacts import FREQUENCIES, SEARCHED, searched, settled
+
+TURN = 2.0 * math.pi
+
+
+def play_orbit() -> ImpactOrbit:
+    """Stops hit in turn."""
+    system = PlayOscillator(
+        play=1.0, spring=0.5, damping=0.1, force=1.0, amplitude=0.2, frequency=1.6, restitution=0.6
+    )
+    attractor: Any = system.attractor()
+    orbit: ImpactOrbit = attractor.periodic_orbit()
+    assert set(np.signbit(orbit.relative_velocity)) == {True, False}
+    return orbit
+
+
+ORBITS: dict[str, Callable[[], ImpactOrbit]] = {
+    **{f"chain at {w}": lambda w=w: settled(w) for w in FREQUENCIES},  # type: ignore[misc]
+    "play": play_orbit,
+    "below": SYSTEMS["chain, below"].periodic_orbit,
+    "forces": SYSTEMS["chain, forces"].periodic_orbit,
+    "contact inside": SYSTEMS["chain, contact inside"].periodic_orbit,
+    "linked pairs": SYSTEMS["triple"].periodic_orbit,
+}
+
+
+# --- samples --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_samples_are_those_of_a_simulation(name: str) -> None:
+    orbit = ORBITS[name]()
+    system = orbit.system
+    start = system.impact_state(orbit.states[0])
+    record = system.simulate(impacts=orbit.impacts + 1, start=start)
+    times = np.linspace(0.0, orbit.period, 200, endpoint=False)
+    # At the impacts the velocity jumps: which side is seen depends on rounding.
+    times = times[abs(times[:, None] - orbit.time).min(axis=1) > 1e-6]
+    growth, product = 1.0, np.eye(system.dimension)
+    for state in orbit.states:
+        product = system.jacobian(state) @ product
+        growth = max(growth, float(abs(product).sum(axis=1).max()))
+    bound = 10.0 * (growth * orbit.error + record.error.max())
+    for found, wanted in zip(orbit.sample(times), record.sample(times), strict=True):
+        assert abs(found - wanted).max() <= bound < 1e-6
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_samples_repeat_themselves(name: str) -> None:
+    orbit = ORBITS[name]()
+    times = np.linspace(0.0, orbit.period, 50, endpoint=False) + 1e-3
+    first = orbit.sample(times)
+    for turns in (-3, 1, 1000):
+        again = orbit.sample(times + turns * orbit.period)
+        for a, b in zip(first, again, strict=True):
+            # Times are rounded to an ulp of themselves.
+            assert abs(a - b).max() <= 1e-11
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_samples_at_impacts_are_the_states_just_after(name: str) -> None:
+    orbit = ORBITS[name]()
+    position, velocity = orbit.sample(orbit.time)
+    others = np.delete(np.arange(orbit.system.degrees_of_freedom), orbit.system.contact)
+    found = np.concatenate([position[:, others], velocity[:, others]], axis=1)
+    assert found == pytest.approx(orbit.states[:, :-2], abs=1e-13)
+
+
+def test_samples_are_finite_and_of_the_shape_that_was_asked_for() -> None:
+    orbit = settled(0.28)
+    position, velocity = orbit.sample([0.0, 1e6, -1e6])
+    assert position.shape == velocity.shape == (3, 10)
+    assert np.isfinite(position).all()
+    assert orbit.sample([])[0].shape == (0, 10)
+
+
+@pytest.mark.parametrize("times", [[math.nan], [math.inf], 1.0, [[1.0]]])
+def test_times_that_are_no_times_are_refused(times: object) -> None:
+    with pytest.raises(ValueError, match=r"times.* must"):
+        settled(0.28).sample(times)
+
+
+# --- arrays ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_arrays_cannot_be_changed(name: str) -> None:
+    orbit = ORBITS[name]()
+    for array in (orbit.states, orbit.phases, orbit.impulses, orbit.unknowns, orbit.multipliers):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_states_velocities_and_phases_agree(name: str) -> None:
+    orbit = ORBITS[name]()
+    r = orbit.system.restitution
+    assert orbit.states.shape == (orbit.impacts, orbit.system.dimension)
+    assert orbit.states[:, -1] == pytest.approx(orbit.phases % TURN)
+    assert np.array_equal(orbit.relative_velocity, orbit.states[:, -2])
+    assert abs(orbit.relative_velocity) == pytest.approx(r / (1.0 + r) * orbit.impulses)
+    assert orbit.time[0] == 0.0
+    assert orbit.time == pytest.approx((orbit.phases - orbit.phases[0]) / orbit.system.frequency)
+
+
+def test_observables_are_those_of_a_diagram() -> None:
+    orbit = settled(0.33)
+    assert np.array_equal(orbit.observable("phase"), orbit.states[:, -1])
+    assert np.array_equal(orbit.observable("relative_velocity"), orbit.relative_velocity)
+    assert np.array_equal(orbit.observable("time"), orbit.time)
+
+
+def test_an_unknown_observable_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"name must be .*; got 'colour'"):
+        settled(0.33).observable("colour")
+
+
+def test_an_unknown_parameter_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"parameter must be one of: .*; got 'colour'"):
+        settled(0.33).problem("frequency", "colour")
+
+
+def test_equations_can_have_any_parameters_free() -> None:
+    problem = settled(0.33).problem("frequency", "offset")
+    assert problem.names == ("frequency", "offset")
+    assert problem.values.tolist() == [0.33, 0.0]
+    assert problem.free("amplitude").values.tolist() == [0.1]
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_a_problem_makes_the_orbit_again(name: str) -> None:
+    orbit = ORBITS[name]()
+    problem = orbit.problem("frequency")
+    again = problem.orbit(orbit.unknowns, problem.values, orbit.history)
+    assert np.array_equal(again.states, orbit.states)
+    assert np.array_equal(again.multipliers, orbit.multipliers)
+    assert again.admissible == orbit.admissible
+    assert again.residual == orbit.residual
+    assert again.system == orbit.system
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda o: pickle.loads(pickle.dumps(o))]
+)
+@pytest.mark.parametrize("name", ORBITS)
+def test_copies_are_the_same_orbit(name: str, again: Callable[[ImpactOrbit], ImpactOrbit]) -> None:
+    orbit = ORBITS[name]()
+    twin = again(orbit)
+    assert twin.system == orbit.system
+    assert twin.label == orbit.label
+    assert twin.history == orbit.history
+    assert np.array_equal(twin.states, orbit.states)
+    assert np.array_equal(twin.multipliers, orbit.multipliers)
+    with pytest.raises(ValueError, match="read-only"):
+        twin.unknowns[0] = 0.0
+
+
+@pytest.mark.parametrize("name", ORBITS)
+def test_an_orbit_is_shown_in_one_line(name: str) -> None:
+    orbit = ORBITS[name]()
+    shown = repr(orbit)
+    assert "\n" not in shown
+    assert shown.startswith(f"<{orbit.label} ")
+    assert ("unstable" in shown) != orbit.stable
+    assert ("inadmissible" in shown) != orbit.admissible
+    assert isinstance(orbit, PeriodicOrbit)
+
+
+@pytest.mark.parametrize("name", SEARCHED)
+def test_an_orbit_tells_what_it_cost(name: str) -> None:
+    assert all(orbit.cost.seconds > 0.0 for orbit in searched(name))
+
+
+# --- guesses --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_a_guess_may_begin_at_any_impact_and_in_any_period(frequency: float) -> None:
+    orbit = settled(frequency)
+    for first in range(orbit.impacts):
+        turned = np.append(orbit.phases[first:], orbit.phases[:first] + TURN * orbit.periods)
+        guess = turned + TURN * (5 * first - 7)
+        again = orbit.system.periodic_orbit(periods=orbit.periods, phases=guess)
+        off = orbit.system.difference(again.states, np.roll(orbit.states, -first, axis=0))
+        assert abs(off).max() <= orbit.error + again.error
+        assert 0.0 <= again.phases[0] < TURN
+
+
+def test_the_first_of_the_orbits_is_given_without_a_guess() -> None:
+    system = SYSTEMS["single, stop"]
+    orbits = system.periodic_orbits(impacts=4, periods=5)
+    assert np.array_equal(system.periodic_orbit(impacts=4, periods=5).states, orbits[0].states)
+
+
+def test_a_search_gives_the_same_every_time() -> None:
+    system = SYSTEMS["double"]
+    once, again = (system.periodic_orbits(impacts=2, periods=4) for _ in range(2))
+    assert [o.unknowns.tolist() for o in once] == [o.unknowns.tolist() for o in again]
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"impacts": 0}, "impacts must be"),
+        ({"impacts": 1.5}, "impacts must be"),
+        ({"periods": 0}, "periods must be"),
+        ({"periods": -1}, "periods must be"),
+        ({"periods": True}, "periods must be"),
+        ({"phases": []}, "phases must ascend .* got \\[\\]"),
+        ({"phases": [1.0, 0.5]}, "phases must ascend .* 1 periods of 2 pi; got \\[1.0, 0.5\\]"),
+        ({"phases": [1.0, 1.0]}, "phases must ascend"),
+        ({"phases": [1.0, 8.0]}, "phases must ascend"),
+        ({"phases": [math.nan]}, r"phases\[0\] must"),
+        ({"phases": 1.0}, "phases must"),
+        ({"phases": [1.0], "sides": [1]}, "sides must lie in \\[0, 0\\]; got \\[1"),
+        ({"phases": [1.0], "sides": [0, 0]}, "sides must"),
+        ({"phases": [1.0], "sides": [0.5]}, "sides must"),
+        ({"phases": [1.0], "sides": [-1]}, "sides must"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refusal:
+        ImpactChain(masses=2, frequency=0.87).periodic_orbit(**arguments)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_far_stop_that_is_no_stop_is_refused() -> None:
+    with pytest.raises(ValueError, match="sides must lie in \\[0, 1\\]; got \\[2"):
+        SYSTEMS["play"].periodic_orbit(phases=[1.0], sides=[2])
+
+
+FREE: dict[str, ImpactOscillator] = {
+    "ball": BouncingBall(frequency=3.0, amplitude=0.1),
+    "mass in a play": PlayOscillator(frequency=1.0, amplitude=0.2),
+    "chain without a wall": ImpactChain(masses=3, springs=(0.0, 1.0, 1.0), frequency=0.9),
+    "resisted chain": MatrixOscillator(
+        M=np.eye(2),
+        C=np.diag([0.1, 0.0]),
+        K=[[1.0, -1.0], [-1.0, 1.0]],
+        frequency=0.9,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_structures_that_nothing_holds_are_refused(name: str) -> None:
+    message = "system must hold all its coordinates by springs; .*periodic_orbit"
+    for arguments in ({}, {"phases": [1.0]}, {"impacts": 2}):
+        with pytest.raises(ValueError, match=message):
+            FREE[name].periodic_orbit(**arguments)
+
+
+def test_a_system_that_nothing_drives_is_refused() -> None:
+    quiet = ImpactChain(masses=2, frequency=0.87, amplitude=0.0, constant_forces=(0.0, -1.0))
+    with pytest.raises(ValueError, match="system must be driven"):
+        quiet.periodic_orbit()
+
+
+def test_forces_at_resonance_without_damping_have_no_steady_response() -> None:
+    system = MatrixOscillator(
+        M=[[1.0]], C=[[0.0]], K=[[1.0]], frequency=1.0, harmonic_forces=(1.0,)
+    )
+    with pytest.raises(ValueError, match="system must have a steady response"):
+        system.periodic_orbit()
+
+
+def test_where_there_is_no_orbit_an_error_says_so() -> None:
+    distant = ImpactChain(masses=2, frequency=3.0, offset=-50.0)
+    assert distant.periodic_orbits() == []
+    with pytest.raises(ValueError, match="no orbit P\\(1,1\\) was found"):
+        distant.periodic_orbit()
+    with pytest.raises(NoConvergence, match="no periodic orbit found from the guess"):
+        distant.periodic_orbit(phases=[1.0])
+
+
+@pytest.mark.parametrize(("frequency", "label"), [(0.408, "P\\(inf,2\\)"), (1.346, "chaotic")])
+def test_an_attractor_that_is_no_orbit_is_refused(frequency: float, label: str) -> None:
+    attractor = ImpactChain(frequency=frequency).attractor()
+    with pytest.raises(ValueError, match=f"attractor must be P.n,m. with finite n; it is {label}"):
+        attractor.periodic_orbit()
