@@ -10,8 +10,8 @@ from dynkit.validation import Array
 # First step, relative; at eighth order it balances truncation and the accuracy of the values.
 _ORDER = 8
 # Each step is half of the one before. Where so many give no better estimate it is rounding by now,
-# if the derivative is clear of its error.
-_HALVINGS, _PATIENCE, _CLEAR = 40, 3, 1e-6
+# if the derivative is clear of its error. Nothing better is asked for than the last, relative.
+_HALVINGS, _PATIENCE, _CLEAR, _ENOUGH = 40, 3, 1e-6, 1e-11
 
 
 def parameter_difference(
@@ -43,8 +43,8 @@ def parameter_difference(
     Returns
     -------
     (m,) array
-        Right to about ``accuracy**(8 / 9)``, relative, for functions that vary over ``max(|value|,
-        1)``: 1e-12 for values that are rounded, 1e-9 for an accuracy of 1e-11.
+        Right to 1e-11 or about ``accuracy**(8 / 9)``, relative, for functions that vary over
+        ``max(|value|, 1)``: 1e-9 for an accuracy of 1e-11.
 
     Raises
     ------
@@ -87,12 +87,17 @@ def parameter_difference(
 
     first = max(abs(value), 1.0) * accuracy ** (1.0 / (_ORDER + 1))
     steps = [first / 2.0**k for k in range(_HALVINGS)]
-    best, error = _extrapolated(map(central, steps), 4.0, accuracy * size)
-    if np.isnan(change(steps[0])[0]).any() or np.isnan(change(-steps[0])[0]).any():
-        for side in (ahead, behind):
-            found, its_error = _extrapolated(map(side, steps), 2.0, accuracy * size)
-            if float(its_error.max(initial=0.0)) < float(error.max(initial=0.0)):
-                best, error = found, its_error
+    kinds = [(central, 4.0)]
+    if np.isnan(change(steps[0])[0] + change(-steps[0])[0]).any():
+        # near an end of the range central differences are short of room
+        kinds = [(ahead, 2.0), (behind, 2.0), (central, 4.0)]
+    best, error = refused, np.full(center.shape, np.inf)
+    for kind, power in kinds:
+        found, its_error = _extrapolated(map(kind, steps), power, accuracy * size)
+        if not its_error.max(initial=0.0) >= error.max(initial=0.0):
+            best, error = found, its_error
+        if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
+            break
     if not np.isfinite(error).all():
         raise ValueError(f"values must exist on one side of {value!r} at least; there are none")
     return best
@@ -117,8 +122,8 @@ def _extrapolated(
             best, error = np.where(nearer, row[-1][0], best), np.where(nearer, change, error)
             better |= nearer
         rows = row
-        clear = float(error.max(initial=0.0)) <= _CLEAR * float(abs(best).max(initial=0.0))
-        waited = 0 if better.any() or not clear else waited + 1
-        if waited == _PATIENCE:
+        largest, worst = float(abs(best).max(initial=0.0)), float(error.max(initial=0.0))
+        waited = 0 if better.any() or not worst <= _CLEAR * largest else waited + 1
+        if waited == _PATIENCE or worst <= _ENOUGH * largest:
             break
     return best, error

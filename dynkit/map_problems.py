@@ -71,7 +71,8 @@ class MapProblem(Problem):
         return self._like.size
 
     def scale(self, x: Array) -> Array:
-        return np.tile(sizes(self._rows(x)), len(self._like))
+        # a branch through zero, too, goes on in steps of the size that it had
+        return np.tile(np.maximum(sizes(self._rows(x)), self._sizes), len(self._like))
 
     def residual(self, x: Array, p: Array) -> Array:
         system, states = self.at(p), self._rows(x)

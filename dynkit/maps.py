@@ -172,7 +172,7 @@ class Map(Family, ABC):
         """Return the derivative of the next state with respect to a parameter.
 
         Unless a subclass knows better it is found from differences of maps that `replace` makes, as
-        `dynkit.differences.parameter_difference` does: right to some 1e-12, relative, for a call
+        `dynkit.differences.parameter_difference` does: right to some 1e-11, relative, for a call
         that is wrong by rounding, and to 1e-9 for an `accuracy` of 1e-11, when the map changes over
         changes of the parameter by its own size, or by one.
 
