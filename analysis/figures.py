@@ -89,14 +89,16 @@ def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6
         return plt.subplots(figsize=(width, height))[1]
 
 
-def save_figure(figure: Figure, stem: Path) -> tuple[Path, ...]:
-    """Save a figure as PNG and SVG, at 600 dots an inch where it is made of dots.
+def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[Path, ...]:
+    """Save a figure as PNG and SVG.
 
     Parameters
     ----------
     figure : Figure
     stem : Path
         Where to, without the ending.
+    resolution : float
+        Dots an inch, where it is made of dots.
 
     Returns
     -------
@@ -108,5 +110,5 @@ def save_figure(figure: Figure, stem: Path) -> tuple[Path, ...]:
     for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
         files.append(stem.with_name(f"{stem.name}.{ending}"))
         with print_style():
-            figure.savefig(files[-1], dpi=600, metadata=metadata)
+            figure.savefig(files[-1], dpi=resolution, metadata=metadata)
     return tuple(files)

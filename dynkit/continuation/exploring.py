@@ -234,7 +234,7 @@ class _Exploration:
             raise _UsedUp
         left = min(_POINTS, self.most_points - self.points)
         branch = continue_orbit(orbit, self.parameter, bounds=self.bounds, points=left)
-        trail = Trail(branch, self.bounds[1] - self.bounds[0])
+        trail = Trail(branch)
         number = len(self.found)
         self.found.append(branch)
         self.trails.append(trail)

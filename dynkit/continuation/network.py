@@ -6,11 +6,16 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, final
+
+import numpy as np
 
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
+from dynkit.continuation.trails import Trail
 from dynkit.results import Cost
+from dynkit.validation import finite_scalar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,6 +87,33 @@ class Network:
         """Return the branches of one label, such as ``P(1,3)``."""
         return tuple(branch for branch in self.branches if branch.label == label)
 
+    def orbits(self, value: float, label: str | None = None) -> list[PeriodicOrbit]:
+        """Return the orbits of the branches at a value of the parameter, solved for there.
+
+        Parameters
+        ----------
+        value : float
+        label : str, optional
+            Of branches of this label only, such as ``P(1,3)``.
+
+        Raises
+        ------
+        ValueError
+            When the value is not finite, or branches were loaded without orbits.
+        """
+        at = finite_scalar("value", value)
+        found = []
+        for branch, trail in zip(self.branches, self._trails, strict=True):
+            if label is not None and branch.label != label:
+                continue
+            p = np.array([at])
+            found += [branch.problem.orbit(x, p, history) for x, history in trail.solutions(at)]
+        return found
+
+    @cached_property
+    def _trails(self) -> list[Trail]:
+        return [Trail(branch) for branch in self.branches]
+
     def __len__(self) -> int:
         return len(self.branches)
 
@@ -112,9 +144,9 @@ class Network:
         ValueError
             When there are no branches, or they were loaded without orbits.
         """
-        from dynkit.continuation.network_drawing import draw_network
+        from dynkit.continuation.network_drawing import draw_branches
 
-        return draw_network(self, ax, y)
+        return draw_branches(self.branches, ax, y)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.

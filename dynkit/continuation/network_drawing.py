@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from dynkit.continuation.branch import Branch
-    from dynkit.continuation.network import Network
 
 _WIDTHS = {"stable": 0.9, "unstable": 0.6, "inadmissible": 0.4}
 _POINT: dict[str, Any] = {
@@ -32,15 +32,15 @@ _POINT: dict[str, Any] = {
 _TYPE, _PLACES = 5.0, ((3, 2), (3, -7), (-3, 2), (-3, -7), (0, 5), (0, -10))
 
 
-def draw_network(network: Network, ax: Axes | None, observable: str | None) -> Axes:
-    """Draw a network as `Network.plot` says."""
-    if not network.branches:
+def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str | None) -> Axes:
+    """Draw branches as `Network.plot` says."""
+    if not branches:
         raise ValueError("network must have a branch to be drawn; got none")
-    name = observable or sweepable(network.branches[0].system).observables[0]
+    name = observable or sweepable(branches[0].system).observables[0]
     axes = _axes(ax)
     drawn: set[str] = set()
     marks: list[tuple[float, float, str]] = []
-    for branch in network.branches:
+    for branch in branches:
         nodes = nodes_of(branch)
         x, y = _values(branch, nodes, name)
         kinds = _kinds(branch, nodes)
@@ -63,7 +63,7 @@ def draw_network(network: Network, ax: Axes | None, observable: str | None) -> A
         marks += _marks(nodes, kinds, x, y)
     marks = sorted(set(marks))
     axes.plot([x for x, _, _ in marks], [y for _, y, _ in marks], label="_", **_POINT)
-    axes.set_xlabel(network.branches[0].name.replace("_", " "))
+    axes.set_xlabel(branches[0].name.replace("_", " "))
     axes.set_ylabel(name.replace("_", " "))
     write_names(axes, marks)
     return axes
@@ -105,16 +105,17 @@ def _marks(
 def write_names(axes: Axes, marks: list[tuple[float, float, str]]) -> None:
     """Write names beside their points, where they touch neither one another nor another point.
 
-    Points are given as (x, y, name). Names that have no room are left out.
+    Points are given as (x, y, name). Names that have no room within the limits that the axes have
+    by now are left out.
     """
     from matplotlib.figure import Figure
+    from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Bbox
 
     figure = axes.get_figure(root=True)
     assert isinstance(figure, Figure)
     figure.draw_without_rendering()
-    renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    frame = axes.get_window_extent(renderer)
+    frame = axes.get_window_extent()
     point = figure.dpi / 72.0
     places = [axes.transData.transform((x, y)) for x, y, _ in marks]
     taken: list[Any] = [
@@ -132,8 +133,9 @@ def write_names(axes: Axes, marks: list[tuple[float, float, str]]) -> None:
                 fontsize=_TYPE,
                 ha="left" if right > 0 else "right" if right < 0 else "center",
                 zorder=4.0,
+                path_effects=[withStroke(linewidth=1.0, foreground="white")],
             )
-            box = text.get_window_extent(renderer)
+            box = text.get_window_extent().padded(0.5 * point)
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1
             inside = inside and frame.y0 <= box.y0 and box.y1 <= frame.y1
             if inside and not any(box.overlaps(other) for other in taken):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, final
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
 from dynkit.continuation.arclength import SAME, OrbitEquations
-from dynkit.continuation.newton import correct
+from dynkit.continuation.newton import FixedParameters, correct
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -44,14 +45,12 @@ class Trail:
     Parameters
     ----------
     branch : Branch
-    width : float
-        Range of the parameter.
     """
 
-    def __init__(self, branch: Branch, width: float) -> None:
+    def __init__(self, branch: Branch) -> None:
         self._problem = branch.problem
-        self._width = width
-        self._equations = OrbitEquations(branch.problem, width)
+        self._width = float(np.ptp(branch.parameter)) or 1.0
+        self._equations = OrbitEquations(branch.problem, self._width)
         rows = []
         for place, b in nodes_of(branch):
             x = branch.unknowns[int(place)] if b is None else b.unknowns
@@ -67,21 +66,47 @@ class Trail:
         if len(x) != self._nodes.shape[1] - 1:
             return False
         mark = self._problem.canonical(x)
-        slack = _RESOLVED * self._width
-        side = self._nodes[:, -1] - value
-        passes = (np.minimum(side[:-1], side[1:]) <= slack) & (
-            np.maximum(side[:-1], side[1:]) >= -slack
-        )
         apart = abs(self._marks - mark).max(axis=1)
         lengths = abs(np.diff(self._marks, axis=0)).max(axis=1)
         near = np.minimum(apart[:-1], apart[1:]) <= _LENGTHS * lengths + _NEAR
         return any(
-            self._marks_agree(i, value, mark) for i in np.flatnonzero(passes & near).tolist()
+            abs(self._problem.canonical(found) - mark).max() < SAME
+            for found, _ in self._solved(self._passing(value) & near, value)
         )
 
-    def _marks_agree(self, i: int, value: float, mark: Array) -> bool:
-        x = self._solution(i, value)
-        return x is not None and bool(abs(self._problem.canonical(x) - mark).max() < SAME)
+    def solutions(self, value: float) -> list[tuple[Array, tuple[float, ...]]]:
+        """Return the solutions (m,) at a value of the parameter, each with its residuals."""
+        found: list[tuple[Array, tuple[float, ...]]] = []
+        marks: list[Array] = []
+        for x, history in self._solved(self._passing(value), value):
+            mark = self._problem.canonical(x)
+            # where a node is passed, both of its sides lead to it
+            if all(abs(mark - other).max() >= SAME for other in marks):
+                marks.append(mark)
+                found.append((x, history))
+        return found
+
+    def _passing(self, value: float) -> Any:
+        """Between which nodes and the next, (k - 1,) of bool, the parameter takes a value."""
+        slack = _RESOLVED * self._width
+        side = self._nodes[:, -1] - value
+        low, high = np.minimum(side[:-1], side[1:]), np.maximum(side[:-1], side[1:])
+        return (low <= slack) & (high >= -slack)
+
+    def _solved(self, where: Any, value: float) -> Iterator[tuple[Array, tuple[float, ...]]]:
+        p = np.array([value])
+        for i in np.flatnonzero(where).tolist():
+            x = self._solution(i, value)
+            if x is None:
+                continue
+            # at exactly this value; beside a fold or a branch point it is as good as it was
+            fixed = FixedParameters(self._problem, p)
+            found = correct(fixed, x, self._problem.scale(x))
+            moved = abs(found.y - x) / self._problem.scale(x)
+            if found.converged and moved.max() < SAME:
+                yield found.y, found.history
+            else:
+                yield x, (float(abs(self._problem.residual(x, p)).max()),)
 
     def _solution(self, i: int, value: float) -> Array | None:
         """Return the solution (m,) between nodes i and i + 1 at a value of the parameter.
