@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynkit import __version__, store
-from dynkit.continuation.arclength import Ending, Reason
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
+from dynkit.continuation.endings import Ending, Reason
 from dynkit.results import Cost
 from dynkit.sweeps.archive import identity
 from dynkit.sweeps.sweepable import sweepable

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from enum import Enum
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.continuation.endings import Bound, Ending, Reason
 from dynkit.continuation.newton import (
     Correction,
     Direction,
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # What a step aims at: so many Newton steps, and so many radians between tangents.
 _NEWTON_STEPS, _ANGLE, _LARGEST_ANGLE = 3.0, 0.15, 0.5
+# How far a point may be from its guess, in steps.
+_LARGEST_GAP = 0.3
 # A last Newton step so short, scaled, leaves the tangent as it is; how far a cubic is prolonged, in
 # units of the last step.
 _SHORT, _FURTHEST = 1e-8, 2.0
@@ -32,49 +34,6 @@ _SHORT, _FURTHEST = 1e-8, 2.0
 _LEAST_LEVEL, _LARGEST_LEVEL = 16.0 * 2.0**-52, 1e-12
 # Distance, in scaled unknowns, within which two orbits are one.
 SAME = 1e-6
-
-
-class Reason(Enum):
-    """Why a branch or a curve ends."""
-
-    BOUND = "the bound was reached"
-    CLOSED = "it is closed on itself"
-    RETRACED = "it meets another branch, and its points come again behind"
-    LIMIT = "the number of points was reached"
-    NO_CONVERGENCE = "Newton's method does not converge"
-    NO_SOLUTION = "the equations are not defined beyond"
-    RESONANCE = "a strong resonance is near"
-    INADMISSIBLE = "beyond, it is no motion of the system"
-
-
-@final
-@dataclass(frozen=True)
-class Ending:
-    """Why and where a branch or a curve ends.
-
-    Parameters
-    ----------
-    reason : Reason
-    message : str
-        What the user reads.
-    """
-
-    reason: Reason
-    message: str
-
-    def __str__(self) -> str:
-        return self.message
-
-
-@final
-class Bound(NamedTuple):
-    """An unknown that ends a curve where it leaves [low, high]."""
-
-    unknown: int
-    name: str
-    low: float
-    high: float
-    reason: Reason = Reason.BOUND
 
 
 @final
@@ -160,7 +119,6 @@ class Follower:
     canonical: Callable[[Array], Array]
     watch: Callable[[Point, Point], bool]
     ending: Ending | None = None
-    iterations: int = 0
     _level: float = _LEAST_LEVEL
     _failure: str = field(default="", repr=False)
     _refused: bool = field(default=False, repr=False)
@@ -246,7 +204,8 @@ class Follower:
         if found is None:
             return None
         # another branch, or too sharp a bend to be sure
-        if not _ahead(point, found):
+        gap = (found.y - guess) / point.scale
+        if not _ahead(point, found) or gap @ gap > (_LARGEST_GAP * step) ** 2:
             self._failure, self._refused = "its direction jumps", False
             return None
         return found
@@ -254,7 +213,6 @@ class Follower:
     def corrected(self, guess: Array, near: Point, row: Array) -> Point | None:
         """Return the point whose distance from the guess is orthogonal to a row."""
         solution = correct(self.equations, guess, near.scale, row, level=self._level)
-        self.iterations += len(solution.history)
         if not solution.converged:
             self._refused = solution.outcome is Outcome.UNDEFINED
             self._failure = solution.message or solution.outcome.value

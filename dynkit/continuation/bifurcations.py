@@ -25,6 +25,8 @@ _INSIDE = 1.0 + 1e-9
 # Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart.
 _SHORTEST = 1e-4
 _HALVINGS = 45
+# From one branch to another that comes so near it may step.
+_JUMP = 1e-6
 # A torus with multipliers so nearly real is none; what unfolds a branch point is zero but for
 # rounding.
 _FLAT, _UNFOLDED = 1e-3, 1e-9
@@ -55,6 +57,7 @@ class Seen:
     pairs: int
     inside: int
     crossings: tuple[Crossing, ...] = ()
+    branch_point: Located | None = None
 
 
 def examine(problem: Problem, point: Point) -> Seen:
@@ -88,11 +91,17 @@ class Watch:
         except NoSolution:
             return False
         way = (after.y - before.y) / before.scale
-        long = way @ way > _SHORTEST**2
-        if long and _appears(before.seen, after.seen):
+        length = float(np.sqrt(way @ way))
+        if length > _SHORTEST and _appears(before.seen, after.seen):
             return False
         after.seen.crossings = crossings(before, after)
-        return len(after.seen.crossings) <= 1 or not long
+        if Crossing("BP") in after.seen.crossings:
+            # with no branch point between them the two are on different branches
+            located = _solved(self._problem, before, after, Crossing("BP"))
+            if located is None and length > _JUMP:
+                return False
+            after.seen.branch_point = located
+        return len(after.seen.crossings) <= 1 or length <= _SHORTEST
 
 
 def _appears(before: Seen, after: Seen) -> bool:
@@ -168,7 +177,8 @@ def locate(
     steps = 0
     for halving in range(_HALVINGS):
         if halving < 8 or halving % 8 == 0:
-            found = _solved(problem, before, after, crossing)
+            known = after.seen.branch_point if crossing.kind == "BP" else None
+            found = known or _solved(problem, before, after, crossing)
             if found is not None:
                 seconds = time.perf_counter() - began
                 return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)

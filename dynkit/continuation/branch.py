@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.arclength import Ending, OrbitEquations, Reason
+from dynkit.continuation.arclength import OrbitEquations
 from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.endings import Ending, Reason
 from dynkit.continuation.newton import error_bound
 from dynkit.continuation.problem import Problem
 from dynkit.results import Cost

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.arclength import Bound, Ending, Follower, Point, Reason
+from dynkit.continuation.arclength import Follower, Point
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
+from dynkit.continuation.endings import Bound, Ending, Reason
 from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
 from dynkit.continuation.newton import correct
 from dynkit.continuation.problem import Problem

@@ -7,8 +7,9 @@ from typing import final
 
 import numpy as np
 
-from dynkit.continuation.arclength import Ending, Follower, Point, Reason
+from dynkit.continuation.arclength import Follower, Point
 from dynkit.continuation.bifurcations import Located, examine, locate
+from dynkit.continuation.endings import Ending, Reason
 from dynkit.continuation.problem import Problem
 from dynkit.continuation.starting import crossing_directions
 from dynkit.validation import Array

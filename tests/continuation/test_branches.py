@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynkit.continuation.arclength import Follower, OrbitEquations, Steps
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.endings import Bound
+from dynkit.continuation.starting import start_points
 from tests.continuation.families import Cycle, Logistic
 from tests.continuation.starts import flat, henon, logistic
 
@@ -157,3 +160,33 @@ def test_parameters_of_a_bifurcation_are_all_of_them() -> None:
     branch = continue_orbit(replace(henon()), "a", bounds=(0.05, 1.4))
     (doubling,) = branch.bifurcations
     assert dict(doubling.parameters) == {"a": doubling.value, "b": 0.3}
+
+
+@pytest.mark.parametrize("largest_step", [0.05, 0.2])
+@pytest.mark.parametrize("gap", [1e-3, 1e-5, 1e-8])
+def test_a_branch_does_not_step_over_to_one_near_by(gap: float, largest_step: float) -> None:
+    # x^3 - q x = gap is a pitchfork torn apart: on this branch x is positive and falls with q
+    x = float(max(np.roots([1.0, 0.0, -1.0, -gap]).real))
+    branch = continue_orbit(
+        flat("cusp", x, gap, 1.0), "q", bounds=(-1.0, 1.5), largest_step=largest_step
+    )
+    assert branch.unknowns.min() > 0.0
+    assert sorted(branch.parameter[[0, -1]]) == [-1.0, 1.5]
+    assert [b.kind for b in branch.bifurcations] == ["PD"]
+
+
+def test_points_come_one_by_one() -> None:
+    orbit = logistic(2.5)
+    problem = orbit.problem("r")
+    equations = OrbitEquations(problem, 1.0)
+    (start,) = start_points(equations, np.append(orbit.unknowns, 2.5))
+    bounds = (Bound(1, "r", 2.0, 3.0),)
+    follower = Follower(equations, start, bounds, Steps(), lambda y: y, lambda a, b: True)
+    points = iter(follower)
+    values = [next(points).y[-1] for _ in range(3)]
+    assert values[0] == 2.5
+    assert np.all(np.diff(values) > 0.0)
+    assert follower.ending is None
+    *_, last = points
+    assert last.y[-1] == 3.0
+    assert follower.ending is not None

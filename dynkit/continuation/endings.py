@@ -1,0 +1,50 @@
+"""Where branches and curves end, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple, final
+
+
+class Reason(Enum):
+    """Why a branch or a curve ends."""
+
+    BOUND = "the bound was reached"
+    CLOSED = "it is closed on itself"
+    RETRACED = "it meets another branch, and its points come again behind"
+    LIMIT = "the number of points was reached"
+    NO_CONVERGENCE = "Newton's method does not converge"
+    NO_SOLUTION = "the equations are not defined beyond"
+    RESONANCE = "a strong resonance is near"
+    INADMISSIBLE = "beyond, it is no motion of the system"
+
+
+@final
+@dataclass(frozen=True)
+class Ending:
+    """Why and where a branch or a curve ends.
+
+    Parameters
+    ----------
+    reason : Reason
+    message : str
+        What the user reads.
+    """
+
+    reason: Reason
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+
+@final
+class Bound(NamedTuple):
+    """An unknown that ends a curve where it leaves [low, high]."""
+
+    unknown: int
+    name: str
+    low: float
+    high: float
+    reason: Reason = Reason.BOUND
