@@ -127,7 +127,7 @@ class ImpactAttractor(Attractor):
             return periodic_orbit(self._system, record.states, period=n)
         return orbit_of_motion(record, n, m)
 
-    def second_moments(self, batches: int = 1) -> SecondMoments:
+    def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
         return self.record.second_moments(batches)
 

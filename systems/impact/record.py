@@ -196,7 +196,7 @@ class ImpactRecord:
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
         return sample_run(self.system, self._run, asked)
 
-    def second_moments(self, batches: int = 1) -> SecondMoments:
+    def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages of positions and of their products, in closed form.
 
         From the start to the last impact: over flights, chatter and contact.
@@ -204,18 +204,17 @@ class ImpactRecord:
         Parameters
         ----------
         batches : int
-            Into how many batches of successive impacts to divide them; not more than impacts.
+            Into how many batches of successive impacts to divide them; as many as impacts when
+            these are fewer.
 
         Raises
         ------
         ValueError
-            When there are fewer impacts, or no time passes.
+            When there is no impact, or no time passes.
         """
         from dynkit.systems.impact.second_moments import second_moments
 
-        count = positive_integer("batches", batches)
-        if count > len(self):
-            raise ValueError(f"batches must not exceed the {len(self)} impacts; got {count}")
-        if not self.time[-1] > 0.0:
-            raise ValueError("impacts must be at more than one time; got only the start's")
+        count = min(positive_integer("batches", batches), len(self))
+        if not (count and self.time[-1] > 0.0):
+            raise ValueError(f"record must hold an impact after its start; got {self!r}")
         return second_moments(self.system, self._run, count)

@@ -1,0 +1,295 @@
+"""Proper orthogonal decomposition: the directions that hold most of a motion's power."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, final
+
+import numpy as np
+
+from dynkit.analysis.pod_averages import Averages, averages_of
+from dynkit.attractors import Attractor
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array, in_interval, positive, positive_integer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# A correlation of successive batches is not believed beyond this: the error would be infinite.
+_LARGEST_CORRELATION = 0.9
+
+
+@final
+class POD:
+    """Proper orthogonal decomposition of R, the time average of x x^T.
+
+    Its eigenvectors are the proper orthogonal modes, its eigenvalues their mean squares: the power
+    of each.
+
+    Parameters
+    ----------
+    source : ImpactAttractor, ImpactRecord, Attractor or (k, N) array_like
+        An impact attractor or record gives the exact average from its start to its last impact:
+        over flights, chatter and contact in closed form, without sampling. Other attractors give
+        the average of their states. An array holds samples, one in each row.
+    times : (k,) array_like, optional
+        Times of the samples, ascending; then the average is taken by the trapezoidal rule.
+        Without it every sample counts the same.
+    about : {"origin", "mean"}
+        Moments about the origin, as in the paper, or about the mean.
+
+    Raises
+    ------
+    ValueError
+        When samples are not finite, fewer than two, or all of them zero; when times do not ascend.
+
+    References
+    ----------
+    J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, section 5. P. Holmes, J.
+    L. Lumley, G. Berkooz, C. W. Rowley, Turbulence, Coherent Structures, Dynamical Systems and
+    Symmetry, 2nd edition (2012), chapter 3.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 1.0, 101)[1:]
+    >>> x = np.stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t) / 7.0], axis=1)
+    >>> pod = POD(x)
+    >>> pod.power.round(6).tolist()
+    [0.5, 0.010204]
+    >>> pod.rank(0.9), pod.rank(0.99)
+    (1, 2)
+    """
+
+    def __init__(
+        self,
+        source: object,
+        times: object = None,
+        *,
+        about: Literal["origin", "mean"] = "origin",
+    ) -> None:
+        if about not in ("origin", "mean"):
+            raise ValueError(f"about must be 'origin' or 'mean'; got {about!r}")
+        self.about = about
+        self._normal_modes: Array | None = None
+        if isinstance(source, Attractor):
+            self._normal_modes = getattr(source.system, "modal_matrix", None)
+        began = time.perf_counter()
+        averages = averages_of(source, times)
+        self._take(averages)
+        self.cost = Cost(time.perf_counter() - began, averages.cost.counts)
+
+    def _take(self, averages: Averages) -> None:
+        total = averages.durations.sum()
+        mean = averages.sums.sum(axis=0) / total
+        self.mean = mean
+        centre = mean if self.about == "mean" else np.zeros_like(mean)
+        mixed = averages.sums[:, :, None] * centre
+        products = averages.products - mixed - mixed.transpose(0, 2, 1)
+        products += averages.durations[:, None, None] * np.outer(centre, centre)
+        self._products, self._durations = products, averages.durations
+        self.matrix = products.sum(axis=0) / total
+        self.matrix = 0.5 * (self.matrix + self.matrix.T)
+        n = len(mean)
+        entry = averages.error + 2.0 * float(abs(centre).max()) * averages.mean_error
+        trace = float(np.trace(averages.products.sum(axis=0)) / total)
+        if not np.trace(self.matrix) > 4.0 * n * 2.0**-52 * trace:
+            raise ValueError(
+                f"source must move about its {self.about}; got the mean square "
+                f"{float(np.trace(self.matrix))}"
+            )
+        self.error = n * (entry + 2.0**-52 * trace)
+        for array in (self.matrix, self.mean):
+            array.setflags(write=False)
+
+    matrix: Array
+    """R, (N, N)."""
+    mean: Array
+    """Time average of x, (N,)."""
+    error: float
+    """Bound, to leading order, of what rounding, the rests of chatters and, with times, the
+    trapezoidal rule changed in any power. What another stretch of the same motion would have given
+    is told by `standard_errors`."""
+    cost: Cost
+    """Seconds; impacts or samples, and nodes of quadrature."""
+
+    @cached_property
+    def _eigen(self) -> tuple[Array, Array]:
+        values, vectors = np.linalg.eigh(self.matrix)
+        power, modes = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+        modes = modes * np.where(modes[-1] < 0.0, -1.0, 1.0)
+        power.setflags(write=False)
+        modes.setflags(write=False)
+        return power, modes
+
+    @property
+    def power(self) -> Array:
+        """Mean squares of the modal amplitudes, (N,), descending: the eigenvalues of R."""
+        return self._eigen[0]
+
+    @property
+    def modes(self) -> Array:
+        """Proper orthogonal modes, (N, N), one per column, of length one, last entry not negative.
+
+        Modes whose powers are nearer to one another than their errors are not told apart.
+        """
+        return self._eigen[1]
+
+    @cached_property
+    def cumulative(self) -> Array:
+        """Share of the total power in the first mode, the first two, ..., (N,); the last is 1."""
+        total = np.cumsum(self.power)
+        return np.asarray(total / total[-1])
+
+    def rank(self, share: float) -> int:
+        """Return how many modes hold at least this share of the power.
+
+        Parameters
+        ----------
+        share : float
+            In (0, 1].
+
+        Raises
+        ------
+        ValueError
+            When the share is not in this range.
+        """
+        asked = in_interval("share", positive("share", share), 0, 1)
+        return int(np.searchsorted(self.cumulative, asked)) + 1
+
+    # --- errors -----------------------------------------------------------------------------------
+
+    @property
+    def batches(self) -> int:
+        """Number of batches that the standard errors stand on."""
+        return len(self._durations)
+
+    @cached_property
+    def _deviations(self) -> Array:
+        """Share (b, N) of each batch in the deviations of the powers from their means."""
+        squares = np.einsum("ij,bik,kj->bj", self.modes, self._products, self.modes, optimize=True)
+        total = self._durations.sum()
+        return np.asarray((squares - self._durations[:, None] * self.power) / total)
+
+    @cached_property
+    def standard_errors(self) -> Array:
+        """Standard errors of the powers, (N,), by the method of batch means.
+
+        The motion is divided into at most 32 batches of successive impacts or samples, whose means
+        are taken as independent draws; where successive ones are correlated the errors are enlarged
+        by sqrt((1 + r) / (1 - r)), r their correlation. Estimates from b batches have b - 1 degrees
+        of freedom (Student's t); with fewer than two batches they are infinite. They are too small
+        where a batch is not many times as long as the motion remembers its past, or where the
+        motion has not yet reached its attractor, and too large for a periodic one, whose batches
+        differ only where periods are cut.
+
+        References
+        ----------
+        G. S. Fishman, Discrete-Event Simulation (2001), section 6.6.
+        """
+        return batch_means_errors(self._deviations)
+
+    @cached_property
+    def cumulative_errors(self) -> Array:
+        """Standard errors, (N,), of the shares in `cumulative`, in the same way."""
+        running = np.cumsum(self._deviations, axis=1)
+        return batch_means_errors((running - self.cumulative * running[:, -1:]) / self.power.sum())
+
+    # --- normal modes -----------------------------------------------------------------------------
+
+    def modal_assurance(self, modes: object = None) -> Array:
+        """Return the modal assurance matrix, (N, m), of proper orthogonal modes and others.
+
+        Entry (i, j) is the squared cosine of the angle between proper orthogonal mode i and mode j:
+        1 when they are the same.
+
+        Parameters
+        ----------
+        modes : (N, m) array_like, optional
+            One in each column; by default the normal modes of the attractor's system.
+
+        Raises
+        ------
+        ValueError
+            When they are not given and not known, not of this shape, or one is zero.
+
+        References
+        ----------
+        R. J. Allemang, The modal assurance criterion, Sound and Vibration 37 (2003) 14-23.
+        """
+        own = self._unit_columns(modes)
+        return np.asarray((self.modes.T @ own) ** 2)
+
+    def _unit_columns(self, modes: object) -> Array:
+        if modes is None:
+            modes = self._normal_modes
+        if modes is None:
+            raise ValueError("modes must be given: the source has no normal modes")
+        array = finite_array("modes", modes, (len(self.mean), None))
+        length = np.linalg.norm(array, axis=0)
+        for j in np.flatnonzero(length == 0.0)[:1].tolist():
+            raise ValueError(f"modes[:, {j}] must not be zero")
+        return np.asarray(array / length)
+
+    # --- figures ----------------------------------------------------------------------------------
+
+    def plot(
+        self, ax: Axes | None = None, *, share: float = 0.99, label: str | None = None
+    ) -> Axes:
+        """Draw the cumulative power against the number of modes, and mark the rank at a share.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        share : float
+            Which share to mark.
+        label : str, optional
+            For a legend.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.analysis.pod_figures import draw_cumulative
+
+        return draw_cumulative(self, ax, self.rank(share), share, label)
+
+    def plot_modes(
+        self, ax: Sequence[Axes] | None = None, *, count: int = 4, modes: object = None
+    ) -> list[Axes]:
+        """Draw the first proper orthogonal modes, each beside the mode that is most like it.
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            One for each mode; by default a new figure of column width.
+        count : int
+            How many modes.
+        modes : (N, m) array_like, optional
+            As for `modal_assurance`.
+
+        Returns
+        -------
+        list of Axes
+        """
+        from dynkit.analysis.pod_figures import draw_modes
+
+        number = positive_integer("count", count)
+        if number > len(self.mean):
+            raise ValueError(f"count must not exceed the {len(self.mean)} modes; got {number}")
+        if ax is not None and len(ax) != number:
+            raise ValueError(f"ax must hold {number} axes; got {len(ax)}")
+        return draw_modes(self, ax, number, self._unit_columns(modes))
+
+
+def batch_means_errors(deviations: Array) -> Array:
+    """Standard errors (m,) of sums over batches, from what each batch (b, m) deviates."""
+    count = len(deviations)
+    if count < 2:
+        return np.full(deviations.shape[1], np.inf)
+    squares = (deviations**2).sum(axis=0)
+    following = (deviations[1:] * deviations[:-1]).sum(axis=0)
+    r = np.clip(following / np.where(squares > 0.0, squares, 1.0), 0.0, _LARGEST_CORRELATION)
+    return np.asarray(np.sqrt(squares * count / (count - 1) * (1.0 + r) / (1.0 - r)))

@@ -1,0 +1,121 @@
+"""Time averages of a motion and of its products, in batches: exact ones, or those of samples."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol, final, runtime_checkable
+
+import numpy as np
+
+from dynkit.attractors import Attractor
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array
+
+BATCHES = 32
+"""Into how many batches motions are divided, when they are long enough."""
+
+
+class Averages(Protocol):
+    """Integrals over time in b batches, and what is known about them."""
+
+    @property
+    def products(self) -> Array:
+        """Integrals of x x^T, (b, N, N)."""
+        ...
+
+    @property
+    def sums(self) -> Array:
+        """Integrals of x, (b, N)."""
+        ...
+
+    @property
+    def durations(self) -> Array:
+        """Durations of the batches, (b,)."""
+        ...
+
+    @property
+    def error(self) -> float:
+        """Bound of the error of any entry of the mean of x x^T."""
+        ...
+
+    @property
+    def mean_error(self) -> float:
+        """Bound of the error of any entry of the mean of x."""
+        ...
+
+    @property
+    def cost(self) -> Cost:
+        """What they cost."""
+        ...
+
+
+@runtime_checkable
+class KnowsAverages(Protocol):
+    """What knows the exact time averages of its motion."""
+
+    def second_moments(self, batches: int) -> Averages:
+        """Return them in at most so many batches."""
+        ...
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SampleAverages:
+    """Sums over samples, as `Averages` has them; without times each sample lasts one."""
+
+    products: Array
+    sums: Array
+    durations: Array
+    error: float
+    mean_error: float
+    cost: Cost
+
+
+def averages_of(source: object, times: object = None) -> Averages:
+    """Return the averages of an attractor, a record or samples (k, N), as `POD` says."""
+    if isinstance(source, KnowsAverages):
+        if times is not None:
+            raise ValueError("times must not be given with a motion whose averages are exact")
+        return source.second_moments(BATCHES)
+    began = time.perf_counter()
+    if isinstance(source, Attractor):
+        source = source.states
+    samples = finite_array("source", source, (None, None))
+    if len(samples) < 2 or not samples.shape[1]:
+        raise ValueError(f"source must hold two samples or more; got shape {samples.shape}")
+    weights, coarse = np.ones(len(samples)), None
+    if times is not None:
+        weights, coarse = _trapezoidal(finite_array("times", times, (len(samples),)))
+    count = min(BATCHES, len(samples))
+    batches = np.array_split(np.arange(len(samples)), count)
+    products = np.array([(samples[b] * weights[b, None]).T @ samples[b] for b in batches])
+    sums = np.array([weights[b] @ samples[b] for b in batches])
+    total = weights.sum()
+    rounding = 2.0**-52 * len(batches[0])
+    error = rounding * float((samples * samples).max())
+    mean_error = rounding * float(abs(samples).max())
+    if coarse is not None:
+        # The rule is of second order: the difference to twice the step is three times its error.
+        with_half = (samples * coarse[:, None]).T @ samples / coarse.sum()
+        error += float(abs(with_half - products.sum(axis=0) / total).max()) / 3.0
+        half = coarse @ samples / coarse.sum()
+        mean_error += float(abs(half - sums.sum(axis=0) / total).max()) / 3.0
+    durations = np.array([weights[b].sum() for b in batches])
+    cost = Cost(time.perf_counter() - began, {"samples": len(samples)})
+    return SampleAverages(products, sums, durations, error, mean_error, cost)
+
+
+def _trapezoidal(times: Array) -> tuple[Array, Array]:
+    """Weights (k,) of the trapezoidal rule, and of the same with every second sample."""
+    for i in np.flatnonzero(np.diff(times) <= 0.0)[:1].tolist():
+        raise ValueError(f"times[{i + 1}] must exceed times[{i}]; got {float(times[i + 1])}")
+    used = np.unique(np.append(np.arange(0, len(times), 2), len(times) - 1))
+    coarse = np.zeros(len(times))
+    coarse[used] = _halves(times[used])
+    return _halves(times), coarse
+
+
+def _halves(times: Array) -> Array:
+    gaps = np.diff(times)
+    return np.asarray(0.5 * (np.append(0.0, gaps) + np.append(gaps, 0.0)))

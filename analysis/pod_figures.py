@@ -1,0 +1,94 @@
+"""Figures of proper orthogonal decompositions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.analysis.figures import COLUMN_WIDTH, print_style, shown_axes
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.analysis.pod import POD
+
+
+def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: str | None) -> Axes:
+    """Draw as `POD.plot` says."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes = shown_axes(ax)
+    numbers = np.arange(1, len(pod.power) + 1)
+    (line,) = axes.plot(
+        numbers, pod.cumulative, color="black", marker="o", markersize=2.4, linewidth=0.8,
+        label=label, linestyle=_next_style(axes),
+    )  # fmt: skip
+    axes.annotate(
+        "",
+        xy=(rank, float(pod.cumulative[rank - 1])),
+        xytext=(0.0, -16.0),
+        textcoords="offset points",
+        arrowprops={"arrowstyle": "->", "linewidth": 0.6, "color": line.get_color()},
+    )
+    axes.axhline(share, color="0.7", linewidth=0.5, zorder=0)
+    axes.set_xlabel("number of modes")
+    axes.set_ylabel("cumulative power")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return axes
+
+
+def _next_style(axes: Axes) -> str:
+    """A line style that tells this curve from those that are drawn already, in black and white."""
+    styles = ("-", "--", ":", "-.")
+    drawn = [line for line in axes.lines if line.get_marker() == "o"]
+    return styles[len(drawn) % len(styles)]
+
+
+def draw_modes(pod: POD, ax: Sequence[Axes] | None, count: int, others: Array) -> list[Axes]:
+    """Draw as `POD.plot_modes` says."""
+    if ax is None:
+        axes = _panels(count)
+        with print_style():
+            return _drawn_modes(pod, axes, others)
+    return _drawn_modes(pod, list(ax), others)
+
+
+def _drawn_modes(pod: POD, axes: list[Axes], others: Array) -> list[Axes]:
+    from matplotlib.ticker import MaxNLocator
+
+    numbers = np.arange(1, len(pod.power) + 1)
+    assurance = pod.modal_assurance(others)
+    for k, panel in enumerate(axes):
+        mode = pod.modes[:, k]
+        j = int(np.argmax(assurance[k]))
+        other = others[:, j] * (1.0 if mode @ others[:, j] >= 0.0 else -1.0)
+        panel.axhline(0.0, color="0.7", linewidth=0.5, zorder=0)
+        panel.plot(numbers, mode, "o-", color="black", markersize=2.4, label="proper orthogonal")
+        panel.plot(
+            numbers, other, "s--", color="black", markersize=2.6, markerfacecolor="white",
+            markeredgewidth=0.6, label="normal",
+        )  # fmt: skip
+        panel.set_title(f"mode {k + 1}; normal mode {j + 1}: MAC {assurance[k, j]:.3f}")
+        panel.set_xlabel("mass $j$")
+        panel.set_ylabel("amplitude")
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes[0].legend()
+    return axes
+
+
+def _panels(count: int) -> list[Axes]:
+    from matplotlib import pyplot as plt
+
+    columns = 1 if count == 1 else 2
+    rows = -(-count // columns)
+    with print_style():
+        figure, axes = plt.subplots(
+            rows, columns, squeeze=False, figsize=(columns * COLUMN_WIDTH, 2.2 * rows)
+        )
+    panels: list[Axes] = list(axes.ravel())
+    for spare in panels[count:]:
+        figure.delaxes(spare)
+    return panels[:count]
