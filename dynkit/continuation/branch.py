@@ -231,7 +231,7 @@ class Branch:
         """Draw an observable against the parameter, and return the axes.
 
         Stable orbits are solid, unstable ones dashed, inadmissible ones dotted; bifurcations carry
-        their kinds.
+        their kinds, where one side at least is a motion of the system.
 
         Parameters
         ----------

@@ -40,9 +40,14 @@ _POINT: dict[str, Any] = {
 _TEXT: dict[str, Any] = {
     "textcoords": "offset points",
     "xytext": (3.0, 3.0),
-    "fontsize": "small",
+    "fontsize": 7.0,
     "zorder": 4.0,
 }
+
+
+# Labels closer than this, in what is drawn, are put together.
+_CLOSE = 0.04
+_STYLE: Any = {"font.size": 8.0, "xtick.labelsize": 7.0, "ytick.labelsize": 7.0}
 
 
 def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes:
@@ -58,14 +63,38 @@ def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes
             y = np.concatenate([np.append(run[1][:, column], np.nan) for run in runs])
             label = kind if column == 0 else "_"
             axes.plot(x, y, linestyle=LINES[kind], label=label, **_LINE)
+    labels: list[tuple[str, float, float]] = []
     for bifurcation, row in marked:
         if bifurcation.kind == "BP" and not 0.0 <= bifurcation.place <= len(branch) - 1:
             continue  # where the branch ends on another one, whose bifurcation it is
-        axes.plot(np.full(len(row), bifurcation.value), row, label="_", **_POINT)
-        axes.annotate(bifurcation.kind, (bifurcation.value, float(row.max())), **_TEXT)
+        if _borders_a_motion(branch, bifurcation.place):
+            axes.plot(np.full(len(row), bifurcation.value), row, label="_", **_POINT)
+            labels.append((bifurcation.kind, bifurcation.value, float(row.max())))
+    for text, x_place, y_place in _merged(labels, np.ptp(parameter), np.ptp(values)):
+        axes.annotate(text, (x_place, y_place), **_TEXT)
     axes.set_xlabel(_written(branch.name))
     axes.set_ylabel(_written(name))
     return axes
+
+
+def _borders_a_motion(branch: Branch, place: float) -> bool:
+    around = np.clip([np.floor(place), np.floor(place) + 1.0], 0, len(branch) - 1)
+    return bool(branch.admissible[around.astype(int)].any())
+
+
+def _merged(
+    labels: list[tuple[str, float, float]], width: float, height: float
+) -> list[tuple[str, float, float]]:
+    """Return labels of which those that would lie on one another are one."""
+    merged: list[tuple[str, float, float]] = []
+    for text, x, y in labels:
+        for i, (other, u, v) in enumerate(merged):
+            if abs(x - u) <= _CLOSE * width and abs(y - v) <= _CLOSE * height:
+                merged[i] = (f"{other}, {text}", u, v)
+                break
+        else:
+            merged.append((text, x, y))
+    return merged
 
 
 def _runs(
@@ -133,7 +162,8 @@ def _axes(ax: Axes | None) -> Axes:
         return ax
     from matplotlib import pyplot as plt
 
-    return plt.subplots(figsize=(3.4, 2.6), layout="constrained")[1]
+    with plt.rc_context(_STYLE):
+        return plt.subplots(figsize=(3.4, 2.6), layout="constrained")[1]
 
 
 def _written(name: str) -> str:

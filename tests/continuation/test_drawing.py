@@ -58,6 +58,18 @@ def test_bifurcations_carry_their_kinds(branch: Branch) -> None:
     assert [text.get_text() for text in ax.texts] == [b.kind for b in branch.bifurcations]
 
 
+def test_labels_that_would_lie_on_one_another_are_one() -> None:
+    made = continue_orbit(flat("cusp", 0.0, 0.0, 1.0, border=-1.005), "p", bounds=(-1.5, 1.5))
+    texts = [text.get_text() for text in made.plot(axes()).texts]
+    assert sorted(texts) == ["PD", "PD, GR", "SN", "SN"]
+
+
+def test_what_happens_to_no_motion_is_not_marked() -> None:
+    made = continue_orbit(flat("cusp", 0.0, 0.0, 1.0, border=-0.2), "p", bounds=(-1.5, 1.5))
+    assert [b.kind for b in made.bifurcations] == ["PD", "SN", "GR", "SN", "PD"]
+    assert [text.get_text() for text in made.plot(axes()).texts] == ["PD", "SN", "GR"]
+
+
 def test_axes_are_named(branch: Branch) -> None:
     ax = branch.plot(axes(), y="state[0]")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("p", "state[0]")
