@@ -29,6 +29,9 @@ STARTS = 200
 APART = 1e-6
 """Two solutions that differ by less, scaled, are the same orbit."""
 
+LEAST = 1e-13
+"""Smaller impulses are rounding: at resonance those of all orbits are zero."""
+
 _NONE = np.empty(0)
 
 
@@ -47,7 +50,7 @@ def find_orbits(
     seen: list[Array] = []
     for problem, guess in guesses:
         result = correct(FixedParameters(problem, _NONE), guess, problem.scale(guess), steps=30)
-        if not result.converged or (result.y[n:] <= 0.0).any():
+        if not result.converged or (result.y[n:] <= LEAST * problem.speed).any():
             continue
         problem, x = ordered(problem, result.y)
         if coincide(problem, x) or repeats(problem, x):
