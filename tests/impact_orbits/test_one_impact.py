@@ -181,3 +181,10 @@ def test_orbits_of_chains_of_any_damping_and_restitution(
         for orbit in orbits:
             assert any(same(orbit, exact) for exact in wanted)
             assert orbit.error <= ASKED
+
+
+@pytest.mark.parametrize("frequency", [0.5, 1.0])
+def test_at_resonance_without_damping_there_is_no_orbit(frequency: float) -> None:
+    # The response to any impulse once in the period of the free motion grows for ever.
+    system = MatrixOscillator(M=[[1.0]], C=[[0.0]], K=[[1.0]], frequency=frequency, offset=-0.02)
+    assert system.periodic_orbits(periods=1) == []
