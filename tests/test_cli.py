@@ -104,7 +104,7 @@ def examples_of(text: str) -> list[list[str]]:
     return [line.split()[1:] for line in re.findall(r"^  (dynkit .*)$", text, flags=re.MULTILINE)]
 
 
-@pytest.mark.parametrize("command", ["simulate", "sweep", "reproduce"])
+@pytest.mark.parametrize("command", ["simulate", "sweep", "continue", "reproduce"])
 def test_examples_of_the_help_run(
     command: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,7 +120,7 @@ def test_examples_of_the_help_run(
                 assert (folder / arguments[arguments.index(option) + 1]).exists()
 
 
-@pytest.mark.parametrize("command", ["simulate", "sweep"])
+@pytest.mark.parametrize("command", ["simulate", "sweep", "continue"])
 def test_help_shows_a_file(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert toml_files_of(described([command], capsys))
 

@@ -11,6 +11,8 @@ from dynkit.systems import ImpactChain
 
 SWEEP = ["sweep", "--from", "0.86", "--to", "0.88", "--step", "0.01", "--no-progress"]
 
+CONTINUE = ["continue", "--frequency", "0.87", "--from", "0.7", "--to", "1.1"]
+
 # (arguments, the line on stderr)
 BAD_INPUT = [
     (["simulate"], "simulate: error: frequency must be given"),
@@ -127,6 +129,46 @@ BAD_INPUT = [
     (
         ["sweep", "--values", "1", "--store", "a.h5", "--out", "a.h5"],
         "sweep: error: out must be another file than store; got 'a.h5'",
+    ),
+    (["continue", "--frequency", "1"], "continue: error: from must be given"),
+    (["continue", "--from", "0.7", "--to", "1"], "continue: error: frequency must be given"),
+    (
+        [*CONTINUE, "--parameter", "masses"],
+        (
+            "continue: error: parameter must be one of: springs, damping, restitution, amplitude, "
+            "offset, frequency; got 'masses'"
+        ),
+    ),
+    (
+        ["continue", "--frequency", "0.87", "--from", "1", "--to", "0.7"],
+        "continue: error: to must be greater than from; got 0.7",
+    ),
+    (
+        ["continue", "--frequency", "0.87", "--from", "0.9", "--to", "1.1"],
+        "continue: error: frequency must lie in [0.9, 1.1]; got 0.87",
+    ),
+    (
+        [*CONTINUE, "--impacts", "0"],
+        "continue: error: impacts must be a positive integer; got 0",
+    ),
+    (
+        [*CONTINUE, "--periods", "3", "--transient", "10"],
+        "continue: error: transient must not be given beside impacts or periods; got 10",
+    ),
+    (
+        [*CONTINUE, "--out", "branch.csv"],
+        "continue: error: out must end in .png, .svg; got 'branch.csv'",
+    ),
+    (
+        [*CONTINUE, "--store", "missing/branch.h5"],
+        (
+            "continue: error: store must be writable; got 'missing/branch.h5' "
+            "(No such file or directory)"
+        ),
+    ),
+    (
+        ["continue", "--frequency", "0.35", "--from", "0.3", "--to", "0.4"],
+        "continue: error: attractor must be P(n,m) with finite n; it is chaotic",
     ),
     (
         ["reproduce", "--out", "results", "--only", "figure-9"],

@@ -9,7 +9,7 @@ from typing import NoReturn
 
 from dynkit import __version__
 from dynkit.cli.extremes.cases import GROUPS
-from dynkit.cli.options import SIMULATE, SWEEP, Option
+from dynkit.cli.options import CONTINUE, SIMULATE, SWEEP, Option
 from dynkit.cli.reproduce.paper import ITEMS
 
 _COMMANDS = """\
@@ -18,6 +18,7 @@ examples:
   dynkit sweep --from 0.70 --to 0.76 --step 0.002 --out diagram.png
   dynkit reproduce --out results
   dynkit extremes --out extremes.md
+  dynkit continue --frequency 0.87 --from 0.7 --to 1.1
 
 dynkit COMMAND --help tells more about each.
 """
@@ -64,6 +65,32 @@ sweep.toml may hold:
   from = 0.86
   to = 0.88
   step = 0.01
+"""
+
+_CONTINUE = """\
+The branch of a periodic orbit as one parameter changes, stable or not, and its bifurcations: folds
+(SN), period doublings (PD), tori (NS), branch points (BP), grazing (GR), borders of chatter (CB).
+It goes through folds, and on where the orbits are no motions any more (inadmissible).
+
+Options may also stand in a TOML file, under the same names; what is given on the command line goes
+before what stands there. The branch starts at the value of the parameter that is given for the
+chain, and stays between --from and --to.
+"""
+
+_CONTINUE_EXAMPLES = """\
+examples:
+  dynkit continue --frequency 0.87 --from 0.7 --to 1.1
+  dynkit continue --frequency 0.8 --impacts 2 --periods 3 --from 0.75 --to 0.83 --out branch.png
+  dynkit continue --frequency 0.87 --parameter amplitude --from 0.05 --to 0.2 --store branch.h5
+  dynkit continue branch.toml --out branch.svg
+
+branch.toml may hold:
+  damping = 0.1
+  frequency = 0.87
+  periods = 3
+  parameter = "restitution"
+  from = 0.5
+  to = 0.95
 """
 
 _REPRODUCE = """\
@@ -120,6 +147,9 @@ def make_parser() -> argparse.ArgumentParser:
     sweep = commands.add_parser("sweep", help="a sweep of one parameter")
     _command(sweep, _SWEEP, _SWEEP_EXAMPLES, _run_sweep)
     _add_options(sweep, SWEEP)
+    branch = commands.add_parser("continue", help="a branch of periodic orbits")
+    _command(branch, _CONTINUE, _CONTINUE_EXAMPLES, _run_continue)
+    _add_options(branch, CONTINUE)
     reproduce = commands.add_parser("reproduce", help="the figures of Cusumano & Bai (1993)")
     _command(reproduce, _REPRODUCE, _REPRODUCE_EXAMPLES, _run_reproduce)
     reproduce.add_argument(
@@ -176,6 +206,13 @@ def _run_sweep(arguments: argparse.Namespace) -> None:
     from dynkit.cli.sweep import sweep
 
     sweep(gather(SWEEP, arguments.file, vars(arguments)))
+
+
+def _run_continue(arguments: argparse.Namespace) -> None:
+    from dynkit.cli.branch import continue_branch
+    from dynkit.cli.options import gather
+
+    continue_branch(gather(CONTINUE, arguments.file, vars(arguments)))
 
 
 def _run_reproduce(arguments: argparse.Namespace) -> None:

@@ -72,6 +72,17 @@ SWEEP = (
     Option("store", "FILE.h5", "keep what is finished here, and resume from it", kind="text"),
     Option("out", "FILE", "file to write: .csv, .npz, .h5, .png or .svg", kind="text"),
 )
+CONTINUE = (
+    *CHAIN,
+    Option("impacts", "N", "to start from an orbit P(N,M) (1), instead of the attractor's"),
+    Option("periods", "M", "of the table in that orbit (1)"),
+    Option("transient", "COUNT", "impacts to skip to the attractor (700)"),
+    Option("parameter", "NAME", "what changes along the branch (frequency)", kind="text"),
+    Option("from", "VALUE", "its least value"),
+    Option("to", "VALUE", "its greatest value"),
+    Option("store", "FILE.h5", "keep the branch here; dynkit.Branch.load reads it", kind="text"),
+    Option("out", "FILE", "figure to write: .png or .svg", kind="text"),
+)
 _RANGE = ("from", "to", "step")
 
 

@@ -47,26 +47,28 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
         place = 0
         for kind, group in groupby(kinds):
             stop = place + len(list(group))
-            label = "_" if kind in drawn else kind
             drawn.add(kind)
             for column in y.T:
                 axes.plot(
                     x[place : stop + 1],
                     column[place : stop + 1],
-                    linestyle=LINES[kind],
-                    linewidth=_WIDTHS[kind],
-                    color="black",
-                    label=label,
+                    **_line(kind),
                 )
-                label = "_"
             place = stop
         marks += _marks(nodes, kinds, x, y)
+    for kind in LINES:
+        if kind in drawn:
+            axes.plot([], [], label=kind, **_line(kind))
     marks = sorted(set(marks))
     axes.plot([x for x, _, _ in marks], [y for _, y, _ in marks], label="_", **_POINT)
     axes.set_xlabel(branches[0].name.replace("_", " "))
     axes.set_ylabel(name.replace("_", " "))
     write_names(axes, marks)
     return axes
+
+
+def _line(kind: str) -> dict[str, Any]:
+    return {"linestyle": LINES[kind], "linewidth": _WIDTHS[kind], "color": "black"}
 
 
 def _values(branch: Branch, nodes: list[Node], name: str) -> tuple[Array, Array]:
