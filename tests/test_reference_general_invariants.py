@@ -279,6 +279,24 @@ def test_a_grazing_is_not_decided() -> None:
         oscillator.simulate([1.0], [0.0])
 
 
+@pytest.mark.parametrize("stiffness", [1.0, 2.0**-36])
+def test_a_return_to_the_stop_with_velocity_zero_is_not_decided(stiffness: float) -> None:
+    # A weight takes the mass off the stop, where restitution 0 left it; the spring brings it back.
+    oscillator = chain_of(
+        [1.0],
+        [stiffness],
+        0.0,
+        frequency=1.0,
+        restitution=0.0,
+        side="below",
+        constant_forces=[-(2.0**-20)],
+    )
+    history = oscillator.simulate([-0.125], [-0.0625])
+    assert history.impacts[0].relative_velocity == 0
+    with pytest.raises(ArithmeticError, match="grazing"):
+        oscillator.simulate([-0.125], [-0.0625], impacts=2)
+
+
 @pytest.mark.parametrize("above", [1e-9, 1e-15, -1e-9, -1e-15])
 def test_a_near_grazing_is_decided(above: float) -> None:
     oscillator = chain_of([1.0], [1.0], 0.0, frequency=1.0, restitution=0.5, offset=-1.0 - above)

@@ -213,6 +213,20 @@ def test_free_free_masses_collide_like_centre_and_distance() -> None:
         assert 3 * v[0] + v[1] > 0
 
 
+@pytest.mark.parametrize("stiffness", [0.058349609375, 3.0, 1e-9])
+def test_free_masses_at_rest_fall_onto_the_table_by_their_spring(stiffness: float) -> None:
+    # What moves the rigid mode is zero only up to rounding. x_1 = 1 + cos(omega t) above 1/2.
+    link = [[stiffness, -stiffness], [-stiffness, stiffness]]
+    unit, none = [[1, 0], [0, 1]], [[0, 0], [0, 0]]
+    oscillator = GeneralOscillator(
+        unit, none, link, frequency=1, restitution=0.5, offset=0.5, contact=1
+    )
+    history = oscillator.simulate([0.0, 2.0], [0.0, 0.0])
+    with mp.workdps(DIGITS):
+        expected = 2 * mp.pi / 3 / mpmath.sqrt(2 * mpf(stiffness))
+        assert abs(history.impacts[0].time / expected - 1) < CLOSE
+
+
 def test_momentum_of_free_free_masses_changes_by_the_impulses_alone() -> None:
     oscillator = GeneralOscillator(
         [[3, 0], [0, 1]],

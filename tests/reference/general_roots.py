@@ -61,6 +61,8 @@ def first_root(
                 step, top = _leave(motion, row, z, leading), INFINITE
             else:
                 step, top = _step(motion, row, z)
+            if not step > 0:
+                raise ArithmeticError(f"the bounds leave no step; got {step}")
             if step < low:
                 low, high, index = step, top, i
         if not low < INFINITE:
@@ -77,9 +79,7 @@ def first_root(
 
 
 def _never(motion: LinearMotion, rows: Sequence[Row], z: arb_mat) -> bool:
-    # By more than rounding can lift it.
-    rounding = arb((1, -ctx.prec // 2))
-    return all(motion.lowest_ever(row, z) > rounding * Row.size(row.entries, z) for row in rows)
+    return all(motion.lowest_ever(row, z) > 0 for row in rows)
 
 
 def _leave(motion: LinearMotion, row: Row, z: arb_mat, order: int) -> arb:

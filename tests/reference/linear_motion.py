@@ -19,7 +19,7 @@ from typing import Final, final
 
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
-from tests.reference.mode_bounds import INFINITE, Bound, Floor, Modes, upper
+from tests.reference.mode_bounds import INFINITE, Bound, Floor, Modes, root, upper
 
 JETS: Final = 24
 """Derivatives of a row that are kept."""
@@ -37,7 +37,7 @@ class Row:
         self.jets = arb_mat([r.entries() for r in rows])
         self.entries = row.entries()
         self.sine, self.cosine, self.constant = self.entries[2 * n :]
-        self.harmonic = upper((self.sine**2 + self.cosine**2).sqrt())
+        self.harmonic = root(self.sine**2 + self.cosine**2)
         self.on_position = arb_mat(1, n, self.entries[:n])
         self.on_velocity = arb_mat(1, n, self.entries[n : 2 * n])
         self.has_velocity = any(x != 0 for x in self.on_velocity.entries())
@@ -187,13 +187,16 @@ class LinearMotion:
     def lowest_ever(self, row: Row, z: arb_mat) -> arb:
         """A number below r z at all later times; minus infinity where none is known.
 
-        All times are 1e40 units: couplings of the modes below 1e-40 of their rates count as none.
+        It is lower by more than rounding can lift what it is the difference of. All times are 1e40
+        units: couplings of the modes below 1e-40 of their rates count as none.
         """
         n, w = self.size, self.frequency
         harmonic = acb(row.sine, row.cosine)
         level = row.constant
+        rounding = arb((1, -ctx.prec // 2))
         if n == 0:
-            return (level - abs(harmonic)).lower()
+            swing = abs(harmonic)
+            return (level - swing - rounding * (upper(level) + swing)).lower()
         columns = [[self.forcing[i, j] for i in range(n)] for j in range(3)]
         response, rest = acb_mat(n, 1), arb_mat(n, 1)
         try:
@@ -215,7 +218,9 @@ class LinearMotion:
             free[n + i, 0] = z[n + i, 0] - v.real * sine - v.imag * cosine
             harmonic += row.on_position[0, i] * x + row.on_velocity[0, i] * v
             level += row.on_position[0, i] * rest[i, 0]
-        lowest = (level - abs(harmonic) + self.modes.lowest_free(row, free)).lower()
+        parts = level, -abs(harmonic), self.modes.lowest_free(row, free)
+        size = sum((upper(x) for x in parts), Row.size(row.entries, z))
+        lowest = (sum(parts, arb(0)) - rounding * size).lower()
         return lowest if lowest.is_finite() else -INFINITE
 
 

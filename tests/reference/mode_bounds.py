@@ -37,6 +37,11 @@ def upper(x: arb) -> arb:
     return x.abs_upper()
 
 
+def root(x: arb) -> arb:
+    """An upper bound of the square root of x >= 0, whose ball may reach below 0."""
+    return upper(upper(x).sqrt())
+
+
 class Bound(NamedTuple):
     """``value`` bounds a derivative of the structural part of a row for the next ``window``."""
 
@@ -114,18 +119,18 @@ class Modes:
             growth = growth.max(total.upper())
         self.growth = growth
         self.static = [force[k, 2] / stiff[k, k] if not self.rigid[k] else arb(0) for k in range(n)]
-        self.drive = [upper((force[k, 0] ** 2 + force[k, 1] ** 2).sqrt()) for k in range(n)]
+        self.drive = [root(force[k, 0] ** 2 + force[k, 1] ** 2) for k in range(n)]
         # Of the energy, and of the forces in the norm that goes with it.
         self.sound = all(x > -top * UNCOUPLED for x in squares) and _dissipates(motion.damping)
         columns = [arb_mat(n, 1, [motion.forcing[i, j] for i in range(n)]) for j in range(2)]
         works = [(c.transpose() * motion.inverse_mass * c)[0, 0] for c in columns]
-        self.work = upper(upper(works[0]).sqrt() + upper(works[1]).sqrt())
+        self.work = upper(root(works[0]) + root(works[1]))
 
     def norms(self, z: arb_mat) -> list[arb]:
         """n_k of a state (2n + 3) or (2n)."""
         n = self.motion.size
         q = (self.to_modal * z).entries()
-        return [upper(((self.w[k] * q[k]) ** 2 + q[n + k] ** 2).sqrt()) for k in range(n)]
+        return [root((self.w[k] * q[k]) ** 2 + q[n + k] ** 2) for k in range(n)]
 
     def rates(self, z: arb_mat) -> list[arb]:
         """Bounds on |q_k'| for ever, where nothing forces the modes."""
@@ -147,7 +152,7 @@ class Modes:
         n = self.motion.size
         x, v = (arb_mat(n, 1, z.entries()[i : i + n]) for i in (0, n))
         twice = x.transpose() * self.motion.stiffness * x + v.transpose() * self.motion.mass * v
-        return upper(upper(twice[0, 0]).sqrt())
+        return root(twice[0, 0])
 
     def windows(self) -> list[tuple[arb, arb]]:
         """Times, and by which part of the largest norm the coupling makes norms grow within them.
@@ -202,7 +207,7 @@ class Modes:
         energy = self.energy_norm(z)
         if self.motion.forced:
             energy += self.later() * self.motion.frequency**order * self.work
-        return upper(upper(dual).sqrt()) * energy
+        return root(dual) * energy
 
     def floors(
         self, row: Row, states: Sequence[tuple[arb_mat, int]], value: arb, rate: arb
@@ -222,14 +227,14 @@ class Modes:
         offsets = q[:]
         for k in range(n):
             offsets[k] -= self.static[k]
-        norms = [upper(((self.w[k] * offsets[k]) ** 2 + q[n + k] ** 2).sqrt()) for k in range(n)]
+        norms = [root((self.w[k] * offsets[k]) ** 2 + q[n + k] ** 2) for k in range(n)]
         for fast in self.cuts:
             apart, apart_rate, size = arb(0), arb(0), []
             for k in fast:
                 a, b = weights[0][k], weights[1][k]
                 apart += a * offsets[k] + b * q[n + k]
                 apart_rate += a * dq[k] + b * dq[n + k]
-                size.append(upper(((a / self.w[k]) ** 2 + b**2).sqrt()))
+                size.append(root((a / self.w[k]) ** 2 + b**2))
             bounds = self.bounds(row, after, fast)
             for bound, (window, growth) in zip(bounds, self.windows(), strict=True):
                 grown = self._grown(norms, 0, window, growth)
@@ -252,7 +257,7 @@ class Modes:
         for k in range(n):
             a, b, rate, c = on_position[k], on_velocity[k], q[n + k], self.decay[k]
             if not self.rigid[k]:
-                total -= ((a / self.w[k]) ** 2 + b**2).sqrt() * norms[k]
+                total -= root((a / self.w[k]) ** 2 + b**2) * norms[k]
                 continue
             total += a * q[k] - upper(b * rate)
             if c > 0:
@@ -268,7 +273,7 @@ class Modes:
         square = (part * self.motion.stiffness.solve(part.transpose()))[0, 0]
         part = row.on_velocity
         square += (part * self.motion.inverse_mass * part.transpose())[0, 0]
-        return -upper(upper(square).sqrt()) * self.energy_norm(_pad(free))
+        return -root(square) * self.energy_norm(_pad(free))
 
 
 def _exponents(square: arb, damping: arb) -> tuple[arb, arb] | None:
