@@ -99,7 +99,9 @@ def _marks(
     found = []
     for i, (_, bifurcation) in enumerate(nodes):
         beside = kinds[max(i - 1, 0) : i + 1]
-        if bifurcation is not None and any(kind != "inadmissible" for kind in beside):
+        if bifurcation is None or (bifurcation.kind == "BP" and i in (0, len(nodes) - 1)):
+            continue  # where a branch ends on another one, the bifurcation is the other one's
+        if any(kind != "inadmissible" for kind in beside):
             found.append((float(x[i]), float(y[i].max()), bifurcation.kind))
     return found
 

@@ -8,6 +8,7 @@ ITEMS = (
     "table-a1",
     "figure-3",
     "figure-4",
+    "figure-4-branches",
     "figure-5",
     "figure-6a",
     "figure-6b",
