@@ -6,9 +6,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
+import numpy as np
+
 from dynkit.differences import parameter_difference
-from dynkit.maps import Family
-from dynkit.validation import finite_scalar
+from dynkit.maps import Family, Stretching, stretched
+from dynkit.validation import finite_array, finite_scalar, non_negative_integer, positive
 
 if TYPE_CHECKING:
     from dynkit.sections import PoincareSection
@@ -109,6 +111,41 @@ class Flow(Family, ABC):
     def accuracy(self) -> float:
         """How wrong a crossing may be, relative to the size of the state: one rounding, 2^-52."""
         return 2.0**-52
+
+    def stretching(self, state: Array, interval: float, n: int) -> Stretching:
+        """Return how n intervals of time stretch a frame, which starts as the unit vectors.
+
+        Parameters
+        ----------
+        state : (d,) array
+        interval : float
+            Time from one QR decomposition to the next; positive. Directions that stretch so much
+            less than others that rounding hides them in an interval are NaN.
+        n : int
+            How many intervals; zero or more.
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite or not of that shape, or a number is refused.
+
+        References
+        ----------
+        See `Map.stretching`.
+        """
+        count = non_negative_integer("n", n)
+        duration = positive("interval", interval)
+        here = finite_array("state", state, (self.dimension,))
+        frame = np.eye(self.dimension)
+        logs = np.empty((count, self.dimension))
+        for i in range(count):
+            here, derivative = self._transport(here, duration)
+            frame, logs[i] = stretched(derivative @ frame, self.accuracy)
+        return Stretching(logs, np.full(count, duration), here)
+
+    def _transport(self, state: Array, duration: float) -> tuple[Array, Array]:
+        """The state after a duration, and its derivative."""
+        return self.advance(state, duration), self.derivative(state, duration)
 
     @abstractmethod
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:

@@ -3,6 +3,7 @@
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Self, cast, final
 
 import numpy as np
@@ -60,6 +61,27 @@ class Family:
             raise TypeError(f"{type(self).__name__} has parameters, but no `replace` of its own")
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Stretching:
+    """How iterates, or times, stretch a frame of d directions that is made orthonormal after each.
+
+    Attributes
+    ----------
+    logs : (n, d) array
+        Logarithms of the diagonal of R in the QR decomposition after each step. Minus infinity
+        where a direction is lost for good; NaN where it is shorter than what rounding leaves.
+    times : (n,) array or None
+        How long each step took; None for a map without a time.
+    state : (d,) array
+        The state after the last step.
+    """
+
+    logs: Array
+    times: Array | None
+    state: Array
 
 
 class Map(Family, ABC):
@@ -205,6 +227,51 @@ class Map(Family, ABC):
         """How wrong one call may be, relative to the size of the state: one rounding, 2^-52."""
         return 2.0**-52
 
+    def stretching(self, state: Array, n: int) -> Stretching:
+        """Return how the next n iterates stretch a frame, which starts as the unit vectors.
+
+        Its directions may belong to other coordinates of the same states: what holds on average
+        over many iterates, the Lyapunov exponents, does not depend on the coordinates.
+
+        Parameters
+        ----------
+        state : (d,) array
+        n : int
+            How many iterates; zero or more.
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite or not of that shape, or n is not a count.
+        NoCrossing
+            When there is no next state.
+
+        References
+        ----------
+        G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Lyapunov characteristic exponents for
+        smooth dynamical systems, Meccanica 15 (1980) 9-30. J.-P. Eckmann, D. Ruelle, Reviews of
+        Modern Physics 57 (1985) 617-656, section V.C (QR).
+
+        Examples
+        --------
+        >>> from dynkit.systems import Henon
+        >>> logs = Henon(b=0.3).stretching([0.1, 0.1], 50).logs
+        >>> bool(abs(logs.sum(axis=1) - np.log(0.3)).max() < 1e-13)
+        True
+        """
+        count = non_negative_integer("n", n)
+        here = finite_array("state", state, (self.dimension,))
+        frame = np.eye(self.dimension)
+        logs, times = np.empty((count, self.dimension)), np.empty(count)
+        for i in range(count):
+            here, derivative, times[i] = self._passage(here)
+            frame, logs[i] = stretched(derivative @ frame, self.accuracy)
+        return Stretching(logs, None if np.isnan(times).any() else times, here)
+
+    def _passage(self, state: Array) -> tuple[Array, Array, float]:
+        """The next state, its derivative, and the time it takes; NaN without one."""
+        return self(state), self.jacobian(state), np.nan
+
     @final
     def iterate(self, state: Array, n: int) -> Array:
         """Return a state and its next n iterates.
@@ -231,6 +298,20 @@ class Map(Family, ABC):
         for i in range(count):
             states[i + 1] = self(states[i])
         return states
+
+
+def stretched(frame: Array, accuracy: float) -> tuple[Array, Array]:
+    """Return the orthonormal frame of directions (d, d), columns, and logs (d,) of their lengths.
+
+    The length of what is left of a direction beside those before it: minus infinity for none, NaN
+    for less than errors of the relative size `accuracy` may have left.
+    """
+    q, r = np.linalg.qr(frame)
+    left = abs(r.diagonal())
+    with np.errstate(divide="ignore"):
+        logs = np.log(left)
+    unknown = (left > 0.0) & (left <= accuracy * np.linalg.norm(frame, axis=0))
+    return q, np.where(unknown, np.nan, logs)
 
 
 def _field_names(instance: object) -> tuple[str, ...]:

@@ -110,9 +110,13 @@ class PoincareMap(Map):
         NoCrossing, ValueError
             As the call itself.
         """
+        return self._passage(state)[1]
+
+    def _passage(self, state: Array) -> tuple[Array, Array, float]:
         hit = self.crossing(state)
         transport = self.flow.derivative(self.section.lift(state), hit.time)
-        return self._on_section(hit, transport @ self.section.lift_derivative(state))
+        jacobian = self._on_section(hit, transport @ self.section.lift_derivative(state))
+        return self.section.reduce(hit.state), jacobian, hit.time
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative, (d - 1,), by a parameter, the hit time's own change included.

@@ -176,6 +176,9 @@ class IntegratedFlow(Flow):
         ValueError
             As `advance`.
         """
+        return self._transport(state, duration)[1]
+
+    def _transport(self, state: Array, duration: float) -> tuple[Array, Array]:
         d = self.dimension
         start = np.concatenate([self._checked(state), np.eye(d).ravel()])
 
@@ -183,7 +186,8 @@ class IntegratedFlow(Flow):
             change = self.velocity_jacobian(both[:d]) @ both[d:].reshape(d, d)
             return np.concatenate([self.velocity(both[:d]), change.ravel()])
 
-        return self._integrated(velocity, start, duration, self.tolerance)[d:].reshape(d, d)
+        end = self._integrated(velocity, start, duration, self.tolerance)
+        return end[:d], end[d:].reshape(d, d)
 
     def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
         """Return the derivative, (d,), of the advanced state with respect to a parameter.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from dynkit.flows import NoCrossing
-from dynkit.maps import Map
+from dynkit.maps import Map, Stretching
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative
 from dynkit.systems.impact.mechanics import (
@@ -447,6 +447,11 @@ class ImpactOscillator(LagrangianStructure, Map):
 
     def jacobian(self, state: Array) -> Array:
         return impact_derivative(self, self.impact_state(state))
+
+    def stretching(self, state: Array, n: int) -> Stretching:
+        from dynkit.systems.impact.tangents import stretching
+
+        return stretching(self, state, n)
 
     def difference(self, a: Array, b: Array) -> Array:
         out = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)

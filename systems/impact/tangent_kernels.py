@@ -1,0 +1,171 @@
+"""Kernels of small disturbances of impact motions: how they stretch a frame of directions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.compiled import kernel
+from dynkit.validation import Array
+
+Indices = NDArray[np.intp]
+
+LOST = 1e-6
+"""A direction is made orthogonal once more when so little of its square is left."""
+
+
+@kernel(reorder=True)
+def _multiply(matrix: Array, frame: Array, scratch: Array) -> None:
+    """The matrix times each row of the frame, which is modified in place."""
+    n = frame.shape[1]
+    for j in range(frame.shape[0]):
+        for i in range(n):
+            total = 0.0
+            for k in range(n):
+                total += matrix[i, k] * frame[j, k]
+            scratch[i] = total
+        for i in range(n):
+            frame[j, i] = scratch[i]
+
+
+@kernel(reorder=True)
+def _fly(blocks: Array, step: int, frame: Array) -> None:
+    """The 2 by 2 blocks of a flight, one for each pair, times each row of the frame."""
+    pairs = blocks.shape[2]
+    for j in range(frame.shape[0]):
+        for i in range(pairs):
+            a = frame[j, i]
+            b = frame[j, pairs + i]
+            frame[j, i] = blocks[step, 0, i] * a + blocks[step, 1, i] * b
+            frame[j, pairs + i] = blocks[step, 2, i] * a + blocks[step, 3, i] * b
+
+
+@kernel(reorder=True)
+def _jump(vectors: Array, bend: float, kick: float, frame: Array) -> None:
+    """What an impact adds: b (bend c + kick c') + kick A b c; see `stretch`."""
+    n = frame.shape[1]
+    for j in range(frame.shape[0]):
+        place = 0.0
+        speed = 0.0
+        for i in range(n):
+            place += vectors[2, i] * frame[j, i]
+            speed += vectors[3, i] * frame[j, i]
+        by_kick = bend * place + kick * speed
+        by_rate = kick * place
+        for i in range(n):
+            frame[j, i] += by_kick * vectors[0, i] + by_rate * vectors[1, i]
+
+
+@kernel(reorder=True)
+def _project(frame: Array, j: int) -> float:
+    """Row `j` less its parts along the rows before it; the square of what is left."""
+    n = frame.shape[1]
+    for row in range(j):
+        part = 0.0
+        for i in range(n):
+            part += frame[row, i] * frame[j, i]
+        for i in range(n):
+            frame[j, i] -= part * frame[row, i]
+    square = 0.0
+    for i in range(n):
+        square += frame[j, i] * frame[j, i]
+    return square
+
+
+@kernel(reorder=True)
+def _refill(frame: Array, j: int) -> None:
+    """Row `j` becomes the unit vector that is farthest from the rows before it."""
+    n = frame.shape[1]
+    best = 0
+    most = -1.0
+    for i in range(n):
+        rest = 1.0
+        for row in range(j):
+            rest -= frame[row, i] * frame[row, i]
+        if rest > most:
+            best = i
+            most = rest
+    for i in range(n):
+        frame[j, i] = 0.0
+    frame[j, best] = 1.0
+
+
+@kernel(reorder=True)
+def _normalise(frame: Array, j: int, square: float) -> None:
+    """Row `j` over its length."""
+    scale = 1.0 / math.sqrt(square)
+    for i in range(frame.shape[1]):
+        frame[j, i] *= scale
+
+
+@kernel()
+def _orthonormalise(frame: Array, lost: int, logs: Array, step: int) -> None:
+    """Gram and Schmidt's process on the rows of the frame; of the last ones, `lost`, none is left.
+
+    Twice is enough: W. Kahan, in B. N. Parlett, The Symmetric Eigenvalue Problem, SIAM 1998,
+    section 6-9.
+    """
+    n = frame.shape[0]
+    for j in range(n):
+        before = 0.0
+        for i in range(n):
+            before += frame[j, i] * frame[j, i]
+        square = 0.0
+        if j < n - lost:
+            square = _project(frame, j)
+            if square <= LOST * before:
+                square = _project(frame, j)
+        if square > 0.0:
+            logs[step, j] = 0.5 * math.log(square)
+        else:
+            logs[step, j] = -math.inf
+            _refill(frame, j)
+            _project(frame, j)
+            square = _project(frame, j)
+        _normalise(frame, j, square)
+
+
+@kernel()
+def stretch(
+    blocks: Array,
+    which: Indices,
+    dense: Array,
+    vectors: Array,
+    jumps: Array,
+    lost: Indices,
+    frame: Array,
+    scratch: Array,
+    logs: Array,
+) -> None:
+    """Follow a frame of disturbances through steps: a matrix, a flight, an impact each.
+
+    A disturbance (2N,) of the free state at one time, both numbers of all pairs in turn, is taken
+    times 1 + b (bend c + kick c') + kick A b c by an impact.
+
+    Parameters
+    ----------
+    blocks
+        (n, 4, N) entries 11, 12, 21, 22 of the flights' matrices.
+    which, dense
+        (n,) and (m, 2N, 2N): the number of the matrix that comes before a flight, -1 for none.
+    vectors
+        (4, 2N): b, A b, c, c'.
+    jumps
+        (n, 2): bend and kick.
+    lost
+        (n,) how many directions a step takes away for good.
+    frame
+        (2N, 2N) orthonormal rows, modified in place.
+    scratch
+        (2N,) modified in place.
+    logs
+        (n, 2N) logarithms of the stretching of each row, modified in place.
+    """
+    for step in range(which.shape[0]):
+        if which[step] >= 0:
+            _multiply(dense[which[step]], frame, scratch)
+        _fly(blocks, step, frame)
+        _jump(vectors, jumps[step, 0], jumps[step, 1], frame)
+        _orthonormalise(frame, lost[step], logs, step)

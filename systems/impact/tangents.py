@@ -1,0 +1,219 @@
+"""How impact motions stretch small disturbances, in coordinates that keep this cheap.
+
+A disturbance is followed in the free state at one time: the pairs of numbers of the modes, each of
+which a flight multiplies by a 2 by 2 matrix of its own; an impact adds a matrix of rank 2. The
+Lyapunov exponents are those of the section coordinates, as the change between the two is bounded
+on average, while the volume changes by exactly r^2 exp(-trace(M^-1 C) t) in each step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dynkit.flows import NoCrossing
+from dynkit.maps import Stretching
+from dynkit.systems.impact.motion import evolve, transformed
+from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
+from dynkit.systems.impact.record import Ending
+from dynkit.validation import Array, non_negative_integer
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.runs import Run
+
+_IMPACTS, _NUMBERS = 1024, 4_000_000
+"""Impacts that are worked on at a time, and numbers of their matrices."""
+
+SPREAD = math.log(1e5)
+"""Flights that make some modes decay by more than this against others are cut into parts: in each
+of them rounding leaves ten digits of the smallest stretching."""
+
+
+class Steps(NamedTuple):
+    """What the kernel takes, see `tangent_kernels.stretch`; impacts end where `last` says."""
+
+    blocks: Array
+    which: Any
+    dense: Array
+    vectors: Array
+    jumps: Array
+    lost: Any
+    first: Any
+
+
+def stretching(oscillator: ImpactOscillator, state: Array, n: int) -> Stretching:
+    """How the next n impacts stretch disturbances: see `Map.stretching`.
+
+    An impact that only touches, u = 0, counts as none: at it no derivative exists.
+    """
+    from dynkit.systems.impact.tangent_kernels import stretch
+
+    count = non_negative_integer("n", n)
+    start, d = oscillator.impact_state(state), oscillator.dimension
+    most = max(1, min(_IMPACTS, _NUMBERS // d**2))
+    frame, scratch = np.eye(d), np.empty(d)
+    logs, times = np.empty((count, d)), np.empty(count)
+    for begin in range(0, count, most):
+        wanted = min(most, count - begin)
+        run = oscillator._run(start, wanted, store=True)
+        if run.impacts < wanted:
+            raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
+        steps = steps_of(oscillator, run)
+        found = np.empty((len(steps.which), d))
+        stretch(*steps[:-1], frame, scratch, found)
+        logs[begin : begin + wanted] = np.add.reduceat(found, steps.first, axis=0)
+        times[begin : begin + wanted] = np.diff(run.states[:, -1], prepend=0.0)
+        start = run.final
+    return Stretching(logs, times, oscillator.section_state(start))
+
+
+def steps_of(oscillator: ImpactOscillator, run: Run) -> Steps:
+    """The steps of a run: contact, where there is one, flight and impact, cut where they spread."""
+    motion = free_motion(oscillator._structure)
+    slots, n = motion.regime.layout.modes, oscillator.degrees_of_freedom
+    began = np.append(0.0, run.states[:, -1])
+    before = run.contacts[:, 0].astype(np.intp)
+    held = run.contacts[:, 2] - began[before]
+    flights = np.diff(began)
+    flights[before] -= held
+    jumps, lost = _jumps(oscillator, run, flights, held)
+
+    spread = _spread(motion)
+    parts = np.maximum(np.ceil(flights * (spread / SPREAD)), 1.0).astype(np.intp)
+    stuck_parts = np.maximum(np.ceil(held * (spread / SPREAD)), 1.0).astype(np.intp)
+    contact_steps = np.zeros(run.impacts, dtype=np.intp)
+    contact_steps[before] = stuck_parts - 1
+    # Parts of a contact but the last come first, then those of the flight, then the impact.
+    first = np.concatenate([[0], np.cumsum(contact_steps + parts)])
+    total = int(first[-1])
+    durations = np.repeat(flights / parts, parts + contact_steps)
+    which = np.full(total, -1)
+    jump = np.zeros((total, 2))
+    gone = np.zeros(total, dtype=np.intp)
+    jump[first[1:] - 1], gone[first[1:] - 1] = jumps, lost
+    dense = _contact_matrices(oscillator, run, held / stuck_parts)
+    for k, (i, many) in enumerate(zip(before.tolist(), stuck_parts.tolist(), strict=True)):
+        place = int(first[i])
+        which[place : place + many] = k
+        gone[place : place + many] = 2
+        durations[place : place + many - 1] = 0.0
+
+    flown = motion.transitions(durations)
+    blocks = np.empty((total, 2, 2, n))
+    if len(flown.linked):
+        blocks[...] = np.eye(2)[..., None]
+        matrices = flown.matrices(slots)
+        on_contact = which >= 0
+        matrices[on_contact] = matrices[on_contact] @ dense[which[on_contact]]
+        dense, which = matrices, np.arange(total)
+    else:
+        blocks[..., np.argsort(slots)] = flown.own
+    place, speed = motion.rows[:2].reshape(2, 2, -1)[..., slots]
+    kick, pushed = motion.kick, motion.rate(motion.kick)
+    vectors = np.stack([kick[:, slots], pushed[:, slots], place, speed]).reshape(4, 2 * n)
+    return Steps(
+        blocks.reshape(total, 4, n),
+        which,
+        np.ascontiguousarray(dense),
+        vectors,
+        jump,
+        gone,
+        first[:-1],
+    )
+
+
+def _jumps(
+    oscillator: ImpactOscillator, run: Run, flights: Array, held: Array
+) -> tuple[Array, Any]:
+    """Bend and kick (n, 2) of the impacts, and how many directions they lose, (n,)."""
+    r, free = oscillator.restitution, oscillator._free
+    speeds = run.states[:, -2]
+    sides = np.signbit(speeds).astype(np.intp)
+    states = _free_states(oscillator, run)
+    kick = np.zeros((2, free.layout.slots))
+    kick[:, free.layout.modes] = oscillator._structure.kick[:2]
+    if r == 0.0:  # the states after impacts do not tell how fast they were
+        starts = states[:-1].copy()
+        for k, (i, side) in enumerate(zip(*_contacts_of(run), strict=True)):
+            contact = oscillator._contacts[side]
+            stuck = transformed(contact.to_stuck, starts[i][None])
+            end = evolve(contact.force, stuck, np.zeros(1, dtype=np.intp), held[k : k + 1])
+            starts[i] = transformed(contact.to_free, end)[0]
+        ends = evolve(oscillator._gaps[0], starts, np.arange(run.impacts), flights)
+    rates, bends = np.empty(run.impacts), np.empty(run.impacts)
+    for side, (gap, stand) in enumerate(zip(oscillator._gaps, oscillator._stands, strict=True)):
+        here = sides == side
+        rows = np.zeros((2, 2, free.layout.slots))
+        rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
+        if r == 0.0:
+            rates[here], bends[here] = np.einsum("mij,kij->mk", rows, ends[here])
+        else:
+            rates[here] = -abs(speeds[here]) / r
+            turn = stand.sign * float((rows[1] * kick).sum())
+            bends[here] = np.einsum("ij,kij->k", rows[1], states[1:][here])
+            bends[here] += (1.0 + r) * rates[here] * turn
+    impact = rates < 0.0
+    jumps = np.zeros((run.impacts, 2))
+    jumps[impact, 0] = (1.0 + r) * bends[impact] / rates[impact]
+    jumps[impact, 1] = -(1.0 + r)
+    return jumps, np.where(impact & (r == 0.0), 1, 0)
+
+
+def _contacts_of(run: Run) -> tuple[list[int], list[int]]:
+    """Impacts before each contact, and its side."""
+    before = run.contacts[:, 0].astype(np.intp)
+    speeds = np.append(run.start.relative_velocity, run.states[:, -2])
+    return before.tolist(), np.signbit(speeds[before]).astype(int).tolist()
+
+
+def _free_states(oscillator: ImpactOscillator, run: Run) -> Array:
+    """States (impacts + 1, 2, slots): the start, and after each impact."""
+    n, rows = oscillator.degrees_of_freedom, run.states
+    q = np.concatenate([run.start._coordinates[None], rows[:, : 2 * n].reshape(-1, 2, n)])
+    sine = np.append(run.start._turn[0], rows[:, 2 * n])
+    cosine = np.append(run.start._turn[1], rows[:, 2 * n + 1])
+    return oscillator._free.states(q, sine, cosine)
+
+
+def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) -> Array:
+    """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it.
+
+    At the release the force vanishes, and with it the jump of the velocity of the state: that
+    another motion is released at another time makes no difference.
+    """
+    d = oscillator.dimension
+    out = np.zeros((len(durations), d, d))
+    if not len(durations) or d == 2:
+        return out
+    free_modes = oscillator._free.layout.modes
+    sides = np.array(_contacts_of(run)[1])
+    for side in np.unique(sides).tolist():
+        contact = oscillator._contacts[side]
+        modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
+        count = 2 * len(modes)
+        units = np.zeros((2, len(modes), 2, slots))
+        units[0, np.arange(len(modes)), 0, modes] = 1.0
+        units[1, np.arange(len(modes)), 1, modes] = 1.0
+        here = np.flatnonzero(sides == side)
+        ends = evolve(
+            contact.force,
+            units.reshape(count, 2, slots),
+            np.tile(np.arange(count), len(here)),
+            np.repeat(durations[here], count),
+        )
+        moved = ends[..., modes].reshape(len(here), count, count).transpose(0, 2, 1)
+        down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
+        up = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, free_modes][..., modes]
+        out[here] = up.reshape(d, count) @ moved @ down.reshape(count, d)
+    return out
+
+
+def _spread(motion: FreeMotion) -> float:
+    """How much faster the fastest mode decays than the slowest one."""
+    g = motion.regime.pairs.generator[:, motion.regime.layout.modes]
+    half = 0.5 * (g[0] + g[3])
+    root = np.sqrt(np.maximum(half * half - (g[0] * g[3] - g[1] * g[2]), 0.0))
+    return float((half + root).max() - (half - root).min())
