@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.continuation.arclength import Follower, OrbitEquations, Point
-from dynkit.continuation.bifurcations import Bifurcation, Located, Watch
+from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.endings import Bound, Ending, Reason
+from dynkit.continuation.locating import Located
 from dynkit.continuation.problem import Problem
 from dynkit.continuation.starting import start_points
 from dynkit.continuation.tracing import Trace, is_of_symmetry, trace
+from dynkit.continuation.watching import Watch
 from dynkit.results import Cost
 from dynkit.validation import Array, in_interval
 

@@ -8,15 +8,15 @@ from typing import final
 import numpy as np
 
 from dynkit.continuation.arclength import Follower, Point
-from dynkit.continuation.bifurcations import Located, examine, locate
+from dynkit.continuation.detection import examine
 from dynkit.continuation.endings import Ending, Reason
+from dynkit.continuation.locating import Located, locate
 from dynkit.continuation.problem import Problem
-from dynkit.continuation.starting import crossing_directions
 from dynkit.validation import Array
 
-# The parameter's part in a tangent below which a branch folds; how far aside, in scaled unknowns,
-# it is looked at, and no fold counts.
-_FLAT, _ASIDE = 1e-4, 1e-3
+# How far aside of where a branch is symmetric, in scaled unknowns, it is looked at, and no fold
+# counts.
+_ASIDE = 1e-3
 
 
 @final
@@ -57,16 +57,13 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
         if not inadmissible and not point.seen.admissible:
             follower.ending = _ends(Reason.INADMISSIBLE, point)
             break
-        centres = [
-            (np.append(located.x, located.p), tangent)
-            for _, located in here
-            if located.crossing.kind == "BP"
-            and (tangent := _flat_tangent(follower, before, point, located)) is not None
-        ]
-        found.centres += [place for place, _ in centres]
-        if any(_same_on_both_sides(problem, follower, before, *centre) for centre in centres):
-            follower.ending = _ends(Reason.RETRACED, point)
-            break
+        centre = point.seen.branch_point
+        if centre is not None and point.seen.flat is not None:
+            place = np.append(centre.x, centre.p)
+            found.centres.append(place)
+            if _same_on_both_sides(problem, follower, before, place, point.seen.flat):
+                follower.ending = _ends(Reason.RETRACED, point)
+                break
         found.points.append(point)
     found.ending = follower.ending
     return found
@@ -99,18 +96,6 @@ def _between(
 
 def _same(a: Located, b: Located) -> bool:
     return a.crossing == b.crossing and abs(float(a.p[0] - b.p[0])) <= 2.0 * (a.error + b.error)
-
-
-def _flat_tangent(
-    follower: Follower, before: Point, after: Point, located: Located
-) -> Array | None:
-    """Return the direction of a branch at a branch point, in scaled unknowns, where it folds."""
-    way = (after.y - before.y) / before.scale
-    place = np.append(located.x, located.p)
-    directions = crossing_directions(follower.equations, place, before.scale)
-    directions = directions or [way / np.sqrt(way @ way)]
-    tangent = max(directions, key=lambda direction: abs(float(direction @ way)))
-    return tangent if abs(tangent[-1]) < _FLAT else None
 
 
 def _same_on_both_sides(

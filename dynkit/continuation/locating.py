@@ -1,0 +1,183 @@
+"""Bifurcations within a step of a branch, solved for."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, NamedTuple, final
+
+import numpy as np
+
+from dynkit.continuation.arclength import Follower, Point, interpolated
+from dynkit.continuation.detection import Crossing, are_real, crossings, examine
+from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
+from dynkit.continuation.newton import correct, error_bound
+from dynkit.continuation.problem import NoSolution, Problem
+from dynkit.validation import Array
+
+_HALVINGS = 45
+# A torus with multipliers so nearly real is none; what unfolds a branch point is zero but for
+# rounding.
+_FLAT, _UNFOLDED = 1e-3, 1e-9
+# A place that may be wrong by more, in the range of the parameter, is not solved for.
+_UNSURE = 1e-6
+# What was not solved for counts when a multiplier is so near.
+_NEAR = 0.01
+_CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
+
+
+@final
+class Located(NamedTuple):
+    """A bifurcation that was solved for: all unknowns, and how wrong they may be."""
+
+    crossing: Crossing
+    x: Array
+    own: Array
+    p: Array
+    error: float
+    multiplier: complex | None
+    direction: Any
+    history: tuple[float, ...]
+    seconds: float
+    steps: int
+
+
+def locate(
+    problem: Problem, follower: Follower, before: Point, after: Point, crossing: Crossing
+) -> Located | None:
+    """Return a bifurcation that happens between two points; None when there is none after all.
+
+    Newton's method is applied to its extended system. As long as it does not converge to a place
+    between the points, the step is halved. When all of that fails the last step is the answer, as
+    narrow as rounding allows, but for NS.
+    """
+    began = time.perf_counter()
+    steps = 0
+    for halving in range(_HALVINGS):
+        if (halving < 8 or halving % 8 == 0) and (
+            halving > 8 or _is_plain(before, after, crossing)
+        ):
+            found = solved(problem, before, after, crossing)
+            if found is not None:
+                seconds = time.perf_counter() - began
+                return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
+        middle = _examined_middle(problem, follower, before, after)
+        if middle is None:
+            break
+        steps += middle.iterations
+        if crossing in crossings(before, middle):
+            after = middle
+        elif crossing in crossings(middle, after):
+            before = middle
+        else:
+            return None
+    critical = _CRITICAL.get(crossing.kind)
+    if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
+        return None
+    error = abs(float(after.y[-1] - before.y[-1])) + 1e-15
+    return Located(
+        crossing,
+        x=after.y[:-1],
+        own=np.empty(0),
+        p=after.y[-1:],
+        error=error,
+        multiplier=critical,
+        direction=np.empty(0),
+        history=(after.residual,),
+        seconds=time.perf_counter() - began,
+        steps=steps,
+    )
+
+
+def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
+    """Whether it can be what it seems; a torus cannot be told while multipliers become real."""
+    return crossing.kind != "NS" or before.seen.pairs == after.seen.pairs
+
+
+def _examined_middle(
+    problem: Problem, follower: Follower, before: Point, after: Point
+) -> Point | None:
+    way = (after.y - before.y) / before.scale
+    middle = follower.at(before, 0.5 * float(np.sqrt(way @ way)))
+    if middle is not None:
+        try:
+            middle.seen = examine(problem, middle)
+        except NoSolution:
+            return None
+    return middle
+
+
+def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
+    """Return what Newton's method finds between two points, if it is there."""
+    kind, event = crossing
+    guess = interpolated(before, after, _part(before, after, crossing))
+    own = np.empty(0)
+    if kind == "NS":
+        own = _angle(before, after)
+        if not len(own):
+            return None
+    try:
+        condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:])
+        equations = BifurcationEquations(problem, condition, before.scale[-1:])
+        y = np.concatenate([guess[:-1], own, guess[-1:]])
+        found = correct(equations, y, equations.scale(y), steps=15)
+        if not found.converged or not _within(before, after, found.y, problem.size):
+            return None
+        scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
+        residual = equations.residual(found.y)
+    except (NoSolution, np.linalg.LinAlgError):
+        return None
+    bound = error_bound(jacobian, residual, scale, None, equations.rounding)
+    x, own, p = equations.split(found.y)
+    if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
+        return None
+    if kind == "BP" and abs(own[0]) > _UNFOLDED:
+        return None
+    error = float(bound[-1])
+    if not error < _UNSURE * before.scale[-1]:
+        return None
+    multiplier, direction = None, np.empty(0)
+    if isinstance(condition, CriticalMultiplier):
+        multiplier, direction = condition.multiplier(own), condition.direction(x, own, p)
+    return Located(crossing, x, own, p, error, multiplier, direction, found.history, 0.0, 0)
+
+
+def _part(before: Point, after: Point, crossing: Crossing) -> float:
+    """Return about where within the step it happens, from 0 to 1."""
+    if crossing.kind == "SN":
+        a, b = float(before.tangent[-1]), float(after.tangent[-1])
+    elif crossing.event >= 0:
+        a, b = before.seen.events[crossing.event], after.seen.events[crossing.event]
+    else:
+        a, b = _distance(before, crossing.kind), -_distance(after, crossing.kind)
+    if not np.isfinite(a) or not np.isfinite(b) or a == b:
+        return 0.5
+    return float(min(max(a / (a - b), 0.05), 0.95))
+
+
+def _distance(point: Point, kind: str) -> float:
+    """Return how far the multipliers are from critical."""
+    multipliers = point.seen.multipliers
+    if kind == "NS":
+        there = abs(abs(multipliers[~are_real(multipliers)]) - 1.0)
+    else:
+        there = abs(multipliers - (-1.0 if kind == "PD" else 1.0))
+    return float(there.min()) if len(there) else np.inf
+
+
+def _angle(before: Point, after: Point) -> Array:
+    """Return the angle, (1,), of the complex pair nearest to the unit circle, if there is one."""
+    both = np.append(before.seen.multipliers, after.seen.multipliers)
+    upper = both[(both.imag > 0.0) & ~are_real(both)]
+    nearest = upper[np.argsort(abs(abs(upper) - 1.0))][:1]
+    return np.asarray(np.angle(nearest))
+
+
+def _within(before: Point, after: Point, y: Array, m: int) -> bool:
+    """Whether a place is between two points, and near the line between them."""
+    place = np.append(y[:m], y[-1])
+    way = (after.y - before.y) / before.scale
+    gap = (place - before.y) / before.scale
+    length = float(way @ way)
+    along = float(gap @ way)
+    slack = 1e-6 * length + 1e-9 * length**0.5
+    return -slack <= along <= length + slack and float(gap @ gap) <= 2.0 * length
