@@ -135,7 +135,8 @@ class ImpactOrbit(PeriodicOrbit):
         s, problem = self._solution, self._problem
         n, w = self.impacts, s.terms.frequency
         size = abs(s.terms.gap(s.sides, s.phases)).max() + abs(s.terms.drive)
-        spread = abs(s.states.reshape(n, -1))
+        grown = np.maximum(1.0, s.transition.amplification(s.states.shape[-1]))
+        spread = abs(s.states * grown).reshape(n, -1)
         place, speed = (spread @ abs(row) for row in s.motion.rows[:2])
         turned = 1.0 + abs(s.phases).max()
         equations = np.concatenate([(place + size) * w, speed + w * abs(s.terms.drive)])
@@ -145,7 +146,7 @@ class ImpactOrbit(PeriodicOrbit):
         except np.linalg.LinAlgError:
             return float("inf")
         moved *= problem.scale(self._x)
-        return self._error_of_states(moved)
+        return self._error_of_states(moved) + float(_ROUNDING * turned * spread.max())
 
     def _error_of_states(self, moved: Array) -> float:
         """Largest change of a section coordinate by changes (2n,) of the unknowns."""

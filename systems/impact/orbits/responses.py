@@ -143,6 +143,20 @@ class Transitions:
                 out[:, :, at[:, None], j, at[None, :]] = joint[..., j].transpose(0, 1, 2, 3)
         return out.reshape(k, 2 * n, 2 * n)
 
+    def amplification(self, slots: int) -> Array:
+        """By how much the rounding of the first of them grows, (slots,), in a periodic response.
+
+        It is large near a resonance without damping.
+        """
+        out = np.zeros(slots)
+        parts = [(self.alone, np.moveaxis(self.own[0], -1, 0))]
+        if len(self.linked):
+            parts.append((self.linked, self._dense[:1]))
+        for at, matrices in parts:
+            back = np.linalg.inv(np.eye(matrices.shape[-1]) - matrices)
+            out[at] = np.linalg.norm(back @ matrices, 2, axis=(1, 2))
+        return out
+
     def periodic(self, state: Array, multiplier: complex = 1.0) -> Any:
         """Return z, (2, slots), with z = state + transition(z) / multiplier, over the first one.
 
