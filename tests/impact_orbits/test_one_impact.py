@@ -13,6 +13,7 @@ from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
+from dynkit.systems.impact.single import SingleImpactOscillator
 from dynkit.validation import Array
 from tests.impact.one_mass import Orbit, periodic_orbits
 from tests.impact_orbits.exact_orbits import (
@@ -188,3 +189,15 @@ def test_at_resonance_without_damping_there_is_no_orbit(frequency: float) -> Non
     # The response to any impulse once in the period of the free motion grows for ever.
     system = MatrixOscillator(M=[[1.0]], C=[[0.0]], K=[[1.0]], frequency=frequency, offset=-0.02)
     assert system.periodic_orbits(periods=1) == []
+
+
+@pytest.mark.parametrize("distance_to_it", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize(("frequency", "periods"), [(2.0, 2), (0.5, 1)])
+def test_near_a_resonance_the_error_stays_below_its_bound(
+    frequency: float, periods: int, distance_to_it: float
+) -> None:
+    system = SingleImpactOscillator(
+        frequency=frequency * (1.0 + distance_to_it), damping_ratio=0.0, restitution=0.8
+    )
+    (orbit,) = system.periodic_orbits(periods=periods)
+    assert exact_orbit(orbit).error_of(orbit.states) <= orbit.error
