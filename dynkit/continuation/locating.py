@@ -53,10 +53,9 @@ def locate(
     began = time.perf_counter()
     steps = 0
     for halving in range(_HALVINGS):
-        if (halving < 8 or halving % 8 == 0) and (
-            halving > 8 or _is_plain(before, after, crossing)
-        ):
-            found = solved(problem, before, after, crossing)
+        if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
+            known = after.seen.branch_point if crossing.kind == "BP" else None
+            found = known or solved(problem, before, after, crossing)
             if found is not None:
                 seconds = time.perf_counter() - began
                 return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
