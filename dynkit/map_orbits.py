@@ -139,6 +139,10 @@ class MapOrbit(PeriodicOrbit):
         self._history = tuple(history)
         self._cost = cost
 
+    def __reduce__(self) -> tuple[type[MapOrbit], tuple[Any, ...]]:
+        # copies are read-only too
+        return MapOrbit, (self._system, self._x, self._history, self._cost)
+
     def __repr__(self) -> str:
         return f"<{self.label} of {self.system!r}: {'stable' if self.stable else 'unstable'}>"
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -235,6 +239,17 @@ def test_its_cost_counts_the_steps() -> None:
 
 def test_it_says_what_it_is() -> None:
     assert repr(periodic_orbit(Logistic(2.5), [0.5])) == "<P(1) of Logistic(rate=2.5): stable>"
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda orbit: pickle.loads(pickle.dumps(orbit))])
+def test_copies_are_the_same_and_read_only(copied: Callable[[MapOrbit], MapOrbit]) -> None:
+    orbit = periodic_orbit(Henon(), [0.97, -0.13], period=2)
+    other = copied(orbit)
+    assert other.states.tobytes() == orbit.states.tobytes()
+    assert other.history == orbit.history
+    assert other.cost == orbit.cost
+    assert not other.states.flags.writeable
+    assert not other.unknowns.flags.writeable
 
 
 @pytest.mark.parametrize("turns", [-3, 0, 2])
