@@ -1,0 +1,272 @@
+"""Stroboscopic sections and impact sections of motions."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.analysis.series import (
+    TWO_PI,
+    checked_index,
+    contact_coordinate,
+    coordinate_name,
+    forcing_frequency,
+    is_impact_oscillator,
+    motion_error,
+    record_until,
+)
+from dynkit.attractors import Attractor
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array, finite_scalar, positive_integer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Points nearer to one another, in widths of the axes, look like one; fewer of them are drawn large.
+_SHARP, _FEW = 0.005, 50
+
+_QUARTERS = [0.5 * math.pi * i for i in range(5)]
+_QUARTER_NAMES = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
+
+
+@final
+class StroboscopicSection:
+    """States of a driven motion once in every period of the forcing, at one phase.
+
+    Parameters
+    ----------
+    source : Attractor or (p, d) array_like
+        An attractor is sampled exactly; an array holds the states of the section.
+    phase : float
+        Phase of the table, modulo 2 pi.
+    periods : int, optional
+        How many states of an attractor to take; by default as many as there are up to its last
+        kept impact.
+
+    Attributes
+    ----------
+    phase : float
+        In [0, 2 pi).
+    times : (p,) array
+        Of the states; counted from the last skipped state. Empty for an array.
+    states : (p, d) array
+    cost : Cost
+        Seconds and states.
+
+    Raises
+    ------
+    ValueError
+        When a number is not finite, the system is not driven, or the motion too short.
+
+    Examples
+    --------
+    >>> from dynkit.systems import ImpactChain
+    >>> section = StroboscopicSection(ImpactChain(frequency=0.87).attractor(), periods=9)
+    >>> len(np.unique(section.states[:, 9].round(6)))  # P(1,3): three points
+    3
+    """
+
+    def __init__(self, source: object, *, phase: float = 0.0, periods: int | None = None) -> None:
+        began = time.perf_counter()
+        self.phase = finite_scalar("phase", phase) % TWO_PI
+        self._attractor: Attractor | None = None
+        self.times = np.empty(0)
+        if isinstance(source, Attractor):
+            self._attractor = source
+            self.times = _strobe_times(source, self.phase, periods)
+            self.states = source.time_series(self.times)
+        else:
+            if periods is not None:
+                raise ValueError(f"periods must be left out with an array; got {periods!r}")
+            self.states = _given(source)
+        self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
+        for array in (self.times, self.states):
+            array.setflags(write=False)
+
+    states: Array
+
+    @property
+    def error(self) -> float:
+        """Estimate of the largest error of the states; zero of an array."""
+        return motion_error(self._attractor, float(self.times.max(initial=0.0)))
+
+    def plot(self, ax: Axes | None = None, *, coordinates: tuple[int, int] | None = None) -> Axes:
+        """Draw one coordinate of the states against another.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        coordinates : (int, int), optional
+            The one to the right, and the one upwards, as for `TimeSeries`; by default position and
+            velocity of the contact coordinate, of an array the first two.
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        ValueError
+            When there is no such coordinate.
+        """
+        attractor, d = self._attractor, self.states.shape[1]
+        default, names = (0, 1), [f"coordinate {k}" for k in range(d)]
+        if attractor is not None:
+            names = [coordinate_name(attractor, k) for k in range(d)]
+            if is_impact_oscillator(attractor.system):
+                first = contact_coordinate(attractor)
+                default = first, first + d // 2
+        chosen = _chosen(coordinates, default, d)
+        return _draw(ax, self.states, chosen, names)
+
+
+@final
+class ImpactSection:
+    """States of a motion just after its impacts.
+
+    Parameters
+    ----------
+    source : Attractor or (n, d) array_like
+        An attractor of impacts gives the states that it kept. The last two columns of an array are
+        relative velocity and phase.
+
+    Attributes
+    ----------
+    states : (n, d) array
+        Section coordinates: relative velocity and phase come last.
+    cost : Cost
+        Seconds and states; those of the attractor itself are not counted again.
+
+    Raises
+    ------
+    ValueError
+        When a number is not finite, or the motion has no impacts.
+
+    References
+    ----------
+    J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, figures 8, 10 and 12.
+
+    Examples
+    --------
+    >>> from dynkit.systems import ImpactChain
+    >>> section = ImpactSection(ImpactChain(frequency=0.87).attractor())
+    >>> len(np.unique(section.relative_velocity.round(6)))  # P(1,3): one point
+    1
+    """
+
+    def __init__(self, source: object) -> None:
+        began = time.perf_counter()
+        self._attractor: Attractor | None = None
+        if isinstance(source, Attractor):
+            if not is_impact_oscillator(source.system):
+                raise ValueError(f"source must be a motion with impacts; got {source.system!r}")
+            self._attractor, self.states = source, source.states
+        else:
+            self.states = _given(source)
+            self.states.setflags(write=False)
+        if not len(self.states):
+            raise ValueError(f"source must hold an impact; got {source!r}")
+        self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
+
+    states: Array
+
+    @property
+    def relative_velocity(self) -> Array:
+        """Relative velocities just after the impacts, (n,)."""
+        return self.states[:, -2]
+
+    @property
+    def phase(self) -> Array:
+        """Phases of the table at the impacts, (n,)."""
+        return self.states[:, -1]
+
+    @property
+    def error(self) -> float:
+        """Estimate of the largest error of the states; zero of an array."""
+        return motion_error(self._attractor, 0.0)
+
+    def plot(self, ax: Axes | None = None, *, coordinates: tuple[int, int] | None = None) -> Axes:
+        """Draw one section coordinate against another: relative velocity against phase.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        coordinates : (int, int), optional
+            Columns of the states for the right and upwards; by default the last and the one before.
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        ValueError
+            When there is no such coordinate.
+        """
+        d = self.states.shape[1]
+        chosen = _chosen(coordinates, (d - 1, d - 2), d)
+        names = [f"section coordinate {k}" for k in range(d - 2)]
+        names += ["relative velocity $u$", r"phase $\varphi$"]
+        axes = _draw(ax, self.states, chosen, names)
+        for k, name in zip(chosen, ("x", "y"), strict=True):
+            if k == d - 1:
+                axes.set(**{f"{name}lim": (0.0, TWO_PI), f"{name}ticks": _QUARTERS})
+                axes.set(**{f"{name}ticklabels": _QUARTER_NAMES})
+        return axes
+
+
+def _given(source: object) -> Array:
+    states = finite_array("source", source, (None, None)).copy()
+    if not len(states) or states.shape[1] < 2:
+        raise ValueError(f"source must have shape (1, 2) or more; got shape {states.shape}")
+    return states
+
+
+def _strobe_times(attractor: Attractor, phase: float, periods: int | None) -> Array:
+    """Times (p,) at which the forcing has the phase."""
+    w = forcing_frequency(attractor)
+    record = record_until(attractor, 0.0)
+    if record is None:
+        raise ValueError(f"source must be a motion in time; got {attractor!r}")
+    first = ((phase - record.start.phase) % TWO_PI) / w
+    period = TWO_PI / w
+    if periods is None:
+        end = float(record.time[-1]) if len(record) else 0.0
+        count = math.floor((end - first) / period) + 1
+        if count < 1:
+            raise ValueError("periods must be given: the kept impacts end before the first")
+    else:
+        count = positive_integer("periods", periods)
+    return np.asarray(first + period * np.arange(count, dtype=np.float64))
+
+
+def _chosen(
+    coordinates: tuple[int, int] | None, default: tuple[int, int], dimension: int
+) -> tuple[int, int]:
+    first, second = default if coordinates is None else coordinates
+    return (
+        checked_index("coordinates[0]", first, dimension),
+        checked_index("coordinates[1]", second, dimension),
+    )
+
+
+def _draw(ax: Axes | None, states: Array, chosen: tuple[int, int], names: list[str]) -> Axes:
+    axes = shown_axes(ax)
+    points = states[:, list(chosen)]
+    size = 3.0 if _distinct(points) < _FEW else 1.2
+    axes.plot(points[:, 0], points[:, 1], markersize=size, **DOTS)
+    axes.set_xlabel(names[chosen[0]])
+    axes.set_ylabel(names[chosen[1]])
+    return axes
+
+
+def _distinct(points: Array) -> int:
+    """Number of points (p, 2) that a reader can tell apart."""
+    span = np.maximum(np.ptp(points, axis=0), _SHARP * abs(points).max(axis=0))
+    return len(np.unique(np.rint(points / np.where(span > 0.0, span, 1.0) / _SHARP), axis=0))

@@ -1,0 +1,255 @@
+"""Time series of one coordinate, and what is known about motions that are sampled."""
+
+from __future__ import annotations
+
+import math
+import time
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.analysis.figures import shown_axes
+from dynkit.attractors import Attractor
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+TWO_PI = 2.0 * math.pi
+
+# Of the default time series: table periods, and samples in each.
+_PERIODS, _SAMPLES = 12, 100
+
+
+@final
+class TimeSeries:
+    """One coordinate of a motion against time.
+
+    Parameters
+    ----------
+    source : Attractor or (k,) array_like
+        An attractor is sampled exactly, also beyond the states that it kept; an array holds the
+        values.
+    times : (k,) array_like, optional
+        Ascending. For an attractor they count from the last state that was skipped, and are by
+        default 100 in each of the first 12 periods of the forcing, or those of the kept states
+        where nothing is forced. An array needs them.
+    coordinate : int, optional
+        Which number of an attractor's time series: of impact oscillators the positions come first,
+        then the velocities. By default the contact coordinate, or the first where there is none.
+
+    Attributes
+    ----------
+    times, values : (k,) arrays, read-only
+    coordinate : int or None
+    cost : Cost
+        Seconds and samples.
+
+    Raises
+    ------
+    ValueError
+        When times do not ascend, lengths differ, a number is not finite, or there is no such
+        coordinate.
+
+    Examples
+    --------
+    >>> from dynkit.systems import ImpactChain
+    >>> series = TimeSeries(ImpactChain(frequency=0.87).attractor())
+    >>> len(series.values), len(series.impacts)
+    (1200, 3)
+    """
+
+    def __init__(
+        self, source: object, times: object = None, *, coordinate: int | None = None
+    ) -> None:
+        began = time.perf_counter()
+        self._attractor: Attractor | None = None
+        self.coordinate: int | None = None
+        self.name = "value"
+        if isinstance(source, Attractor):
+            self._attractor = source
+            self.times = default_times(source) if times is None else ascending("times", times)
+            states = source.time_series(self.times)
+            self.coordinate = checked_coordinate(source, coordinate, states.shape[1])
+            self.values = states[:, self.coordinate].copy()
+            self.name = coordinate_name(source, self.coordinate)
+        else:
+            self.values = finite_array("source", source, (None,)).copy()
+            if times is None:
+                raise ValueError("times must be given with an array")
+            if coordinate is not None:
+                raise ValueError(f"coordinate must be left out with an array; got {coordinate!r}")
+            self.times = ascending("times", times)
+            if len(self.times) != len(self.values):
+                raise ValueError(
+                    f"times must have shape {self.values.shape}; got shape {self.times.shape}"
+                )
+        self.cost = Cost(time.perf_counter() - began, {"samples": len(self.times)})
+        for array in (self.times, self.values):
+            array.setflags(write=False)
+
+    times: Array
+    values: Array
+
+    @cached_property
+    def table(self) -> Array | None:
+        """Place of the table, (k,); None where there is none."""
+        system = getattr(self._attractor, "system", None)
+        if system is None or not is_impact_oscillator(system):
+            return None
+        phase = self._attractor.record.start.phase  # type: ignore[union-attr]
+        angle = system.frequency * self.times + phase
+        return np.asarray(system.amplitude * np.sin(angle) + system.offset)
+
+    @cached_property
+    def impacts(self) -> Array:
+        """Times of the impacts within the times, (p,)."""
+        record = record_until(self._attractor, float(self.times.max(initial=0.0)))
+        if record is None or not len(self.times):
+            return np.empty(0)
+        at: Array = record.time
+        return np.asarray(at[(at >= self.times[0]) & (at <= self.times[-1])])
+
+    @property
+    def error(self) -> float:
+        """Estimate of the largest error of the values, that of the attractor's states.
+
+        Of an array it is zero: nothing was added to what the values have.
+        """
+        return motion_error(self._attractor, float(self.times.max(initial=0.0)))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the values against time, the table dashed, the impacts as dots.
+
+        The table and the impacts are drawn with the contact coordinate only.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        axes = shown_axes(ax, height=1.8)
+        axes.plot(self.times, self.values, color="black", linewidth=0.8, label=self.name)
+        attractor = self._attractor
+        if (
+            attractor is not None
+            and self.table is not None
+            and self.coordinate == contact_coordinate(attractor)
+        ):
+            axes.plot(
+                self.times, self.table, "--", color="black", linewidth=0.6, label="table $x_T$"
+            )
+            at = attractor.time_series(self.impacts)[:, self.coordinate]
+            axes.plot(self.impacts, at, "o", color="black", markersize=1.8, label="impacts")
+        axes.set_xlabel("time $t$")
+        axes.set_ylabel(self.name)
+        if len(self.times) > 1:
+            axes.set_xlim(self.times[0], self.times[-1])
+        return axes
+
+
+# --- what is known about motions ------------------------------------------------------------------
+
+
+def is_impact_oscillator(system: object) -> bool:
+    """Whether a system has a coordinate that hits a moving table."""
+    names = ("contact", "degrees_of_freedom", "frequency", "amplitude", "offset")
+    return all(hasattr(system, name) for name in names)
+
+
+def contact_coordinate(attractor: Attractor) -> int:
+    """Return the number of the contact coordinate, 0 where there is none."""
+    system: Any = attractor.system
+    if not is_impact_oscillator(system):
+        return 0
+    return int(system.contact % system.degrees_of_freedom)
+
+
+def coordinate_name(attractor: Attractor, coordinate: int) -> str:
+    """Return how a coordinate of the time series is written on an axis."""
+    system: Any = attractor.system
+    if not is_impact_oscillator(system):
+        return f"coordinate {coordinate}"
+    n = system.degrees_of_freedom
+    what, letter = ("displacement", "x") if coordinate < n else ("velocity", "v")
+    return f"{what} ${letter}_{{{coordinate % n + 1}}}$"
+
+
+def checked_coordinate(attractor: Attractor, coordinate: object, dimension: int) -> int:
+    """Return which of the numbers of a time series is meant.
+
+    Raises
+    ------
+    ValueError
+        When there is no such number.
+    """
+    if coordinate is None:
+        return contact_coordinate(attractor)
+    return checked_index("coordinate", coordinate, dimension)
+
+
+def checked_index(name: str, value: object, length: int) -> int:
+    """Return an index from 0 on; ValueError where the value is none of an array so long."""
+    if isinstance(value, int | np.integer) and not isinstance(value, bool):
+        index = int(value)
+        if -length <= index < length:
+            return index % length
+    raise ValueError(f"{name} must lie in [{-length}, {length - 1}]; got {value!r}")
+
+
+def forcing_frequency(attractor: Attractor) -> float:
+    """Return the angular frequency of the table and the forces.
+
+    Raises
+    ------
+    ValueError
+        When the system has none.
+    """
+    if not hasattr(attractor.system, "frequency"):
+        raise ValueError(f"source must be driven at one frequency; got {attractor.system!r}")
+    return float(attractor.system.frequency)
+
+
+def ascending(name: str, times: object) -> Array:
+    """Return the times as a new array; ValueError where they do not ascend."""
+    array = finite_array(name, times, (None,)).copy()
+    for i in np.flatnonzero(np.diff(array) <= 0.0)[:1].tolist():
+        raise ValueError(f"{name}[{i + 1}] must exceed {name}[{i}]; got {float(array[i + 1])}")
+    return array
+
+
+def record_until(attractor: Attractor | None, latest: float) -> Any:
+    """Return the record of impacts up to a time at least, None where there are no impacts."""
+    record: Any = getattr(attractor, "record", None)
+    if record is None:
+        return None
+    count = max(len(record), 1)
+    while record.ending.name == "COUNT_REACHED" and record.time[-1] < latest:
+        count *= 2
+        record = record.system.simulate(impacts=count, start=record.start)
+    return record
+
+
+def motion_error(attractor: Attractor | None, latest: float) -> float:
+    """Return the error of an attractor's motion up to a time, zero where there is no attractor."""
+    if attractor is None:
+        return 0.0
+    record: Any = getattr(attractor, "record", None)
+    longer = record_until(attractor, latest)
+    if longer is record:
+        return attractor.error
+    return max(attractor.error, float(longer.error.max(initial=0.0)))
+
+
+def default_times(attractor: Attractor) -> Array:
+    """Return times of a series, (k,), that shows what a motion looks like."""
+    if not hasattr(attractor.system, "frequency"):
+        return np.arange(len(attractor.states), dtype=np.float64)
+    end = _PERIODS * TWO_PI / forcing_frequency(attractor)
+    return np.asarray(np.arange(_PERIODS * _SAMPLES) * (end / (_PERIODS * _SAMPLES)))

@@ -1,0 +1,156 @@
+"""Space-time surfaces: how a structure moves, mass by mass."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.analysis.figures import COLUMN_WIDTH, print_style
+from dynkit.analysis.series import (
+    ascending,
+    default_times,
+    is_impact_oscillator,
+    motion_error,
+)
+from dynkit.attractors import Attractor
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+
+# Lines across a surface that can still be told apart in print.
+_LINES = 250
+
+
+@final
+class SpaceTime:
+    """Displacements of all masses at given times.
+
+    Parameters
+    ----------
+    source : Attractor or (k, N) array_like
+        An attractor of an impact oscillator is sampled exactly; an array holds displacements, one
+        mass in each column.
+    times : (k,) array_like, optional
+        Ascending; for an attractor those of `TimeSeries` by default. An array needs them.
+
+    Attributes
+    ----------
+    times : (k,) array
+    displacements : (k, N) array
+    cost : Cost
+        Seconds and samples.
+
+    Raises
+    ------
+    ValueError
+        When times do not ascend, shapes differ, a number is not finite, or the attractor has no
+        masses.
+
+    References
+    ----------
+    J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, figures 13, 16 and 17.
+
+    Examples
+    --------
+    >>> from dynkit.systems import ImpactChain
+    >>> SpaceTime(ImpactChain(frequency=0.87).attractor()).displacements.shape
+    (1200, 10)
+    """
+
+    def __init__(self, source: object, times: object = None) -> None:
+        began = time.perf_counter()
+        self._attractor: Attractor | None = None
+        if isinstance(source, Attractor):
+            if not is_impact_oscillator(source.system):
+                raise ValueError(f"source must be a motion of masses; got {source.system!r}")
+            system: Any = source.system
+            self._attractor = source
+            self.times = default_times(source) if times is None else ascending("times", times)
+            states = source.time_series(self.times)
+            self.displacements = states[:, : system.degrees_of_freedom].copy()
+        else:
+            self.displacements = finite_array("source", source, (None, None)).copy()
+            if times is None:
+                raise ValueError("times must be given with an array")
+            self.times = ascending("times", times)
+            if len(self.times) != len(self.displacements):
+                raise ValueError(
+                    f"times must have shape ({len(self.displacements)},); "
+                    f"got shape {self.times.shape}"
+                )
+        self.cost = Cost(time.perf_counter() - began, {"samples": len(self.times)})
+        for array in (self.times, self.displacements):
+            array.setflags(write=False)
+
+    times: Array
+    displacements: Array
+
+    @property
+    def error(self) -> float:
+        """Estimate of the largest error of the displacements; zero of an array."""
+        return motion_error(self._attractor, float(self.times.max(initial=0.0)))
+
+    def plot(self, ax: Axes3D | None = None) -> Axes3D:
+        """Draw the displacements as a surface over time and the masses.
+
+        At most 250 lines run across it, those of the masses along it: where samples are finer than
+        that some are left out.
+
+        Parameters
+        ----------
+        ax : Axes3D, optional
+            Where to draw, made with ``projection="3d"``; by default a new figure.
+
+        Returns
+        -------
+        Axes3D
+
+        Raises
+        ------
+        ValueError
+            When the axes are flat, or there are fewer than two masses or times.
+        """
+        k, n = self.displacements.shape
+        if min(k, n) < 2:
+            raise ValueError(f"displacements must be (2, 2) or more; got shape {(k, n)}")
+        axes: Any = _new_axes() if ax is None else ax
+        if not hasattr(axes, "plot_surface"):
+            raise ValueError(f"ax must be made with projection='3d'; got {axes!r}")
+        across, along = np.meshgrid(np.arange(1.0, n + 1.0), self.times)
+        axes.plot_surface(
+            along,
+            across,
+            self.displacements,
+            rcount=_LINES,
+            ccount=n,
+            color="white",
+            edgecolor="black",
+            linewidth=0.2,
+            shade=False,
+        )
+        axes.set_xlabel("time $t$")
+        axes.set_ylabel("mass $j$")
+        axes.set_zlabel("displacement $x_j$")
+        shown: Axes3D = axes
+        return shown
+
+
+def _new_axes() -> Any:
+    from matplotlib import pyplot as plt
+
+    with print_style():
+        axes: Any = plt.subplots(
+            figsize=(2.0 * COLUMN_WIDTH, 3.2), subplot_kw={"projection": "3d"}
+        )[1]
+    axes.set_box_aspect((3.2, 1.3, 0.9), zoom=1.3)
+    axes.view_init(elev=38.0, azim=-70.0)
+    axes.grid(visible=False)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.pane.fill = False
+    # along the axis, which is longer than the others
+    axes.xaxis.labelpad = 8.0
+    return axes

@@ -1,0 +1,222 @@
+"""Power spectra of motions."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.analysis.figures import shown_axes
+from dynkit.analysis.series import (
+    TWO_PI,
+    checked_coordinate,
+    coordinate_name,
+    forcing_frequency,
+)
+from dynkit.attractors import Attractor
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array, non_negative, positive, positive_integer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# The default frequency axis reaches to so many times the highest natural frequency: positions have
+# kinks at impacts, and their spectra fall with the fourth power of the frequency only.
+_REACH = 2.0
+
+# Of the highest density: what is fainter is not drawn.
+_FAINTEST = 1e-12
+
+
+@final
+class PowerSpectrum:
+    """Power spectral density of one coordinate: mean square about the mean per angular frequency.
+
+    Welch's method: the mean of the periodograms of half-overlapping segments, each less its mean
+    and weighted by a Hann window. Densities are one-sided: their integral over positive
+    frequencies is the variance.
+
+    Parameters
+    ----------
+    source : Attractor or (k,) array_like
+        An attractor is sampled exactly; an array holds values at equal intervals.
+    interval : float, optional
+        Time between samples. An array needs it. For an attractor it is by default the largest part
+        1/p of the table's period with which the axis reaches twice the highest natural frequency:
+        half of the chain's Nyquist interval, and harmonics of the table fall onto the axis.
+    coordinate : int, optional
+        As for `TimeSeries`.
+    samples : int
+        How many samples to take of an attractor, from the last skipped state on.
+    segments : int
+        How many; with 1 it is the periodogram of the whole.
+
+    Attributes
+    ----------
+    frequencies : (m,) array
+        Angular frequencies, from 0 to `nyquist` at most.
+    density : (m,) array
+    variance : float
+        Of the samples.
+    interval : float
+        Time between samples.
+    segments : int
+    resolution : float
+        Width of a line, in angular frequency: the window's noise bandwidth.
+    error : float
+        Relative standard error of a density of a motion without lines, from the number of segments
+        and their overlap; near 1 for a periodogram. The power of a line has no such error when the
+        motion is periodic. What lies beyond `nyquist` is folded back, and not part of it.
+    cost : Cost
+        Seconds and samples.
+
+    Raises
+    ------
+    ValueError
+        When a number is not finite or not positive, when there are fewer than 8 samples to a
+        segment, or nothing sets an attractor's interval.
+
+    References
+    ----------
+    P. D. Welch, IEEE Transactions on Audio and Electroacoustics 15 (1967) 70-73, equations 5 and
+    16.
+
+    Examples
+    --------
+    >>> t = 0.1 * np.arange(4000)
+    >>> spectrum = PowerSpectrum(3.0 * np.cos(2.0 * t), interval=0.1)
+    >>> round(spectrum.power(1.5, 2.5), 2)  # half the square of the amplitude
+    4.5
+    """
+
+    def __init__(
+        self,
+        source: object,
+        interval: float | None = None,
+        *,
+        coordinate: int | None = None,
+        samples: int = 16384,
+        segments: int = 8,
+    ) -> None:
+        from scipy import signal
+
+        began = time.perf_counter()
+        asked = positive_integer("segments", segments)
+        count = positive_integer("samples", samples)
+        step = None if interval is None else positive("interval", interval)
+        self.name = "values"
+        self.table_frequency: float | None = None
+        multiple = 1
+        if isinstance(source, Attractor):
+            self.table_frequency = getattr(source.system, "frequency", None)
+            if step is None:
+                multiple = _samples_in_a_period(source)
+                step = TWO_PI / (forcing_frequency(source) * multiple)
+            states = source.time_series(step * np.arange(count, dtype=np.float64))
+            number = checked_coordinate(source, coordinate, states.shape[1])
+            values, self.name = states[:, number], coordinate_name(source, number)
+        else:
+            values = finite_array("source", source, (None,))
+            if step is None:
+                raise ValueError("interval must be given with an array")
+            if coordinate is not None:
+                raise ValueError(f"coordinate must be left out with an array; got {coordinate!r}")
+        length = len(values) if asked == 1 else 2 * len(values) // (asked + 1)
+        if length >= multiple:
+            length -= length % multiple
+        if length < 8:
+            raise ValueError(f"segments must have 8 samples or more each; got {length}")
+        self.interval = step
+        self.segments = 1 if asked == 1 else 1 + (len(values) - length) // (length - length // 2)
+        used = values[:length] if asked == 1 else values
+        window = np.asarray(signal.get_window("hann", length), dtype=np.float64)
+        cycles, per_cycle = (
+            signal.periodogram(used, 1.0 / step, window="hann")
+            if asked == 1
+            else signal.welch(used, 1.0 / step, window="hann", nperseg=length)
+        )
+        self.frequencies, self.density = TWO_PI * cycles, per_cycle / TWO_PI
+        self.variance = float(np.var(used))
+        squares = float((window**2).sum())
+        self.resolution = TWO_PI * squares / (float(window.sum()) ** 2 * step)
+        half = length // 2
+        overlap = (float(window[half:] @ window[: length - half]) / squares) ** 2
+        k = self.segments
+        self.error = math.sqrt((1.0 + 2.0 * overlap * (k - 1) / k) / k)
+        self.cost = Cost(time.perf_counter() - began, {"samples": len(values)})
+        for array in (self.frequencies, self.density):
+            array.setflags(write=False)
+
+    frequencies: Array
+    density: Array
+
+    @property
+    def nyquist(self) -> float:
+        """Largest angular frequency that the samples tell from smaller ones."""
+        return math.pi / self.interval
+
+    @property
+    def harmonics(self) -> Array:
+        """Harmonics of the table up to `nyquist`; none for an array."""
+        if self.table_frequency is None:
+            return np.empty(0)
+        count = math.floor(self.nyquist / self.table_frequency * (1.0 + 2.0**-40))
+        return self.table_frequency * np.arange(1.0, count + 1.0)
+
+    def power(self, low: float, high: float) -> float:
+        """Return the part of the variance between two angular frequencies.
+
+        Parameters
+        ----------
+        low, high : float
+            Both are within; high must exceed low.
+
+        Raises
+        ------
+        ValueError
+            When they are negative, or not in order.
+        """
+        first, last = non_negative("low", low), non_negative("high", high)
+        if not first < last:
+            raise ValueError(f"high must exceed low = {first}; got {last}")
+        within = (self.frequencies >= first) & (self.frequencies <= last)
+        return float(self.density[within].sum() * self.frequencies[1])
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the density, logarithmic, against the angular frequency, with the table's harmonics.
+
+        Harmonics are grey lines, the table's frequency a darker one. The axis shows twelve decades
+        at most.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        axes = shown_axes(ax, height=1.8)
+        for k, harmonic in enumerate(self.harmonics.tolist()):
+            axes.axvline(harmonic, color="0.8" if k else "0.5", linewidth=0.6, zorder=0)
+        axes.plot(self.frequencies[1:], self.density[1:], color="black", linewidth=0.5)
+        axes.set_yscale("log")
+        highest = float(self.density.max())
+        if highest > 0.0:
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], highest * _FAINTEST))
+        axes.set_xlim(0.0, self.nyquist)
+        axes.set_xlabel(r"angular frequency $\omega$")
+        axes.set_ylabel(f"power density of\n{self.name}")
+        return axes
+
+
+def _samples_in_a_period(attractor: Attractor) -> int:
+    """Samples in a period of the table with which the axis reaches far enough."""
+    natural = getattr(attractor.system, "natural_frequencies", None)
+    if natural is None:
+        raise ValueError("interval must be given: the source has no natural frequencies")
+    w = forcing_frequency(attractor)
+    return max(4, math.ceil(2.0 * _REACH * max(float(np.max(natural)), w) / w))

@@ -1,0 +1,89 @@
+"""Space-time surfaces."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from dynkit.analysis import SpaceTime
+from dynkit.analysis.figures import new_figure
+from dynkit.attractors import MapAttractor
+from dynkit.systems import Henon, ImpactChain
+
+
+def test_displacements_are_positions_of_the_attractor() -> None:
+    attractor = ImpactChain(frequency=0.87).attractor()
+    times = 0.1 * np.arange(2000, dtype=np.float64)  # as in the paper's figure 17
+    surface = SpaceTime(attractor, times)
+    assert np.array_equal(surface.displacements, attractor.time_series(times)[:, :10])
+
+
+def test_array_holds_the_displacements() -> None:
+    given = np.arange(6.0).reshape(3, 2)
+    surface = SpaceTime(given, [0.0, 1.0, 2.0])
+    assert np.array_equal(surface.displacements, given)
+    assert surface.error == 0.0
+    assert surface.cost.counts == {"samples": 3}
+
+
+def test_error_is_that_of_the_attractor() -> None:
+    attractor = ImpactChain(frequency=0.87).attractor()
+    assert SpaceTime(attractor, [0.0, 1.0]).error == attractor.error
+
+
+@pytest.mark.parametrize(
+    ("source", "times", "message"),
+    [
+        (np.eye(2), None, "times must be given with an array"),
+        (np.eye(2), [0.0], "times must have shape (2,); got shape (1,)"),
+        (np.eye(2), [1.0, 0.0], "times[1] must exceed times[0]; got 0.0"),
+        ([1.0], [0.0], "source must have shape (any, any); got shape (1,)"),
+        (MapAttractor(Henon(), np.zeros(2), 9, 9), None, "source must be a motion of masses; got"),
+    ],
+)
+def test_bad_sources_are_refused(source: Any, times: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        SpaceTime(source, times)
+
+
+def test_flat_axes_are_refused() -> None:
+    _, (axes,) = new_figure()
+    flat: Any = axes
+    with pytest.raises(ValueError, match="ax must be made with projection='3d'; got"):
+        SpaceTime(np.eye(2), [0.0, 1.0]).plot(flat)
+
+
+def test_single_mass_has_no_surface() -> None:
+    surface = SpaceTime(ImpactChain(masses=1, frequency=0.4).attractor(), [0.0, 1.0])
+    with pytest.raises(ValueError, match=re.escape("must be (2, 2) or more; got shape (2, 1)")):
+        surface.plot()
+
+
+def test_surface_is_drawn_on_given_axes() -> None:
+    axes: Any = Figure().add_subplot(projection="3d")
+    surface = SpaceTime(ImpactChain(frequency=0.87).attractor())
+    assert surface.plot(axes) is axes
+    assert len(axes.collections) == 1
+    names = axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()
+    assert names == ("time $t$", "mass $j$", "displacement $x_j$")
+
+
+def test_surface_reaches_from_the_first_to_the_last_displacement() -> None:
+    axes: Any = Figure().add_subplot(projection="3d")
+    surface = SpaceTime(ImpactChain(frequency=0.87).attractor())
+    surface.plot(axes)
+    low, high = axes.get_zlim()
+    assert low <= surface.displacements.min()
+    assert high >= surface.displacements.max()
+
+
+def test_surface_gets_a_figure_of_its_own() -> None:
+    from matplotlib import pyplot as plt
+
+    axes = SpaceTime(np.eye(3), [0.0, 1.0, 2.0]).plot()
+    assert axes.name == "3d"
+    plt.close(axes.figure)

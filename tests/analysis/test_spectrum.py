@@ -1,0 +1,208 @@
+"""Power spectra: Parseval, lines, statistical error, the table's harmonics."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from dynkit.analysis import PowerSpectrum
+from dynkit.analysis.figures import new_figure
+from dynkit.attractors import MapAttractor
+from dynkit.systems import Henon, ImpactChain
+from dynkit.systems.impact.attractor import ImpactAttractor
+from dynkit.validation import Array
+
+
+def attractor_of(frequency: float = 0.87) -> ImpactAttractor:
+    return ImpactChain(frequency=frequency).attractor()
+
+
+def noise(count: int, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).normal(size=count)
+
+
+# --- Parseval -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [1000, 1001])
+def test_density_of_a_periodogram_sums_up_to_the_windowed_mean_square(count: int) -> None:
+    x, window = noise(count), signal.get_window("hann", count)
+    spectrum = PowerSpectrum(x, interval=0.3, segments=1)
+    # Parseval's theorem for the windowed samples less their mean
+    expected = ((window * (x - x.mean())) ** 2).sum() / (window**2).sum()
+    total = spectrum.density.sum() * spectrum.frequencies[1]
+    assert total == pytest.approx(expected, rel=1e-12)
+
+
+def test_density_of_white_noise_sums_up_to_its_variance() -> None:
+    x = noise(1 << 16)
+    spectrum = PowerSpectrum(x, interval=0.3, segments=64)
+    # Each of the 64 segments has 2^17 / 65 = 2016 samples: the mean of their windowed squares
+    # scatters by less than sqrt(2 * 35 / 18 / 2^16), 35 / 18 the fourth moment of the window over
+    # the square of the second; four times that.
+    limit = 4.0 * np.sqrt(2.0 * 35.0 / 18.0 / len(x))
+    assert spectrum.power(0.0, spectrum.nyquist) == pytest.approx(spectrum.variance, rel=limit)
+
+
+def test_density_of_white_noise_is_level() -> None:
+    spectrum = PowerSpectrum(noise(1 << 16), interval=0.3, segments=64)
+    # variance 1 over the axis from 0 to pi / interval
+    deviation = spectrum.density[2:-2] / (spectrum.interval / np.pi) - 1.0
+    # a thousand densities, chi-square with 64 and more degrees of freedom: six standard errors
+    assert abs(deviation).max() < 6.0 * spectrum.error
+
+
+@pytest.mark.parametrize("segments", [1, 4, 16])
+def test_error_is_the_scatter_of_densities_of_white_noise(segments: int) -> None:
+    spectra = [PowerSpectrum(noise(1024, k), interval=1.0, segments=segments) for k in range(200)]
+    inner = np.array([s.density[2:-2] for s in spectra])
+    scatter = inner.std(axis=0) / inner.mean(axis=0)
+    # The mean over dozens of frequencies of a scatter that 200 draws tell to 10% at most.
+    assert np.mean(scatter) == pytest.approx(spectra[0].error, rel=0.1)
+
+
+# --- lines ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("segments", [1, 8])
+@pytest.mark.parametrize("frequency", [0.5, 1.0, 1.7])
+def test_line_of_a_sine_is_where_it_should_be(frequency: float, segments: int) -> None:
+    t = 0.5 * np.arange(8192)
+    spectrum = PowerSpectrum(3.0 * np.sin(frequency * t + 0.3), interval=0.5, segments=segments)
+    found = spectrum.frequencies[np.argmax(spectrum.density)]
+    assert abs(found - frequency) <= 0.5 * spectrum.frequencies[1] * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("segments", [1, 8])
+def test_line_of_a_sine_has_half_the_square_of_its_amplitude(segments: int) -> None:
+    # periods that divide the segments: Hann's line has three densities and no more
+    length = 8192 if segments == 1 else 2 * 8192 // 9
+    frequency = 2.0 * np.pi * 40 / (0.5 * length)
+    x = 3.0 * np.sin(frequency * 0.5 * np.arange(8192) + 0.3)
+    spectrum = PowerSpectrum(x, interval=0.5, segments=segments)
+    near = 2.5 * spectrum.frequencies[1]
+    assert spectrum.power(frequency - near, frequency + near) == pytest.approx(4.5, rel=1e-12)
+
+
+def test_resolution_is_the_width_of_a_line() -> None:
+    # a line's power over its highest density
+    x = np.sin(2.0 * np.pi * 100 / 4096 * np.arange(4096))
+    spectrum = PowerSpectrum(x, interval=1.0, segments=1)
+    assert 0.5 / spectrum.density.max() == pytest.approx(spectrum.resolution, rel=1e-12)
+
+
+def test_mean_is_no_part_of_the_power() -> None:
+    x = noise(4096)
+    near, far = (PowerSpectrum(x + shift, interval=1.0) for shift in (0.0, 5.0))
+    assert far.density == pytest.approx(near.density, rel=1e-9, abs=1e-12)
+
+
+# --- attractors -----------------------------------------------------------------------------------
+
+
+def test_periodic_motion_has_lines_at_parts_of_the_table_frequency_alone() -> None:
+    spectrum = PowerSpectrum(attractor_of())  # P(1,3)
+    lines = spectrum.frequencies / (0.87 / 3.0)
+    away = abs(lines - np.rint(lines)) * (0.87 / 3.0) > 3.0 * spectrum.resolution
+    # beyond the line of Hann's window sidelobes fall below a thousandth of its height
+    assert spectrum.density[away].max() < 1e-3 * spectrum.density.max()
+
+
+def test_default_axis_reaches_twice_the_highest_natural_frequency() -> None:
+    spectrum = PowerSpectrum(attractor_of())
+    highest = attractor_of().system.natural_frequencies[-1]
+    assert 2.0 * highest <= spectrum.nyquist < 2.0 * highest + 0.87 / 2.0
+
+
+def test_harmonics_are_on_the_axis() -> None:
+    spectrum = PowerSpectrum(attractor_of())
+    steps = spectrum.harmonics / spectrum.frequencies[1]
+    assert steps == pytest.approx(np.rint(steps), rel=1e-12)
+
+
+def test_harmonics_are_multiples_of_the_table_frequency_up_to_nyquist() -> None:
+    spectrum = PowerSpectrum(attractor_of(), interval=1.0)
+    assert spectrum.harmonics == pytest.approx([0.87, 1.74, 2.61], rel=1e-15)
+
+
+def test_samples_are_those_of_the_coordinate() -> None:
+    attractor = attractor_of(0.35)
+    found = PowerSpectrum(attractor, 0.7, coordinate=2, samples=2000)
+    values = attractor.time_series(0.7 * np.arange(2000, dtype=np.float64))[:, 2]
+    assert np.array_equal(found.density, PowerSpectrum(values, 0.7).density)
+
+
+def test_chaos_is_broad_band_and_periodic_motion_is_not() -> None:
+    # flatness: geometric over arithmetic mean
+    flatness = [
+        np.exp(np.log(s.density[1:]).mean()) / s.density[1:].mean()
+        for s in (PowerSpectrum(attractor_of(w)) for w in (0.35, 0.87))
+    ]
+    assert flatness[0] > 100.0 * flatness[1]
+
+
+def test_map_has_a_spectrum_over_iterates() -> None:
+    attractor = MapAttractor(Henon(), np.zeros(2), transient=100, iterations=50)
+    spectrum = PowerSpectrum(attractor, 1.0, samples=2048)
+    assert spectrum.nyquist == np.pi
+    assert len(spectrum.harmonics) == 0
+
+
+def test_cost_counts_the_samples() -> None:
+    assert PowerSpectrum(attractor_of(), samples=512).cost.counts == {"samples": 512}
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        ({}, "interval must be given with an array"),
+        ({"interval": 0.0}, "interval must be positive; got 0.0"),
+        ({"interval": 1.0, "segments": 0}, "segments must be a positive integer; got 0"),
+        ({"interval": 1.0, "segments": 40}, "segments must have 8 samples or more each; got 4"),
+        ({"interval": 1.0, "coordinate": 1}, "coordinate must be left out with an array; got 1"),
+    ],
+)
+def test_bad_choices_are_refused(choices: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        PowerSpectrum(noise(100), **choices)
+
+
+def test_map_needs_an_interval() -> None:
+    attractor = MapAttractor(Henon(), np.zeros(2), transient=100, iterations=50)
+    with pytest.raises(ValueError, match="interval must be given: the source has no natural"):
+        PowerSpectrum(attractor)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 1.0), (2.0, 1.0)])
+def test_band_must_be_in_order(low: float, high: float) -> None:
+    with pytest.raises(ValueError, match=f"high must exceed low = {low}; got {high}"):
+        PowerSpectrum(noise(100), 1.0).power(low, high)
+
+
+# --- figure ---------------------------------------------------------------------------------------
+
+
+def test_density_and_harmonics_are_drawn() -> None:
+    spectrum = PowerSpectrum(attractor_of())
+    _, (axes,) = new_figure()
+    assert spectrum.plot(axes) is axes
+    *marks, density = axes.lines
+    assert [np.asarray(line.get_xdata())[0] for line in marks] == spectrum.harmonics.tolist()
+    assert np.array_equal(density.get_ydata(), spectrum.density[1:])
+    assert axes.get_yscale() == "log"
+    assert axes.get_xlabel() == r"angular frequency $\omega$"
+
+
+def test_at_most_twelve_decades_are_drawn() -> None:
+    _, (axes,) = new_figure()
+    t = 0.1 * np.arange(4000)
+    spectrum = PowerSpectrum(np.sin(2.0 * np.pi * t), interval=0.1, segments=1)
+    spectrum.plot(axes)
+    assert axes.get_ylim()[0] == pytest.approx(1e-12 * spectrum.density.max(), rel=1e-9)
