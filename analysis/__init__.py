@@ -8,14 +8,32 @@ if TYPE_CHECKING:
     from dynkit.analysis.chatter import ChatterRatios
     from dynkit.analysis.diagram import BifurcationDiagram
     from dynkit.analysis.pod import POD
+    from dynkit.analysis.sections import ImpactSection, StroboscopicSection
+    from dynkit.analysis.series import TimeSeries
+    from dynkit.analysis.space_time import SpaceTime
+    from dynkit.analysis.spectrum import PowerSpectrum
 
-__all__ = ["POD", "BifurcationDiagram", "ChatterRatios"]
+__all__ = [
+    "POD",
+    "BifurcationDiagram",
+    "ChatterRatios",
+    "ImpactSection",
+    "PowerSpectrum",
+    "SpaceTime",
+    "StroboscopicSection",
+    "TimeSeries",
+]
 
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "BifurcationDiagram": "dynkit.analysis.diagram",
         "ChatterRatios": "dynkit.analysis.chatter",
+        "ImpactSection": "dynkit.analysis.sections",
         "POD": "dynkit.analysis.pod",
+        "PowerSpectrum": "dynkit.analysis.spectrum",
+        "SpaceTime": "dynkit.analysis.space_time",
+        "StroboscopicSection": "dynkit.analysis.sections",
+        "TimeSeries": "dynkit.analysis.series",
     },
 )
