@@ -15,6 +15,8 @@ from dynkit.validation import Array
 
 # Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart.
 _SHORTEST = 1e-4
+# Nor than this, where events begin to tell something, so that little happens unseen.
+_UNSEEN = 1e-3
 # From one branch to another that comes so near it may step.
 _JUMP = 1e-6
 # The parameter's part in the tangent of a branch that folds.
@@ -36,6 +38,8 @@ class Watch:
         way = (after.y - before.y) / before.scale
         length = float(np.sqrt(way @ way))
         if length > _SHORTEST and _appears(before.seen, after.seen):
+            return False
+        if length > _UNSEEN and _clears(before.seen, after.seen):
             return False
         found = crossings(before, after)
         if Crossing("BP") in found:
@@ -65,3 +69,9 @@ def _appears(before: Seen, after: Seen) -> bool:
         if (a == np.inf and b < 0.0) or (b == np.inf and a < 0.0):
             return True
     return False
+
+
+def _clears(before: Seen, after: Seen) -> bool:
+    """Whether an event tells something on one side only."""
+    pairs = zip(before.events, after.events, strict=True)
+    return any(np.isnan(a) != np.isnan(b) for a, b in pairs)

@@ -373,3 +373,23 @@ class PoleOrbit(Cycle):
 
     def problem(self, *names: str) -> PoleProblem:
         return PoleProblem(self.map, 1, names)
+
+
+VEIL, BEHIND = 0.3, 0.29
+
+
+class VeiledProblem(CycleProblem):
+    """A border at x = `BEHIND`, seen from x = `VEIL` down."""
+
+    def events(self, x: Array, p: Array) -> list[Event]:
+        return [Event("GR", 0, float(x[0]) - BEHIND if x[0] < VEIL else np.nan)]
+
+    def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
+        return AtBorder(BEHIND), np.array([0.0])
+
+
+class VeiledOrbit(Cycle):
+    """An orbit of `VeiledProblem`."""
+
+    def problem(self, *names: str) -> VeiledProblem:
+        return VeiledProblem(self.map, 1, names)

@@ -12,7 +12,7 @@ from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.endings import Bound
 from dynkit.continuation.starting import start_points
-from tests.continuation.families import Cycle, Logistic
+from tests.continuation.families import BEHIND, Cycle, Flat, Logistic, VeiledOrbit
 from tests.continuation.starts import flat, henon, logistic
 
 
@@ -190,3 +190,10 @@ def test_points_come_one_by_one() -> None:
     *_, last = points
     assert last.y[-1] == 3.0
     assert follower.ending is not None
+
+
+def test_borders_just_behind_where_they_cannot_be_told_are_found() -> None:
+    orbit = VeiledOrbit(Flat("cusp", 0.125, 0.0), np.array([0.5]))
+    branch = continue_orbit(orbit, "p", bounds=(0.01, 0.2), step=0.2, largest_step=0.2)
+    (grazing,) = branch.bifurcations
+    assert abs(grazing.value - BEHIND**3) < 1e-14
