@@ -95,6 +95,7 @@ def second_moments(oscillator: ImpactOscillator, run: Run, batches: int) -> Seco
         moments += inner
         lost += own_lost
     lost[oscillator.contact % n] += _left_out(oscillator, run, moments)
+    lost += _clock_error(oscillator, run)
     if not np.isfinite(lost).all():
         raise ValueError(
             f"intervals must not need more than {_MOST_NODES} nodes of quadrature where modes merge"
@@ -193,7 +194,7 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
     begins, ends, turned, over_time = np.sqrt(norms)
     size = _EPS * (8 + len(rates)) * eigen.condition
     ends_error = size * (np.outer(begins, begins) + np.outer(ends, ends))
-    ends_error += _EPS * (np.outer(turned, ends) + np.outer(ends, turned))
+    ends_error += 4.0 * _EPS * (np.outer(turned, ends) + np.outer(ends, turned))
     lost = np.zeros(out.shape[1:])
     for s, d in zip(slow, divisor, strict=True):
         entry = np.where(s, 2.0 * size * np.outer(over_time, over_time), ends_error / abs(d))
@@ -233,6 +234,16 @@ def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
     phases = fastest * float(part.durations.max(initial=0.0))
     lost = _EPS * (8.0 + 2.0 * n + phases) * np.outer(root, root)
     return out, lost, len(which) * _NODES
+
+
+def _clock_error(oscillator: ImpactOscillator, run: Run) -> Array:
+    """Bound (N + 1, N + 1) of what rounded times, whose differences are durations, changed."""
+    n, rows = oscillator.degrees_of_freedom, run.states
+    x = np.ones((run.impacts, n + 1))
+    q = rows[:, : 2 * n].reshape(-1, 2, n)
+    x[:, :n] = oscillator._free.forced.positions(q, rows[:, 2 * n], rows[:, 2 * n + 1])
+    root = np.sqrt(_EPS * (rows[:, -1] @ x**2))
+    return np.asarray(np.outer(root, root))
 
 
 def _left_out(oscillator: ImpactOscillator, run: Run, moments: Array) -> Array:

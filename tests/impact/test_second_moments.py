@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from dynkit.cli.extremes.cases import Case, read_cases
 from dynkit.systems import BouncingBall, ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
@@ -41,6 +42,9 @@ MOTIONS: dict[str, ImpactOscillator] = {
     "with play": ImpactChain(masses=3, frequency=0.7, play=1.0),
     "coarse chatter": ImpactChain(frequency=0.408, chatter_tolerance=1e-6),
 }
+
+# Modes that merge, forces at natural frequencies, heavy and no damping.
+EDGES = [case for case in read_cases() if case.group in ("merging", "resonance")]
 
 motions = pytest.mark.parametrize("motion", MOTIONS)
 
@@ -93,6 +97,19 @@ def test_products_are_those_of_quadrature(motion: str) -> None:
     found = quadrature(record, 0.0, end) / end
     # times of impacts are rounded, and so are the samples of the quadrature
     rounding = 2.0**-52 * (64.0 + 4.0 * len(record)) * np.trace(found)
+    assert abs(moments.products[0] / end - found[:n, :n]).max() <= moments.error + rounding
+
+
+@pytest.mark.parametrize("case", EDGES, ids=lambda case: case.name)
+def test_products_at_the_edges_are_those_of_quadrature(case: Case) -> None:
+    system = case.system()
+    record = system.simulate(impacts=12, start=case.begin(system))
+    moments, end = record.second_moments(1), float(record.time[-1])
+    n = system.degrees_of_freedom
+    found = quadrature(record, 0.0, end) / end
+    # rounding turns the modes of samples by the fastest rate times the longest flight
+    turned = abs(np.linalg.eigvals(dense(system))).max() * end
+    rounding = 2.0**-52 * (64.0 + 4.0 * len(record) + 4.0 * turned) * np.trace(found)
     assert abs(moments.products[0] / end - found[:n, :n]).max() <= moments.error + rounding
 
 
