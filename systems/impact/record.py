@@ -12,7 +12,7 @@ import numpy as np
 from dynkit.results import Cost
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import Run
-from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.state import ImpactState, on_table
 from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
@@ -95,12 +95,22 @@ class ImpactRecord:
     @cached_property
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
-        return self.system._free.forced.positions(*self._coordinates)
+        position = self.system._free.forced.positions(*self._coordinates)
+        position[:, self.system.contact] = self._on_table[0]
+        return position
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
-        return self.system._free.forced.velocities(*self._coordinates)
+        velocity = self.system._free.forced.velocities(*self._coordinates)
+        velocity[:, self.system.contact] = self._on_table[1]
+        return velocity
+
+    @property
+    def _on_table(self) -> tuple[Array, Array]:
+        # Of the contact mass; its coordinates may be differences of numbers that are much larger.
+        _, sine, cosine = self._coordinates
+        return on_table(self.system, sine, cosine, self.relative_velocity)
 
     @cached_property
     def energy(self) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -60,17 +60,32 @@ class ImpactState:
 def state_of(
     oscillator: ImpactOscillator, q: Array, turn: Array, u: float, motion: Motion
 ) -> ImpactState:
-    """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase."""
+    """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase.
+
+    On the table the contact mass is where the table is, to the last digit.
+    """
     q, turn = q.copy(), turn.copy()
     forced = oscillator._free.forced
     with np.errstate(over="ignore", invalid="ignore"):
         x, v = forced.positions(q, *turn), forced.velocities(q, *turn)
     if not np.isfinite([x, v]).all():
         raise ValueError(f"positions and velocities must not overflow; got {x} and {v}")
+    if motion is not Motion.FLIGHT:
+        sine, cosine = turn
+        x[oscillator.contact], v[oscillator.contact] = on_table(oscillator, sine, cosine, u)
     for array in (x, v, q, turn):
         array.setflags(write=False)
     phase = math.atan2(*turn.tolist()) % TWO_PI
     return ImpactState(x, v, phase, float(u), motion, oscillator, q, turn)
+
+
+def on_table(oscillator: ImpactOscillator, sine: Any, cosine: Any, u: Any) -> tuple[Any, Any]:
+    """Position and velocity of the contact mass on the table, by phase and relative velocity."""
+    near, far = oscillator._stands[0], oscillator._stands[-1]
+    beyond = np.signbit(u)
+    offset, sign = np.where(beyond, far.offset, near.offset), np.where(beyond, far.sign, near.sign)
+    amplitude, frequency = oscillator.amplitude, oscillator.frequency
+    return amplitude * sine + offset, amplitude * frequency * cosine + sign * abs(u)
 
 
 def state_at(

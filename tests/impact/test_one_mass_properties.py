@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from dynkit.systems.impact.ball import BouncingBall
+from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.record import ImpactRecord
@@ -110,13 +112,51 @@ def test_relative_velocities_are_not_negative_at_one_stop(begin: Begin) -> None:
     assert (begin.simulate(60).relative_velocity >= 0.0).all()
 
 
+def at_its_stop(record: ImpactRecord) -> bool:
+    """Whether the mass has the place and the velocity of the stop that u tells, and u."""
+    system, u = record.system, record.relative_velocity
+    sign = 1.0 if system.side == "above" else -1.0
+    far = np.signbit(u)
+    place = np.where(far, system.offset + sign * system.play, system.offset)
+    place += system.amplitude * np.sin(record.phase)
+    speed = np.where(far, -sign, sign) * abs(u)
+    speed += system.amplitude * system.frequency * np.cos(record.phase)
+    # Of the phase, of its sine, and of the sum: 8.5 in all, at most.
+    rounding = 2.0**-53 * 9.0
+    near = abs(record.position[:, 0] - place) <= rounding * (system.amplitude + abs(place))
+    largest = system.amplitude * system.frequency + abs(u)
+    return bool((near & (abs(record.velocity[:, 0] - speed) <= rounding * largest)).all())
+
+
 @given(BEGINS)
 def test_the_mass_is_at_the_stop_that_its_relative_velocity_tells(begin: Begin) -> None:
-    record, system = begin.simulate(60), begin.system
-    far = np.signbit(record.relative_velocity)
-    off = gap(system, record.position[:, 0], record.phase) - np.where(far, system.play, 0.0)
-    off[~far] = gap(system, record.position[:, 0], record.phase)[~far]
-    assert (abs(off) <= rounding(record)).all()
+    assert at_its_stop(begin.simulate(60))
+
+
+@pytest.mark.parametrize("play", [math.inf, 0.25])
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_the_mass_is_at_its_stop_however_far_its_spring_would_pull_it(
+    play: float, side: str
+) -> None:
+    # By 2e7: that many digits less has any difference from where the spring rests.
+    system = MatrixOscillator(
+        M=[[1.0]],
+        C=[[0.0]],
+        K=[[1e-8]],
+        frequency=1.3,
+        restitution=0.9,
+        offset=0.03,
+        side=side,
+        play=play,
+        constant_forces=(-0.2 if side == "above" else 0.2,),
+    )
+    middle = 0.05 if side == "above" else -0.05
+    record = system.simulate(impacts=40, start=system.state([middle + 0.03], [2.0], 0.5))
+    assert len(record) == 40
+    assert np.signbit(record.relative_velocity).any() == (play < math.inf)
+    assert at_its_stop(record)
+    assert record.final.position[0] == record.position[-1, 0]
+    assert record.final.velocity[0] == record.velocity[-1, 0]
 
 
 @given(BEGINS)
