@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -109,7 +110,9 @@ def explore(
     )
     finish, failure = Finish.COMPLETE, ""
     try:
-        exploration.run(start)
+        # multipliers of orbits that graze are infinite
+        with np.errstate(invalid="ignore"):
+            exploration.run(start)
     except _UsedUp:
         finish = Finish.BUDGET
     except KeyboardInterrupt:
@@ -240,7 +243,7 @@ class _Exploration:
         self.trails.append(trail)
         self.points += len(branch)
         for place, bifurcation in enumerate(branch.bifurcations):
-            if bifurcation.kind in _LEADING and _at_motions(branch, bifurcation):
+            if bifurcation.kind in _LEADING and at_motions(branch, bifurcation):
                 self.waiting.append((number, place))
         return number
 
@@ -273,11 +276,10 @@ class _Exploration:
 _REFUSALS = (NoSolution, NoConvergence, ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def _at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:
+def at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:
     """Whether a point beside it is a motion of the system."""
-    last = len(branch) - 1
-    before = min(max(int(np.floor(bifurcation.place)), 0), last)
-    return bool(branch.admissible[before] or branch.admissible[min(before + 1, last)])
+    before, after = math.ceil(bifurcation.place) - 1, math.floor(bifurcation.place) + 1
+    return bool(branch.admissible[max(before, 0) : after + 1].any())
 
 
 def _once(orbit: PeriodicOrbit) -> PeriodicOrbit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.text import Annotation
 
     from dynkit.continuation.branch import Branch
 
@@ -28,8 +30,9 @@ _POINT: dict[str, Any] = {
     "markeredgewidth": 0.4,
     "zorder": 3.0,
 }
-# In points: type, and how far from its point a name may stand.
-_TYPE, _PLACES = 5.0, ((3, 2), (3, -7), (-3, 2), (-3, -7), (0, 5), (0, -10))
+# In points: type, and how far from its point a name may stand, the best first.
+_TYPE = 5.0
+_PLACES = ((3, 2), (3, -6), (-3, 2), (-3, -6), (0, 4), (0, -8), (5, -2), (-5, -2))
 
 
 def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str | None) -> Axes:
@@ -80,11 +83,17 @@ def _values(branch: Branch, nodes: list[Node], name: str) -> tuple[Array, Array]
 
 
 def _kinds(branch: Branch, nodes: list[Node]) -> list[str]:
-    """How the stretch after each node but the last is drawn: as the next point is, or this one."""
+    """How the stretch after each node but the last is drawn.
+
+    As the point before it or after it; not as one that is itself a bifurcation.
+    """
     last = len(branch) - 1
+    critical = {place for place, bifurcation in nodes if bifurcation is not None}
     kinds = []
     for (place, bifurcation), _ in pairwise(nodes):
-        i = int(place) if bifurcation is None else min(max(int(np.ceil(place)), 0), last)
+        i = min(max(math.floor(place), 0), last)
+        if bifurcation is not None or place in critical:
+            i = min(max(math.floor(place) + 1, 0), last)
         if not branch.admissible[i]:
             kinds.append("inadmissible")
         else:
@@ -110,7 +119,7 @@ def write_names(axes: Axes, marks: list[tuple[float, float, str]]) -> None:
     """Write names beside their points, where they touch neither one another nor another point.
 
     Points are given as (x, y, name). Names that have no room within the limits that the axes have
-    by now are left out.
+    by now are left out; the others cover as little of the curves as they can.
     """
     from matplotlib.figure import Figure
     from matplotlib.patheffects import withStroke
@@ -125,27 +134,55 @@ def write_names(axes: Axes, marks: list[tuple[float, float, str]]) -> None:
     taken: list[Any] = [
         Bbox.from_bounds(x - point, y - point, 2.0 * point, 2.0 * point) for x, y in places
     ]
+    curves = _drawn(axes, frame, point)
     for (x, y, name), spot in zip(marks, places, strict=True):
         if not frame.contains(*spot):
             continue
-        for right, up in _PLACES:
-            text = axes.annotate(
-                name,
-                (x, y),
-                xytext=(right, up),
-                textcoords="offset points",
-                fontsize=_TYPE,
-                ha="left" if right > 0 else "right" if right < 0 else "center",
-                zorder=4.0,
-                path_effects=[withStroke(linewidth=1.0, foreground="white")],
-            )
-            box = text.get_window_extent().padded(0.5 * point)
+        text = axes.annotate(
+            name,
+            (x, y),
+            xytext=(0, 0),
+            textcoords="offset points",
+            fontsize=_TYPE,
+            zorder=4.0,
+            path_effects=[withStroke(linewidth=1.0, foreground="white")],
+        )
+        free = []
+        for place in _PLACES:
+            box = _moved(text, place).padded(0.5 * point)
+            corners = np.array([[box.x0, box.y0], [box.x1, box.y1]])
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1
             inside = inside and frame.y0 <= box.y0 and box.y1 <= frame.y1
             if inside and not any(box.overlaps(other) for other in taken):
-                taken.append(box)
-                break
+                covered = ((curves > corners[0]) & (curves < corners[1])).all(axis=1)
+                free.append((int(covered.sum()), place))
+        if free:
+            _, place = min(free, key=lambda entry: entry[0])
+            taken.append(_moved(text, place).padded(0.5 * point))
+        else:
             text.remove()
+
+
+def _moved(text: Annotation, place: tuple[int, int]) -> Any:
+    """The box of a text that is moved to a place beside its point."""
+    text.set_position(place)
+    text.set_horizontalalignment("left" if place[0] > 0 else "right" if place[0] < 0 else "center")
+    return text.get_window_extent()
+
+
+def _drawn(axes: Axes, frame: Any, point: float) -> Array:
+    """Where curves are drawn: places (k, 2) in pixels, a point of type apart."""
+    parts = [np.empty((0, 2))]
+    for line in axes.lines:
+        xy = axes.transData.transform(np.asarray(line.get_xydata()))
+        if line.get_linestyle() == "None" or len(xy) < 2:
+            continue
+        way = np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
+        at = np.arange(0.0, way[-1], point)
+        parts.append(np.column_stack([np.interp(at, way, column) for column in xy.T]))
+    places = np.concatenate(parts)
+    low, high = (frame.x0, frame.y0), (frame.x1, frame.y1)
+    return np.asarray(places[((places > low) & (places < high)).all(axis=1)])
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -14,7 +14,7 @@ from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
 from dynkit.cli.sweep import SYMBOLS
-from dynkit.continuation.exploring import explore
+from dynkit.continuation.exploring import at_motions, explore
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 
 if TYPE_CHECKING:
@@ -148,8 +148,7 @@ def _figure(sweep: Sweep, network: Network) -> Figure:
 def _at_motions(network: Network) -> Iterator[tuple[Branch, Bifurcation]]:
     for branch in network.branches:
         for bifurcation in branch.bifurcations:
-            before = min(max(int(bifurcation.place), 0), len(branch) - 1)
-            if branch.admissible[before : before + 2].any():
+            if at_motions(branch, bifurcation):
                 yield branch, bifurcation
 
 
@@ -165,7 +164,7 @@ def _text(network: Network, compared: Sequence[Compared]) -> str:
         for branch, found in _at_motions(network)
     ]
     far = [entry for entry in compared if not (entry.distance <= _SAME and entry.stable)]
-    others = ", ".join(f"{entry.label} at {entry.frequency:g}" for entry in far) or "none"
+    others = ", ".join(f"{entry.label} at {entry.frequency:g}" for entry in far)
     cost = network.cost
     return (
         f"All P(1,m), m = 1 to {PERIODS}, and the P(2,m) that branch off them at period doublings "
@@ -176,7 +175,7 @@ def _text(network: Network, compared: Sequence[Compared]) -> str:
         f"At every {_EVERY}th value of the sweep whose motion is P(1,m) or P(2,m), m up to "
         f"{PERIODS}, it went on for {_LONGER} impacts and was compared with the branches of its "
         f"label: {len(compared) - len(far)} of {len(compared)} are a stable orbit on one within "
-        f"{_SAME:g}. The others: {others}.\n\n"
+        f"{_SAME:g}{f'; not so {others}' if far else ''}.\n\n"
         "Bifurcations where a motion is or borders, branch by branch; the error is a bound "
         "of first order.\n\n" + table(["orbits", "kind", "frequency", "multiplier", "error"], rows)
     )
