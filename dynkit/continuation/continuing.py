@@ -72,6 +72,17 @@ def continue_orbit(
     ----------
     H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, in
     Applications of Bifurcation Theory, ed. P. H. Rabinowitz, Academic Press 1977, 359-384.
+
+    Examples
+    --------
+    >>> from dynkit import periodic_orbit
+    >>> from dynkit.systems import Henon
+    >>> orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
+    >>> branch = continue_orbit(orbit, "a", bounds=(-0.2, 1.4), points=300)
+    >>> branch.bifurcations
+    (<SN at a -0.1225>, <PD at a 0.3675>)
+    >>> branch.bifurcations[0].error < 1e-12
+    True
     """
     began = time.perf_counter()
     low, high = checked_bounds("bounds", bounds)

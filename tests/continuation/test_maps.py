@@ -1,0 +1,65 @@
+"""Orbits of the textbook maps, as users continue them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynkit import Branch, continue_curve, continue_orbit, periodic_orbit
+from dynkit.systems import Henon, Logistic
+
+
+@pytest.fixture(scope="module")
+def henon() -> Branch:
+    orbit = periodic_orbit(Henon(a=0.2, b=0.3), np.array([0.8, 0.2]))
+    return continue_orbit(orbit, "a", bounds=(-0.2, 1.4), points=300)
+
+
+def test_the_fixed_points_of_henon_fold_and_double(henon: Branch) -> None:
+    # M. Henon, Commun. Math. Phys. 50 (1976) 69-77
+    fold, doubling = henon.bifurcations
+    assert (fold.kind, doubling.kind) == ("SN", "PD")
+    assert abs(fold.value + 0.7**2 / 4.0) < 1e-10
+    assert abs(doubling.value - 3.0 * 0.7**2 / 4.0) < 1e-10
+
+
+def test_orbits_of_henon_double_again_and_again(henon: Branch) -> None:
+    branch = henon
+    for period in (2, 4, 8):
+        (orbit,) = next(b for b in branch.bifurcations if b.kind == "PD").switch()
+        assert orbit.label == f"P({period})"
+        branch = continue_orbit(orbit, "a", bounds=(0.3, 1.4))
+        assert branch.label == f"P({period})"
+    # at the fourth doubling the product of the eight derivatives has the eigenvalue -1
+    orbit = next(b for b in branch.bifurcations if b.kind == "PD").orbit
+    product = np.eye(2)
+    for state in orbit.states:
+        product = orbit.system.jacobian(state) @ product
+    assert abs(np.linalg.eigvals(product) + 1.0).min() < 1e-10
+
+
+def test_the_curve_of_a_doubled_orbit_is_followed(henon: Branch) -> None:
+    (orbit,) = next(b for b in henon.bifurcations if b.kind == "PD").switch()
+    branch = continue_orbit(orbit, "a", bounds=(0.3, 1.4))
+    doubling = next(b for b in branch.bifurcations if b.kind == "PD")
+    curve = continue_curve(doubling, ("a", "b"), bounds=((0.0, 2.0), (0.0, 0.6)))
+    a, b = curve.parameters.T
+    # of period two the trace of the derivative is 4 (1 - b)^2 - 4 a + 2 b, its determinant b^2
+    assert abs(1.0 + b**2 + 4.0 * (1.0 - b) ** 2 - 4.0 * a + 2.0 * b).max() < 1e-10
+
+
+def test_a_branch_of_a_map_is_stored(henon: Branch, tmp_path: Path) -> None:
+    henon.save(tmp_path / "henon.h5")
+    loaded = Branch.load(tmp_path / "henon.h5", henon.orbit(-1))
+    again = continue_orbit(loaded.bifurcations[1].orbit, "a", bounds=(0.3, 0.4))
+    first = continue_orbit(henon.bifurcations[1].orbit, "a", bounds=(0.3, 0.4))
+    assert again.unknowns.tobytes() == first.unknowns.tobytes()
+
+
+def test_period_three_of_the_logistic_map() -> None:
+    orbit = periodic_orbit(Logistic(rate=3.835), np.array([0.15]), period=3)
+    branch = continue_orbit(orbit, "rate", bounds=(3.8, 3.9))
+    (fold,) = (b for b in branch.bifurcations if b.kind == "SN")
+    assert abs(fold.value - (1.0 + 8.0**0.5)) < 1e-10
