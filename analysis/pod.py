@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
 
-from dynkit.analysis.pod_averages import Averages, averages_of
-from dynkit.attractors import Attractor
+from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, in_interval, positive, positive_integer
 
@@ -32,8 +30,9 @@ class POD:
     ----------
     source : ImpactAttractor, ImpactRecord, Attractor or (k, N) array_like
         An impact attractor or record gives the exact average from its start to its last impact:
-        over flights, chatter and contact in closed form, without sampling. Other attractors give
-        the average of their states. An array holds samples, one in each row.
+        over flights, chatter and contact in closed form, without sampling. It is that of a periodic
+        orbit P(n,m) when a multiple of n impacts was kept. Other attractors give the average of
+        their states. An array holds samples, one in each row.
     times : (k,) array_like, optional
         Times of the samples, ascending; then the average is taken by the trapezoidal rule.
         Without it every sample counts the same.
@@ -72,56 +71,74 @@ class POD:
         if about not in ("origin", "mean"):
             raise ValueError(f"about must be 'origin' or 'mean'; got {about!r}")
         self.about = about
-        self._normal_modes: Array | None = None
-        if isinstance(source, Attractor):
-            self._normal_modes = getattr(source.system, "modal_matrix", None)
-        began = time.perf_counter()
-        averages = averages_of(source, times)
-        self._take(averages)
-        self.cost = Cost(time.perf_counter() - began, averages.cost.counts)
+        self._normal_modes = getattr(getattr(source, "system", None), "modal_matrix", None)
+        self._averages_of = averages_of(source, times)
+        if not isinstance(source, KnowsAverages):  # bad samples are refused at once
+            self.matrix  # noqa: B018
 
-    def _take(self, averages: Averages) -> None:
-        total = averages.durations.sum()
-        mean = averages.sums.sum(axis=0) / total
-        self.mean = mean
-        centre = mean if self.about == "mean" else np.zeros_like(mean)
-        mixed = averages.sums[:, :, None] * centre
-        products = averages.products - mixed - mixed.transpose(0, 2, 1)
-        products += averages.durations[:, None, None] * np.outer(centre, centre)
-        self._products, self._durations = products, averages.durations
-        self.matrix = products.sum(axis=0) / total
-        self.matrix = 0.5 * (self.matrix + self.matrix.T)
-        n = len(mean)
-        entry = averages.error + 2.0 * float(abs(centre).max()) * averages.mean_error
-        trace = float(np.trace(averages.products.sum(axis=0)) / total)
-        if not np.trace(self.matrix) > 4.0 * n * 2.0**-52 * trace:
-            raise ValueError(
-                f"source must move about its {self.about}; got the mean square "
-                f"{float(np.trace(self.matrix))}"
-            )
-        self.error = n * (entry + 2.0**-52 * trace)
-        for array in (self.matrix, self.mean):
-            array.setflags(write=False)
+    @cached_property
+    def _averages(self) -> Averages:
+        return self._averages_of()
 
-    matrix: Array
-    """R, (N, N)."""
-    mean: Array
-    """Time average of x, (N,)."""
-    error: float
-    """Bound, to leading order, of what rounding, the rests of chatters and, with times, the
-    trapezoidal rule changed in any power. What another stretch of the same motion would have given
-    is told by `standard_errors`."""
-    cost: Cost
-    """Seconds; impacts or samples, and nodes of quadrature."""
+    @cached_property
+    def _products(self) -> Array:
+        """Integrals (b, N, N) over each batch of what `about` says."""
+        averages, mean = self._averages, self.mean
+        if self.about == "origin":
+            return averages.products
+        mixed = averages.sums[:, :, None] * mean
+        whole = averages.durations[:, None, None] * np.outer(mean, mean)
+        return np.asarray(averages.products - mixed - mixed.transpose(0, 2, 1) + whole)
+
+    @cached_property
+    def mean(self) -> Array:
+        """Time average of x, (N,)."""
+        return _read_only(self._averages.sums.sum(axis=0) / self._averages.durations.sum())
+
+    @cached_property
+    def matrix(self) -> Array:
+        """R, (N, N), about the origin or the mean.
+
+        Raises
+        ------
+        ValueError
+            When all of it is zero, or no larger than rounding.
+        """
+        matrix = self._products.sum(axis=0) / self._averages.durations.sum()
+        found = float(np.trace(matrix))
+        if not found > 4.0 * len(matrix) * 2.0**-52 * self._mean_square:
+            raise ValueError(f"source must move about its {self.about}; got mean square {found}")
+        return _read_only(0.5 * (matrix + matrix.T))
+
+    @property
+    def _mean_square(self) -> float:
+        averages = self._averages
+        return float(np.trace(averages.products.sum(axis=0)) / averages.durations.sum())
+
+    @property
+    def error(self) -> float:
+        """Bound, to leading order, of the error of any power as an average over this motion.
+
+        It comes from rounding, from the rests of chatters, and with times from the trapezoidal
+        rule, where it is estimated by leaving every second sample out. What another stretch of the
+        same motion would have given is told by `standard_errors`.
+        """
+        averages, entry = self._averages, self._averages.error
+        if self.about == "mean":
+            entry += 2.0 * float(abs(self.mean).max()) * averages.mean_error
+        return len(self.mean) * (entry + 2.0**-52 * self._mean_square)
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds; impacts or samples, and nodes of quadrature."""
+        return self._averages.cost
 
     @cached_property
     def _eigen(self) -> tuple[Array, Array]:
         values, vectors = np.linalg.eigh(self.matrix)
         power, modes = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
         modes = modes * np.where(modes[-1] < 0.0, -1.0, 1.0)
-        power.setflags(write=False)
-        modes.setflags(write=False)
-        return power, modes
+        return _read_only(power), _read_only(modes)
 
     @property
     def power(self) -> Array:
@@ -163,14 +180,14 @@ class POD:
     @property
     def batches(self) -> int:
         """Number of batches that the standard errors stand on."""
-        return len(self._durations)
+        return len(self._averages.durations)
 
     @cached_property
     def _deviations(self) -> Array:
         """Share (b, N) of each batch in the deviations of the powers from their means."""
         squares = np.einsum("ij,bik,kj->bj", self.modes, self._products, self.modes, optimize=True)
-        total = self._durations.sum()
-        return np.asarray((squares - self._durations[:, None] * self.power) / total)
+        total = self._averages.durations.sum()
+        return np.asarray((squares - self._averages.durations[:, None] * self.power) / total)
 
     @cached_property
     def standard_errors(self) -> Array:
@@ -282,6 +299,11 @@ class POD:
         if ax is not None and len(ax) != number:
             raise ValueError(f"ax must hold {number} axes; got {len(ax)}")
         return draw_modes(self, ax, number, self._unit_columns(modes))
+
+
+def _read_only(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
 
 
 def batch_means_errors(deviations: Array) -> Array:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, final, runtime_checkable
 
 import numpy as np
@@ -72,21 +74,25 @@ class SampleAverages:
     cost: Cost
 
 
-def averages_of(source: object, times: object = None) -> Averages:
-    """Return the averages of an attractor, a record or samples (k, N), as `POD` says."""
+def averages_of(source: object, times: object = None) -> Callable[[], Averages]:
+    """Check an attractor, a record or samples (k, N); return what works out their averages."""
     if isinstance(source, KnowsAverages):
         if times is not None:
             raise ValueError("times must not be given with a motion whose averages are exact")
-        return source.second_moments(BATCHES)
-    began = time.perf_counter()
+        return partial(source.second_moments, BATCHES)
     if isinstance(source, Attractor):
         source = source.states
-    samples = finite_array("source", source, (None, None))
+    samples = finite_array("source", source, (None, None)).copy()
     if len(samples) < 2 or not samples.shape[1]:
         raise ValueError(f"source must hold two samples or more; got shape {samples.shape}")
-    weights, coarse = np.ones(len(samples)), None
-    if times is not None:
-        weights, coarse = _trapezoidal(finite_array("times", times, (len(samples),)))
+    if times is None:
+        return partial(_sums, samples, np.ones(len(samples)), None)
+    return partial(_sums, samples, *_trapezoidal(finite_array("times", times, (len(samples),))))
+
+
+def _sums(samples: Array, weights: Array, coarse: Array | None) -> SampleAverages:
+    """Averages of samples (k, N) with weights (k,), and with those of every second one."""
+    began = time.perf_counter()
     count = min(BATCHES, len(samples))
     batches = np.array_split(np.arange(len(samples)), count)
     products = np.array([(samples[b] * weights[b, None]).T @ samples[b] for b in batches])

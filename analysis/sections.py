@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -89,7 +90,7 @@ class StroboscopicSection:
 
     states: Array
 
-    @property
+    @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the states; zero of an array."""
         return motion_error(self._attractor, float(self.times.max(initial=0.0)))
@@ -185,7 +186,7 @@ class ImpactSection:
         """Phases of the table at the impacts, (n,)."""
         return self.states[:, -1]
 
-    @property
+    @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the states; zero of an array."""
         return motion_error(self._attractor, 0.0)

@@ -112,7 +112,7 @@ class TimeSeries:
         at: Array = record.time
         return np.asarray(at[(at >= self.times[0]) & (at <= self.times[-1])])
 
-    @property
+    @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the values, that of the attractor's states.
 

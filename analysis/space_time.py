@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -89,7 +90,7 @@ class SpaceTime:
     times: Array
     displacements: Array
 
-    @property
+    @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the displacements; zero of an array."""
         return motion_error(self._attractor, float(self.times.max(initial=0.0)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 # The default frequency axis reaches to so many times the highest natural frequency: positions have
 # kinks at impacts, and their spectra fall with the fourth power of the frequency only.
 _REACH = 2.0
+
+_SAMPLES = 16384
 
 # Of the highest density: what is fainter is not drawn.
 _FAINTEST = 1e-12
@@ -48,29 +51,20 @@ class PowerSpectrum:
         half of the chain's Nyquist interval, and harmonics of the table fall onto the axis.
     coordinate : int, optional
         As for `TimeSeries`.
-    samples : int
-        How many samples to take of an attractor, from the last skipped state on.
+    samples : int, optional
+        How many to take of an attractor, from the last skipped state on; by default 16384.
     segments : int
-        How many; with 1 it is the periodogram of the whole.
+        How many; with 1 it is the periodogram of the whole. With the default interval each lasts
+        whole periods of the table.
 
     Attributes
     ----------
-    frequencies : (m,) array
-        Angular frequencies, from 0 to `nyquist` at most.
-    density : (m,) array
-    variance : float
-        Of the samples.
     interval : float
         Time between samples.
     segments : int
-    resolution : float
-        Width of a line, in angular frequency: the window's noise bandwidth.
-    error : float
-        Relative standard error of a density of a motion without lines, from the number of segments
-        and their overlap; near 1 for a periodogram. The power of a line has no such error when the
-        motion is periodic. What lies beyond `nyquist` is folded back, and not part of it.
-    cost : Cost
-        Seconds and samples.
+    table_frequency : float or None
+    name : str
+        Of the coordinate, on an axis.
 
     Raises
     ------
@@ -97,60 +91,105 @@ class PowerSpectrum:
         interval: float | None = None,
         *,
         coordinate: int | None = None,
-        samples: int = 16384,
+        samples: int | None = None,
         segments: int = 8,
     ) -> None:
-        from scipy import signal
-
-        began = time.perf_counter()
-        asked = positive_integer("segments", segments)
-        count = positive_integer("samples", samples)
-        step = None if interval is None else positive("interval", interval)
-        self.name = "values"
+        self._source: Attractor | None = None
         self.table_frequency: float | None = None
-        multiple = 1
+        self.name, self._coordinate, multiple = "values", 0, 1
+        step = None if interval is None else positive("interval", interval)
         if isinstance(source, Attractor):
+            self._source = source
+            self._coordinate = checked_coordinate(source, coordinate, source.system.dimension)
+            self.name = coordinate_name(source, self._coordinate)
+            self._count = positive_integer("samples", _SAMPLES if samples is None else samples)
             self.table_frequency = getattr(source.system, "frequency", None)
             if step is None:
                 multiple = _samples_in_a_period(source)
                 step = TWO_PI / (forcing_frequency(source) * multiple)
-            states = source.time_series(step * np.arange(count, dtype=np.float64))
-            number = checked_coordinate(source, coordinate, states.shape[1])
-            values, self.name = states[:, number], coordinate_name(source, number)
         else:
-            values = finite_array("source", source, (None,))
             if step is None:
                 raise ValueError("interval must be given with an array")
-            if coordinate is not None:
-                raise ValueError(f"coordinate must be left out with an array; got {coordinate!r}")
-        length = len(values) if asked == 1 else 2 * len(values) // (asked + 1)
-        if length >= multiple:
-            length -= length % multiple
-        if length < 8:
-            raise ValueError(f"segments must have 8 samples or more each; got {length}")
+            for name, value in (("coordinate", coordinate), ("samples", samples)):
+                if value is not None:
+                    raise ValueError(f"{name} must be left out with an array; got {value!r}")
+            self._given = finite_array("source", source, (None,)).copy()
+            self._count = len(self._given)
         self.interval = step
-        self.segments = 1 if asked == 1 else 1 + (len(values) - length) // (length - length // 2)
-        used = values[:length] if asked == 1 else values
-        window = np.asarray(signal.get_window("hann", length), dtype=np.float64)
-        cycles, per_cycle = (
-            signal.periodogram(used, 1.0 / step, window="hann")
-            if asked == 1
-            else signal.welch(used, 1.0 / step, window="hann", nperseg=length)
+        self._length, self.segments = _divided(
+            self._count, positive_integer("segments", segments), multiple
         )
-        self.frequencies, self.density = TWO_PI * cycles, per_cycle / TWO_PI
-        self.variance = float(np.var(used))
-        squares = float((window**2).sum())
-        self.resolution = TWO_PI * squares / (float(window.sum()) ** 2 * step)
-        half = length // 2
-        overlap = (float(window[half:] @ window[: length - half]) / squares) ** 2
-        k = self.segments
-        self.error = math.sqrt((1.0 + 2.0 * overlap * (k - 1) / k) / k)
-        self.cost = Cost(time.perf_counter() - began, {"samples": len(values)})
-        for array in (self.frequencies, self.density):
-            array.setflags(write=False)
 
-    frequencies: Array
-    density: Array
+    @cached_property
+    def _window(self) -> Array:
+        from scipy import signal
+
+        return np.asarray(signal.get_window("hann", self._length), dtype=np.float64)
+
+    @cached_property
+    def resolution(self) -> float:
+        """Width of a line, in angular frequency: the noise bandwidth of the window."""
+        w = self._window
+        return TWO_PI * float(w @ w) / (float(w.sum()) ** 2 * self.interval)
+
+    @cached_property
+    def error(self) -> float:
+        """Relative standard error of a density of a motion without lines.
+
+        It follows from the number of segments and their overlap, and is near 1 for a periodogram.
+        The power of a line has no such error when the motion is periodic. What lies beyond
+        `nyquist` is folded back, and not part of it.
+        """
+        w, k, half = self._window, self.segments, self._length // 2
+        overlap = (float(w[half:] @ w[: self._length - half]) / float(w @ w)) ** 2
+        return math.sqrt((1.0 + 2.0 * overlap * (k - 1) / k) / k)
+
+    @cached_property
+    def _samples(self) -> tuple[Array, float]:
+        """Values, (k,), and the seconds that they cost."""
+        if self._source is None:
+            return self._given, 0.0
+        began = time.perf_counter()
+        times = self.interval * np.arange(self._count, dtype=np.float64)
+        values = self._source.time_series(times)[:, self._coordinate]
+        return values, time.perf_counter() - began
+
+    @cached_property
+    def _estimate(self) -> tuple[Array, Array, float]:
+        """Angular frequencies, densities, and the seconds that they cost."""
+        from scipy import signal
+
+        values, _ = self._samples
+        began = time.perf_counter()
+        cycles, per_cycle = (
+            signal.periodogram(values[: self._length], 1.0 / self.interval, window="hann")
+            if self.segments == 1
+            else signal.welch(values, 1.0 / self.interval, window="hann", nperseg=self._length)
+        )
+        frequencies, density = TWO_PI * cycles, np.asarray(per_cycle / TWO_PI)
+        frequencies.setflags(write=False)
+        density.setflags(write=False)
+        return frequencies, density, time.perf_counter() - began
+
+    @property
+    def frequencies(self) -> Array:
+        """Angular frequencies, (m,), from 0 to `nyquist` at most."""
+        return self._estimate[0]
+
+    @property
+    def density(self) -> Array:
+        """Power spectral density, (m,), per unit of angular frequency."""
+        return self._estimate[1]
+
+    @property
+    def variance(self) -> float:
+        """Variance of the samples."""
+        return float(np.var(self._samples[0]))
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds and samples."""
+        return Cost(self._samples[1] + self._estimate[2], {"samples": self._count})
 
     @property
     def nyquist(self) -> float:
@@ -211,6 +250,17 @@ class PowerSpectrum:
         axes.set_xlabel(r"angular frequency $\omega$")
         axes.set_ylabel(f"power density of\n{self.name}")
         return axes
+
+
+def _divided(count: int, asked: int, multiple: int) -> tuple[int, int]:
+    """Samples in a segment, a multiple of some number, and how many segments that makes."""
+    length = count if asked == 1 else 2 * count // (asked + 1)
+    if length >= multiple:
+        length -= length % multiple
+    if length < 8:
+        raise ValueError(f"segments must have 8 samples or more each; got {length}")
+    step = length - length // 2
+    return length, 1 if asked == 1 else 1 + (count - length) // step
 
 
 def _samples_in_a_period(attractor: Attractor) -> int:

@@ -131,6 +131,35 @@ def test_map_attractor_has_the_powers_of_its_states() -> None:
     assert np.array_equal(POD(attractor).power, POD(attractor.states).power)
 
 
+def test_averages_are_worked_out_when_asked_for_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    attractor = ImpactChain(frequency=0.87).attractor()
+    asked: list[int] = []
+    exact = type(attractor).second_moments
+
+    def counted(self: Any, batches: int) -> Any:
+        asked.append(batches)
+        return exact(self, batches)
+
+    monkeypatch.setattr(type(attractor), "second_moments", counted)
+    pod = POD(attractor)
+    assert not asked
+    pod.rank(0.99), pod.standard_errors, pod.error, pod.cost
+    assert len(asked) == 1
+
+
+def test_samples_may_be_changed_afterwards() -> None:
+    x = np.eye(3)
+    pod = POD(x)
+    x[:] = 9.0
+    assert pod.power == pytest.approx([1.0 / 3.0] * 3, rel=1e-15)
+
+
+def test_record_knows_its_normal_modes() -> None:
+    attractor = ImpactChain(frequency=0.87).attractor()
+    found = POD(attractor.record).modal_assurance()
+    assert np.array_equal(found, POD(attractor).modal_assurance())
+
+
 # --- what a decomposition is ----------------------------------------------------------------------
 
 samples = arrays(np.float64, (12, 4), elements=st.floats(-1.0, 1.0).filter(lambda x: x != 0.0))
@@ -251,7 +280,7 @@ def test_first_modes_of_the_sticking_orbit_are_near_normal_modes() -> None:
         ([[1.0, 2.0]], None, "source must hold two samples or more; got shape (1, 2)"),
         ([1.0, 2.0], None, "source must have shape (any, any); got shape (2,)"),
         ([[1.0], [np.nan]], None, "source[1, 0] must be a finite number; got nan"),
-        (np.zeros((3, 2)), None, "source must move about its origin; got the mean square 0.0"),
+        (np.zeros((3, 2)), None, "source must move about its origin; got mean square 0.0"),
         ([[1.0], [2.0]], [0.0], "times must have shape (2,); got shape (1,)"),
         ([[1.0], [2.0]], [1.0, 1.0], "times[1] must exceed times[0]; got 1.0"),
     ],

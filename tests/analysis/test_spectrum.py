@@ -167,11 +167,17 @@ def test_cost_counts_the_samples() -> None:
         ({"interval": 1.0, "segments": 0}, "segments must be a positive integer; got 0"),
         ({"interval": 1.0, "segments": 40}, "segments must have 8 samples or more each; got 4"),
         ({"interval": 1.0, "coordinate": 1}, "coordinate must be left out with an array; got 1"),
+        ({"interval": 1.0, "samples": 9}, "samples must be left out with an array; got 9"),
     ],
 )
 def test_bad_choices_are_refused(choices: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         PowerSpectrum(noise(100), **choices)
+
+
+def test_unknown_coordinate_is_refused() -> None:
+    with pytest.raises(ValueError, match=re.escape("coordinate must lie in [-20, 19]; got 20")):
+        PowerSpectrum(attractor_of(), coordinate=20)
 
 
 def test_map_needs_an_interval() -> None:
