@@ -7,6 +7,7 @@ from dynkit._lazy import lazy_names
 if TYPE_CHECKING:
     from dynkit.analysis.chatter import ChatterRatios
     from dynkit.analysis.diagram import BifurcationDiagram
+    from dynkit.analysis.dimension.dimension import CorrelationDimension
     from dynkit.analysis.pod import POD
     from dynkit.analysis.sections import ImpactSection, StroboscopicSection
     from dynkit.analysis.series import TimeSeries
@@ -17,6 +18,7 @@ __all__ = [
     "POD",
     "BifurcationDiagram",
     "ChatterRatios",
+    "CorrelationDimension",
     "ImpactSection",
     "PowerSpectrum",
     "SpaceTime",
@@ -29,6 +31,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "BifurcationDiagram": "dynkit.analysis.diagram",
         "ChatterRatios": "dynkit.analysis.chatter",
+        "CorrelationDimension": "dynkit.analysis.dimension.dimension",
         "ImpactSection": "dynkit.analysis.sections",
         "POD": "dynkit.analysis.pod",
         "PowerSpectrum": "dynkit.analysis.spectrum",

@@ -1,0 +1,1 @@
+"""Correlation sums and the correlation dimension."""

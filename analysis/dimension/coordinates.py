@@ -1,0 +1,93 @@
+"""Which coordinates of a map are angles, and how far apart states can be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dynkit.maps import Map
+from dynkit.validation import Array
+
+_DOUBLINGS = 64
+
+
+def angles_of(system: Map, states: Array) -> Mapping[int, float]:
+    """Return the coordinates that a map's `difference` wraps, and one turn of each.
+
+    They are found by trial: differences to the first state along each coordinate, longer and
+    longer, until one comes back shorter. What is found is then compared with the map's own
+    differences over the states.
+
+    Raises
+    ------
+    ValueError
+        When differences do more than wrap single coordinates to the shortest way.
+    """
+    extents = np.ptp(states, axis=0)
+    lengths = 2.0 ** (np.arange(_DOUBLINGS) - _DOUBLINGS + 3)
+    origin = np.zeros(states.shape[1])
+    angles = {}
+    for k in np.flatnonzero(extents > 0.0).tolist():
+        steps = np.zeros((_DOUBLINGS, len(origin)))
+        steps[:, k] = lengths * extents[k]
+        gone = steps[:, k] - system.difference(steps, origin)[:, k]
+        # the first that is wrapped lies between half a turn and a whole one
+        turns = gone[abs(gone) > 0.25 * steps[:, k]]
+        if len(turns):
+            angles[k] = 2.0 * np.pi if np.isclose(turns[0], 2.0 * np.pi, 1e-12) else float(turns[0])
+    _compare(system, states, angles)
+    return angles
+
+
+def _compare(system: Map, states: Array, angles: Mapping[int, float]) -> None:
+    later, earlier = states, np.roll(states, len(states) // 2, axis=0)
+    expected = abs(later - earlier)
+    for k, turn in angles.items():
+        expected[:, k] %= turn
+        expected[:, k] = np.minimum(expected[:, k], turn - expected[:, k])
+    apart = abs(abs(system.difference(later, earlier)) - expected).max()
+    if apart > 1e-9 * abs(states).max():
+        raise ValueError(
+            "source must be of a system whose difference only wraps coordinates; "
+            f"got one that departs from that by {apart:.3g}"
+        )
+
+
+def extents_of(states: Array, angles: Mapping[int, float]) -> Array:
+    """Return the largest distance of two states along each coordinate, (d,)."""
+    extents = np.ptp(states, axis=0)
+    for k, turn in angles.items():
+        around = np.sort(states[:, k] % turn)
+        # the states on either side of the opposite one
+        opposite = (around + 0.5 * turn) % turn
+        after = np.searchsorted(around, opposite)
+        largest = 0.0
+        for neighbour in (after - 1, after % len(around)):
+            gap = abs(around - around[neighbour])
+            largest = max(largest, float(np.minimum(gap, turn - gap).max()))
+        extents[k] = largest
+    return np.asarray(extents)
+
+
+def correlation_time(states: Array, angles: Mapping[int, float]) -> int:
+    """Return the first lag at which the autocorrelation of the states is below 1/e in size.
+
+    Each coordinate counts by its variance over the square of its extent, angles by sine and cosine.
+    It is a twentieth of the number of states at most.
+    """
+    columns = []
+    for k, column in enumerate(states.T):
+        if k in angles:
+            turned = 2.0 * np.pi / angles[k] * column
+            columns += [np.cos(turned), np.sin(turned)]
+        elif (extent := float(np.ptp(column))) > 0.0:
+            columns.append(column / extent)
+    n = len(states)
+    longest = max(n // 20, 1)
+    total = np.zeros(longest + 1)
+    for column in columns:
+        spectrum = np.fft.rfft(column - column.mean(), 2 * n)
+        total += np.fft.irfft(abs(spectrum) ** 2)[: longest + 1]
+    below = np.flatnonzero(abs(total) < total[0] / np.e)
+    return int(below[0]) if len(below) else longest

@@ -1,0 +1,342 @@
+"""Distances between points, counted by size: two nodes of a tree at once where it can be.
+
+A node is a box that holds some of the points. Node v has the children 2v + 1 and 2v + 2. All bounds
+are rigorous for distances as they are computed: rounding is monotone, and boxes and points take the
+same operations in the same order. Distances are those of `distance`; Euclidean ones are squared.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.compiled import kernel
+from dynkit.validation import Array
+
+Integers: TypeAlias = NDArray[np.int64]
+
+CELLS = 7
+"""Leading bits of the mantissa by which distances find their bins: 128 cells to an octave."""
+
+SHIFT = 52 - CELLS
+"""Bits of a double below them."""
+
+# what `count_pairs` counts as work
+_BOX_PAIRS, _DISTANCES = 0, 1
+
+
+@kernel()
+def _box_bounds(
+    low: Array, high: Array, turns: Array, a: int, b: int, euclidean: bool
+) -> tuple[float, float]:
+    """Bounds of the distances between points of two boxes."""
+    near = 0.0
+    far = 0.0
+    for k in range(low.shape[1]):
+        least = max(low[a, k] - high[b, k], low[b, k] - high[a, k], 0.0)
+        most = max(high[a, k] - low[b, k], high[b, k] - low[a, k])
+        turn = turns[k]
+        if turn > 0.0:
+            wrapped = min(least, turn - most)
+            most = min(most, turn - least)
+            least = wrapped
+        if euclidean:
+            near += least * least
+            far += most * most
+        else:
+            near = max(near, least)
+            far = max(far, most)
+    return near, far
+
+
+@kernel()
+def _point_bounds(
+    points: Array,
+    a: int,
+    i: int,
+    low: Array,
+    high: Array,
+    node: int,
+    turns: Array,
+    euclidean: bool,
+) -> tuple[float, float]:
+    """Bounds of the distances of a point to those of a box."""
+    near = 0.0
+    far = 0.0
+    for k in range(points.shape[1]):
+        x = points[a, k, i]
+        least = max(x - high[node, k], low[node, k] - x, 0.0)
+        most = max(high[node, k] - x, x - low[node, k])
+        turn = turns[k]
+        if turn > 0.0:
+            wrapped = min(least, turn - most)
+            most = min(most, turn - least)
+            least = wrapped
+        if euclidean:
+            near += least * least
+            far += most * most
+        else:
+            near = max(near, least)
+            far = max(far, most)
+    return near, far
+
+
+@kernel()
+def _bin_of(distance: float, edges: Array) -> int:
+    """Index of the first edge that the distance does not exceed."""
+    begin = 0
+    end = edges.size
+    while begin < end:
+        middle = (begin + end) // 2
+        if distance > edges[middle]:
+            begin = middle + 1
+        else:
+            end = middle
+    return begin
+
+
+@kernel()
+def _distances(
+    points: Array, a: int, i: int, b: int, turns: Array, euclidean: bool, out: Array
+) -> None:
+    """Distances of a point to all slots of a leaf; `out` is modified in place."""
+    size = points.shape[1]
+    slots = points.shape[2]
+    for j in range(slots):
+        out[j] = 0.0
+    k = 0
+    while k < size:
+        x = points[a, k, i]
+        turn = turns[k]
+        if turn > 0.0:
+            for j in range(slots):
+                gap = abs(x - points[b, k, j])
+                gap = min(gap, turn - gap)
+                if euclidean:
+                    out[j] += gap * gap
+                else:
+                    out[j] = gap if gap > out[j] else out[j]
+            k += 1
+        elif k + 4 <= size and turns[k + 1] == 0.0 and turns[k + 2] == 0.0 and turns[k + 3] == 0.0:
+            # four coordinates at once: fewer visits to `out`; the sum keeps its order
+            y = points[a, k + 1, i]
+            z = points[a, k + 2, i]
+            w = points[a, k + 3, i]
+            if euclidean:
+                for j in range(slots):
+                    p = x - points[b, k, j]
+                    q = y - points[b, k + 1, j]
+                    r = z - points[b, k + 2, j]
+                    s = w - points[b, k + 3, j]
+                    out[j] = (((out[j] + p * p) + q * q) + r * r) + s * s
+            else:
+                for j in range(slots):
+                    p = abs(x - points[b, k, j])
+                    q = abs(y - points[b, k + 1, j])
+                    r = abs(z - points[b, k + 2, j])
+                    s = abs(w - points[b, k + 3, j])
+                    p = p if p > q else q
+                    r = r if r > s else s
+                    p = p if p > r else r
+                    out[j] = p if p > out[j] else out[j]
+            k += 4
+        else:
+            for j in range(slots):
+                gap = abs(x - points[b, k, j])
+                if euclidean:
+                    out[j] += gap * gap
+                else:
+                    out[j] = gap if gap > out[j] else out[j]
+            k += 1
+
+
+@kernel()
+def _count_leaves(
+    points: Array,
+    filled: Integers,
+    blocks: Integers,
+    a: int,
+    b: int,
+    node: int,
+    low: Array,
+    high: Array,
+    turns: Array,
+    euclidean: bool,
+    edges: Array,
+    bins: Integers,
+    row: Array,
+    row_bits: Integers,
+    shares: Integers,
+    lumps: Integers,
+) -> int:
+    """Count the pairs of two leaves, of which b is that node; return how many were measured."""
+    top = edges[edges.size - 2]
+    first = bins[bins.size - 1]
+    measured = 0
+    for i in range(filled[a]):
+        if a != b:
+            near, far = _point_bounds(points, a, i, low, high, node, turns, euclidean)
+            if near > top:
+                continue
+            found = _bin_of(near, edges)
+            if far <= edges[found]:
+                shares[blocks[a, i], found] += filled[b]
+                lumps[node, found] += 1
+                continue
+        begin = i + 1 if a == b else 0
+        measured += filled[b] - begin
+        _distances(points, a, i, b, turns, euclidean, row)
+        block = blocks[a, i]
+        for j in range(begin, filled[b]):
+            distance = row[j]
+            if distance <= top:
+                cell = (row_bits[j] >> SHIFT) - first
+                found = bins[cell if cell > 0 else 0]
+                while distance > edges[found]:
+                    found += 1
+                shares[block, found] += 1
+                shares[blocks[b, j], found] += 1
+    return measured
+
+
+@kernel()
+def count_pairs(
+    points: Array,
+    filled: Integers,
+    blocks: Integers,
+    low: Array,
+    high: Array,
+    sizes: Integers,
+    turns: Array,
+    euclidean: bool,
+    edges: Array,
+    bins: Integers,
+    row: Array,
+    row_bits: Integers,
+    stack: Integers,
+    shares: Integers,
+    lumps: Integers,
+    work: Integers,
+) -> None:
+    """Count all pairs of points by their distances.
+
+    Parameters
+    ----------
+    points : (leaves, d, slots)
+        The points of each leaf; slots beyond those that are filled hold anything finite.
+    filled : (leaves,)
+        How many slots hold points.
+    blocks : (leaves, slots)
+        The block of each point.
+    low, high : (nodes, d)
+        The boxes; nodes = 2 leaves - 1, a power of two less one, and the leaves come last.
+    sizes : (nodes,)
+        How many points each box holds.
+    turns : (d,)
+        One turn of each coordinate that is an angle, in [0, turn]; zero for others.
+    euclidean
+        Norm: Euclidean, with squares of distances, or maximum.
+    edges : (k + 1,)
+        Ascending; a distance counts in the first bin whose edge it does not exceed. The last is
+        infinite, and its bin is not counted in full.
+    bins : (cells + 1,)
+        For each cell of leading bits, from that of the first edge on, the first bin that it meets;
+        last the number of the first cell.
+    row, row_bits : (slots,)
+        Scratch: floats, and the same memory as integers.
+    stack : (any, 2)
+        Scratch: six entries for each level of the tree and some more.
+    shares : (blocks, k + 1)
+        Modified in place: for each pair measured, one in the blocks of both of its points; and what
+        single points share with whole boxes.
+    lumps : (nodes, k + 1)
+        Modified in place: how many points are at such distances of every point of the node, besides
+        those in `shares`.
+    work : (2,)
+        Modified in place: pairs of boxes looked at, distances measured.
+    """
+    top = edges[edges.size - 2]
+    leaves = filled.size
+    stack[0, 0] = 0
+    stack[0, 1] = 0
+    height = 1
+    while height > 0:
+        height -= 1
+        a = stack[height, 0]
+        b = stack[height, 1]
+        near, far = _box_bounds(low, high, turns, a, b, euclidean)
+        work[_BOX_PAIRS] += 1
+        if near > top:
+            continue
+        found = _bin_of(near, edges)
+        if far <= edges[found]:
+            if a == b:
+                lumps[a, found] += sizes[a] - 1
+            else:
+                lumps[a, found] += sizes[b]
+                lumps[b, found] += sizes[a]
+        elif a >= leaves - 1 and b >= leaves - 1:
+            work[_DISTANCES] += _count_leaves(
+                points,
+                filled,
+                blocks,
+                a - (leaves - 1),
+                b - (leaves - 1),
+                b,
+                low,
+                high,
+                turns,
+                euclidean,
+                edges,
+                bins,
+                row,
+                row_bits,
+                shares,
+                lumps,
+            )
+        elif a == b:
+            for i in range(3):
+                stack[height + i, 0] = 2 * a + 1 + i // 2
+                stack[height + i, 1] = 2 * a + 1 + (i + 1) // 2
+            height += 3
+        else:
+            split_first = b >= leaves - 1 or (a < leaves - 1 and sizes[a] >= sizes[b])
+            for i in range(2):
+                stack[height + i, 0] = 2 * a + 1 + i if split_first else a
+                stack[height + i, 1] = b if split_first else 2 * b + 1 + i
+            height += 2
+
+
+@kernel()
+def distance(points: Array, i: int, j: int, turns: Array, euclidean: bool) -> float:
+    """Distance of two rows of points, (n, d); its square in the Euclidean norm."""
+    total = 0.0
+    for k in range(points.shape[1]):
+        gap = abs(points[i, k] - points[j, k])
+        if turns[k] > 0.0:
+            gap = min(gap, turns[k] - gap)
+        total = total + gap * gap if euclidean else max(total, gap)
+    return total
+
+
+@kernel()
+def uncount_near_in_time(
+    points: Array,
+    window: int,
+    blocks: Integers,
+    turns: Array,
+    euclidean: bool,
+    edges: Array,
+    shares: Integers,
+) -> None:
+    """Take the pairs of rows at most a window apart out of the shares, (blocks, k + 1), again."""
+    top = edges[edges.size - 2]
+    for i in range(points.shape[0]):
+        for j in range(i + 1, min(i + window + 1, points.shape[0])):
+            apart = distance(points, i, j, turns, euclidean)
+            if apart <= top:
+                found = _bin_of(apart, edges)
+                shares[blocks[i], found] -= 1
+                shares[blocks[j], found] -= 1

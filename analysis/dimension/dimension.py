@@ -1,0 +1,295 @@
+"""The correlation dimension of an attractor."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, inf, nan
+from types import MappingProxyType
+from typing import TYPE_CHECKING, final, get_args
+
+import numpy as np
+
+from dynkit.analysis.dimension.coordinates import angles_of, correlation_time, extents_of
+from dynkit.analysis.dimension.scaling import (
+    STEPS,
+    Estimate,
+    LocalSlopes,
+    Outcome,
+    Scaling,
+    ScalingRegion,
+    find_scaling,
+    local_slopes,
+    takens,
+)
+from dynkit.analysis.dimension.sums import (
+    BLOCKS,
+    CorrelationSums,
+    Norm,
+    checked_angles,
+    checked_states,
+    checked_theiler,
+    correlation_sums,
+)
+from dynkit.attractors import Attractor
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_scalar, positive
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_PART = 0.1  # of the diameter
+_WINDOW = 100  # costs nothing, and takes care of chatter, which autocorrelations do not see
+_ROUNDING = 2.0**-42  # of the largest coordinate: smaller distances are rounding, not motion
+_LEAST_SPAN = 128.0  # of the radii, also when all states are one point
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class CorrelationDimension:
+    """The correlation dimension of a set of states, after Grassberger and Procaccia.
+
+    C(r) is the part of all pairs of states that are at most r apart; where it is a power of r, the
+    exponent is the dimension. Nothing is computed before it is asked for, and everything once.
+
+    What is computed is the dimension of the set as far as the states show it. A periodic orbit
+    meets a section in finitely many points: their dimension is 0 (and that of the orbit in time
+    1). When no range of radii scales, that is the result, and `value` is NaN.
+
+    Parameters
+    ----------
+    source : Attractor or (n, d) array_like
+        States, one after the other in time; 64 or more. They are taken in the units that they come
+        in.
+    norm : {"maximum", "euclidean"}
+    theiler : int, optional
+        Theiler's window: states i and j count as a pair when abs(i - j) > theiler. By default 100,
+        or three times the lag at which the autocorrelation falls below 1/e where that is more; a
+        twentieth of the states at most.
+    angles : mapping of int to float, optional
+        For an array: each coordinate that is an angle, and one turn of it. An attractor's system
+        knows its own.
+    largest : float, optional
+        Largest radius, by default a tenth of the diameter; in the Euclidean norm, of the diagonal
+        of the box that holds the states, which is no smaller.
+    least_ratio : float
+        The shortest scaling region that is believed: its largest radius over its smallest. Any
+        smooth curve is straight over a short range.
+
+    Raises
+    ------
+    ValueError
+        When an argument is refused.
+
+    References
+    ----------
+    P. Grassberger, I. Procaccia, Physica D 9 (1983) 189-208. J. Theiler, Phys. Rev. A 34 (1986)
+    2427-2432. F. Takens, in Lecture Notes in Mathematics 1125 (1985) 99-106.
+
+    Examples
+    --------
+    >>> turn = np.random.default_rng(0).uniform(size=2000)
+    >>> ring = CorrelationDimension(turn[:, None], angles={0: 1.0})
+    >>> ring.outcome.value
+    'there is a scaling region'
+    >>> abs(ring.value - 1.0) < 2.0 * ring.error
+    True
+    >>> ring.bounds
+    (1, 3)
+    >>> points = CorrelationDimension(np.tile([[0.0], [1.0], [3.0]], (100, 1)))
+    >>> points.value, points.outcome.name
+    (0.0, 'FINITE')
+    """
+
+    source: Attractor | Array
+    norm: Norm = "maximum"
+    theiler: int | None = None
+    angles: Mapping[int, float] | None = None
+    largest: float | None = None
+    least_ratio: float = 4.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.source, Attractor):
+            if self.angles is not None:
+                raise ValueError(
+                    f"angles must be left to the system of an attractor; got {self.angles!r}"
+                )
+        else:
+            states = checked_states(self.source).copy()
+            states.setflags(write=False)
+            _refuse_few(states)
+            object.__setattr__(self, "source", states)
+            angles = checked_angles(self.angles or {}, states.shape[1])
+            object.__setattr__(self, "angles", MappingProxyType(dict(angles)))
+            if self.theiler is not None:
+                checked_theiler(self.theiler, len(states))
+        if self.norm not in get_args(Norm):
+            raise ValueError(f"norm must be one of: {', '.join(get_args(Norm))}; got {self.norm!r}")
+        if self.largest is not None:
+            positive("largest", self.largest)
+        if finite_scalar("least_ratio", self.least_ratio) < 1.5:
+            raise ValueError(f"least_ratio must be at least 1.5; got {self.least_ratio!r}")
+
+    @cached_property
+    def states(self) -> Array:
+        """The states, (n, d)."""
+        if isinstance(self.source, Attractor):
+            states = checked_states(self.source.states)
+            _refuse_few(states)
+            return states
+        return self.source
+
+    @cached_property
+    def turns(self) -> Mapping[int, float]:
+        """Each coordinate that is an angle, and one turn of it."""
+        if isinstance(self.source, Attractor):
+            return MappingProxyType(dict(angles_of(self.source.system, self.states)))
+        assert self.angles is not None
+        return self.angles
+
+    @cached_property
+    def window(self) -> int:
+        """Theiler's window, in states."""
+        if self.theiler is not None:
+            return checked_theiler(self.theiler, len(self.states))
+        wanted = max(3 * correlation_time(self.states, self.turns), _WINDOW)
+        return min(wanted, len(self.states) // 20)
+
+    @cached_property
+    def diameter(self) -> float:
+        """Largest distance of two states; in the Euclidean norm a bound, the box's diagonal."""
+        extents = extents_of(self.states, self.turns)
+        return float(extents.max() if self.norm == "maximum" else np.linalg.norm(extents))
+
+    @cached_property
+    def sums(self) -> CorrelationSums:
+        """The correlation sums: at 8 radii to the octave, down to the rounding of the states."""
+        finest = max(_ROUNDING * float(abs(self.states).max()), 1e-140)
+        least = _LEAST_SPAN * finest
+        if self.largest is not None and self.largest < least:
+            raise ValueError(
+                f"largest must not be less than {least:.3g}, near the rounding of the states; "
+                f"got {self.largest!r}"
+            )
+        top = max(_PART * self.diameter, least) if self.largest is None else float(self.largest)
+        count = ceil(STEPS * np.log2(top / finest))
+        return correlation_sums(
+            self.states,
+            top * 2.0 ** (np.arange(-count, 1) / STEPS),
+            norm=self.norm,
+            theiler=self.window,
+            angles=self.turns,
+        )
+
+    @cached_property
+    def local_slopes(self) -> LocalSlopes:
+        """The local slopes d ln C / d ln r."""
+        return local_slopes(self.sums)
+
+    @cached_property
+    def _timed_scaling(self) -> tuple[Scaling, float]:
+        began = time.perf_counter()
+        found = find_scaling(self.sums, len(self.states), self.least_ratio)
+        return found, time.perf_counter() - began
+
+    @property
+    def outcome(self) -> Outcome:
+        """Whether there is a scaling region; its value is the message."""
+        return self._timed_scaling[0].outcome
+
+    @property
+    def region(self) -> ScalingRegion | None:
+        """The scaling region, as `dynkit.analysis.dimension.scaling.find_scaling` chooses it.
+
+        Of a finite set, the radii over which nothing changes; None where there is none.
+        """
+        return self._timed_scaling[0].region
+
+    @property
+    def value(self) -> float:
+        """The correlation dimension; NaN when there is no scaling region."""
+        return nan if self.region is None else self.region.slope
+
+    @property
+    def error(self) -> float:
+        """One standard error of the dimension; infinite when there is no scaling region.
+
+        It is made of the slope's statistical error, from bootstrap over blocks of time, which
+        covers that neighbouring radii and successive states share pairs, and of the scatter of the
+        slopes of the region's quarters beyond that.
+        """
+        return inf if self.region is None else self.region.error
+
+    @cached_property
+    def takens(self) -> Estimate:
+        """Takens' maximum-likelihood estimate, from the pairs below the region's largest radius.
+
+        See `dynkit.analysis.dimension.scaling.takens`; NaN when there is no scaling region.
+        """
+        return Estimate(nan, inf) if self.region is None else takens(self.sums, self.region)
+
+    @property
+    def bounds(self) -> tuple[int, int] | None:
+        """Bounds [d] and 2 [d] + 1 of the dimension of a phase space that holds the set.
+
+        [d] is d rounded up: the least integer that d, less its error, does not exceed. None when
+        there is no scaling region.
+
+        References
+        ----------
+        J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, table 1. T. Sauer,
+        J. A. Yorke, M. Casdagli, J. Stat. Phys. 65 (1991) 579-616: the upper one.
+        """
+        if self.region is None:
+            return None
+        least = max(ceil(self.value - self.error), 0)
+        return least, 2 * least + 1
+
+    @property
+    def cost(self) -> Cost:
+        """What the sums and the search for the scaling region cost."""
+        return self.sums.cost + Cost(self._timed_scaling[1])
+
+    def __repr__(self) -> str:
+        used = f"{len(self.states)} states, {self.norm} norm, Theiler window {self.window}"
+        if self.region is None:
+            return f"CorrelationDimension(none: {self.outcome.value}; {used})"
+        found = f"{Estimate(self.value, self.error)}, r from {self.region.low:.3g} to "
+        found += f"{self.region.high:.3g}, {self.region.ratio:.3g}:1"
+        kind = "; finitely many points" if self.outcome is Outcome.FINITE else ""
+        return f"CorrelationDimension({found}{kind}; {used})"
+
+    def plot(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
+        """Draw the correlation sum against the radius, and the scaling region with its line.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        label : str, optional
+            For a legend.
+        """
+        from dynkit.analysis.dimension.drawing import draw_sums
+
+        return draw_sums(self, ax, label)
+
+    def plot_slopes(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
+        """Draw the local slopes with one standard error, the scaling region and both estimates.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        label : str, optional
+            For a legend.
+        """
+        from dynkit.analysis.dimension.drawing import draw_slopes
+
+        return draw_slopes(self, ax, label)
+
+
+def _refuse_few(states: Array) -> None:
+    if len(states) < BLOCKS:
+        raise ValueError(f"source must have {BLOCKS} states or more; got {len(states)}")

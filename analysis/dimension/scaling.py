@@ -1,0 +1,257 @@
+"""Where a correlation sum is a power of the radius, and of which exponent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import final
+
+import numpy as np
+
+from dynkit.analysis.dimension.errors import standard_errors
+from dynkit.analysis.dimension.sums import CorrelationSums, Counts
+from dynkit.validation import Array
+
+STEPS = 8
+"""Radii to an octave."""
+
+TOLERANCE = 0.05
+"""How far, relative, the slopes of a scaling region may differ beyond two standard errors."""
+
+_PITCH = np.log(2.0) / STEPS
+_PARTS = 4
+_LOCAL = STEPS // 2
+_FEWEST_PAIRS = 30  # of which a logarithm has an error worth the name
+# a finite set: a factor of the radius, over which the sum may grow by a part, and visits of a point
+_FLAT_RATIO, _FLAT, _VISITS = 100.0, 0.01, 10
+
+
+class Outcome(Enum):
+    """What the search for a scaling region came to; the value is the message."""
+
+    FOUND = "there is a scaling region"
+    FINITE = "the states are finitely many points: as a set they have dimension 0"
+    NONE = "there is no scaling region"
+
+
+@final
+@dataclass(frozen=True)
+class Estimate:
+    """A number and one standard error.
+
+    Parameters
+    ----------
+    value, error : float
+    """
+
+    value: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.4g} +- {self.error:.2g}"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LocalSlopes:
+    """Slopes d ln C / d ln r, fitted over half an octave about each radius.
+
+    Parameters
+    ----------
+    radii : (k,) array
+    values : (k,) array
+    errors : (k,) array
+        One standard error each, from bootstrap over blocks of time.
+    """
+
+    radii: Array
+    values: Array
+    errors: Array
+
+
+@final
+@dataclass(frozen=True)
+class ScalingRegion:
+    """Radii over which the correlation sum is a power.
+
+    Parameters
+    ----------
+    low, high : float
+        The first and the last radius.
+    slope : float
+        The exponent, by least squares of ln C on ln r.
+    statistical : float
+        One standard error of the slope, from bootstrap over blocks of time.
+    systematic : float
+        Scatter of the slopes of the region's quarters, beyond what chance explains: their mean
+        variance, and the standard error that a variance of four has.
+    """
+
+    low: float
+    high: float
+    slope: float
+    statistical: float
+    systematic: float
+
+    @property
+    def ratio(self) -> float:
+        """Largest radius over the smallest."""
+        return self.high / self.low
+
+    @property
+    def error(self) -> float:
+        """Statistical and systematic error together."""
+        return float(np.hypot(self.statistical, self.systematic))
+
+
+@final
+@dataclass(frozen=True)
+class Scaling:
+    """What a correlation sum scales like.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    region : ScalingRegion or None
+        None when there is none.
+    """
+
+    outcome: Outcome
+    region: ScalingRegion | None
+
+
+def local_slopes(sums: CorrelationSums) -> LocalSlopes:
+    """Return the local slopes of sums at radii of 8 to the octave, where there are 30 pairs."""
+    radii, pairs, shares = _populated(sums)
+    weights = _slope_weights(len(radii), _LOCAL)
+    return LocalSlopes(
+        radii[_LOCAL // 2 :][: len(weights)],
+        weights @ np.log(pairs),
+        standard_errors(pairs, shares, weights),
+    )
+
+
+def find_scaling(sums: CorrelationSums, states: int, least_ratio: float) -> Scaling:
+    """Find the scaling region of sums at radii of 8 to the octave.
+
+    It is the longest range of radii, `least_ratio` or more from end to end, whose quarters have
+    slopes that agree with that of the whole within `TOLERANCE` and two standard errors, and are all
+    known better than `TOLERANCE`. Among ranges of one length it is that of the smallest radii.
+
+    When the sum is flat over a factor of 100 the states are clusters of points there, and only what
+    is smaller is searched; when nothing there scales, the set is finite as far as can be seen.
+    """
+    radii, pairs, shares = _populated(sums)
+    flat = _flat_range(radii, pairs, sums.total, states)
+    end = len(radii) if flat is None else flat[0] + 1
+    region = _longest_region(radii[:end], pairs[:end], shares[:, :end], least_ratio)
+    if region is not None:
+        return Scaling(Outcome.FOUND, region)
+    if flat is None:
+        return Scaling(Outcome.NONE, None)
+    low, high = (float(radii[i]) for i in flat)
+    return Scaling(Outcome.FINITE, ScalingRegion(low, high, 0.0, 0.0, 0.0))
+
+
+def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
+    """Return Takens' maximum-likelihood estimate of the exponent, from all pairs below `high`.
+
+    Distances count by the bins that they fell in, and those below `low` only as below it: the
+    likelihood is that of these counts, so nothing is interpolated. The error is that of bootstrap
+    over blocks of time, and what the estimate changes by when it takes the lower half or the lower
+    three quarters of the region instead, beyond what chance explains.
+
+    References
+    ----------
+    F. Takens, in Lecture Notes in Mathematics 1125 (1985) 99-106. S. Ellner, Phys. Lett. A 133
+    (1988) 128-133: distances that are only known to be small.
+    """
+    inside = (sums.radii >= region.low) & (sums.radii <= region.high) & (sums.pairs > 0)
+    pairs, shares = sums.pairs[inside], sums.shares[:, inside]
+    steps = len(pairs) - 1
+    ends = [len(pairs), steps - steps // 4 + 1, steps - steps // 2 + 1]
+    found = [_likeliest(pairs[:end], shares[:, :end]) for end in ends]
+    apart = sum((other.value - found[0].value) ** 2 - other.error**2 for other in found[1:]) / 2
+    return Estimate(found[0].value, float(np.hypot(found[0].error, np.sqrt(max(apart, 0.0)))))
+
+
+def _likeliest(pairs: Counts, shares: Counts) -> Estimate:
+    """Takens' estimate from counts at successive radii, with its statistical error."""
+    later = float(pairs[1:].sum())
+    part = float(pairs[-1] - pairs[0]) / later
+    # derivative by ln pairs
+    weights = np.full(len(pairs), -part)
+    weights[-1] += 1.0
+    weights[0] = -1.0
+    weights *= pairs / later / (1.0 - part) / _PITCH
+    (error,) = standard_errors(pairs, shares, weights[None, :])
+    return Estimate(float(-np.log1p(-part) / _PITCH), float(error))
+
+
+def _populated(sums: CorrelationSums) -> tuple[Array, Counts, Counts]:
+    there = sums.pairs >= _FEWEST_PAIRS
+    return sums.radii[there], sums.pairs[there], sums.shares[:, there]
+
+
+def _slope_weights(count: int, width: int) -> Array:
+    """Weights, (count - width, count), of the slopes over each width + 1 successive radii."""
+    offsets = np.arange(width + 1) - 0.5 * width
+    weights = np.zeros((max(count - width, 0), count))
+    for i, row in enumerate(weights):
+        row[i : i + width + 1] = offsets / (offsets @ offsets) / _PITCH
+    return weights
+
+
+def _flat_range(radii: Array, pairs: Counts, total: int, states: int) -> tuple[int, int] | None:
+    """First and last index of the lowest flat range of radii."""
+    logs = np.log(pairs)
+    ends = np.searchsorted(logs, logs + _FLAT, side="right") - 1
+    often = pairs * states >= _VISITS * total
+    for i in np.flatnonzero(often & (radii[ends] >= _FLAT_RATIO * radii))[:1].tolist():
+        return i, int(ends[i])
+    return None
+
+
+def _longest_region(
+    radii: Array, pairs: Counts, shares: Counts, least_ratio: float
+) -> ScalingRegion | None:
+    logs = np.log(pairs)
+    shortest = int(np.ceil(np.log(least_ratio) / (_PARTS * _PITCH) - 1e-9))
+    for width in range((len(radii) - 1) // _PARTS, max(shortest, 1) - 1, -1):
+        whole = _slope_weights(len(radii), _PARTS * width)
+        quarters = _slope_weights(len(radii), width)
+        slopes = whole @ logs
+        begins = np.arange(len(whole))[:, None] + width * np.arange(_PARTS)
+        parts = (quarters @ logs)[begins]
+        apart = abs(parts - slopes[:, None]).max(axis=1)
+        # two errors of TOLERANCE at most, and TOLERANCE itself
+        likely = np.flatnonzero((slopes > 0.0) & (apart <= 3.0 * TOLERANCE * slopes))
+        for i in likely.tolist():
+            if _agree(pairs, shares, whole[i], quarters[begins[i]]):
+                return _region(radii, pairs, shares, whole[i], quarters[begins[i]])
+    return None
+
+
+def _agree(pairs: Counts, shares: Counts, whole: Array, quarters: Array) -> bool:
+    logs = np.log(pairs)
+    allowed = TOLERANCE * float(whole @ logs)
+    errors = standard_errors(pairs, shares, quarters - whole)
+    apart = abs((quarters - whole) @ logs)
+    return bool((errors <= allowed).all() and (apart <= allowed + 2.0 * errors).all())
+
+
+def _region(
+    radii: Array, pairs: Counts, shares: Counts, whole: Array, quarters: Array
+) -> ScalingRegion:
+    logs = np.log(pairs)
+    statistical, *errors = standard_errors(pairs, shares, np.vstack([whole, quarters]))
+    expected = (1.0 + np.sqrt(2.0 / (_PARTS - 1))) * float(np.mean(np.square(errors)))
+    scatter = float((quarters @ logs).var(ddof=1)) - expected
+    inside = np.flatnonzero(whole)
+    return ScalingRegion(
+        float(radii[inside[0]]),
+        float(radii[inside[-1]]),
+        float(whole @ logs),
+        float(statistical),
+        float(np.sqrt(max(scatter, 0.0))),
+    )
