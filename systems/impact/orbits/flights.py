@@ -13,7 +13,7 @@ from dynkit.validation import Array
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.solution import Solution
 
-LEAST, MOST = 16, 4096
+LEAST, MOST = 24, 4096
 """Cells of a flight."""
 
 _REFINEMENTS, _CONVERGED = 12, 1e-7
@@ -43,7 +43,7 @@ class Flight:
         self._sizes = solution.motion.bounds * state
         total = self._sizes.sum(axis=(1, 2)) + turning
         # Cells that resolve whatever is of some size.
-        count = 2.0 * self.lasts * math.sqrt(total[2] / total[0]) if total[0] > 0.0 else 0.0
+        count = 4.0 * self.lasts * math.sqrt(total[2] / total[0]) if total[0] > 0.0 else 0.0
         self._cells = int(min(max(count, LEAST), MOST))
         self._turning = float(turning[3])
 

@@ -101,8 +101,13 @@ class ImpactProblem(Problem):
         for known, parts in self._known:
             if known == key:
                 return parts
-        system = self.system(p)
-        parts = free_motion(system._structure), Terms.of(system)
+        if self._plain_names.issuperset(self._names):
+            # No need of a system for each value.
+            changes = dict(zip(self._names, p.tolist(), strict=True))
+            parts = free_motion(self.oscillator._structure), Terms.of(self.oscillator, changes)
+        else:
+            system = self.system(p)
+            parts = free_motion(system._structure), Terms.of(system)
         self._known = [(key, parts), *self._known[:7]]
         return parts
 

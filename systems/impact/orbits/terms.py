@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
 
 EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
 """Parameters by which derivatives are in closed form."""
+
+_NO_CHANGES: Mapping[str, float] = {}
 
 
 @final
@@ -46,21 +50,27 @@ class Terms:
     signs: Array
 
     @staticmethod
-    def of(oscillator: ImpactOscillator) -> Terms:
-        """The terms of an oscillator."""
-        shape, by_frequency, still = _steady_response(oscillator)
-        c, stands = oscillator.contact, oscillator._stands
-        return Terms(
-            oscillator.frequency,
-            oscillator.restitution,
-            shape,
-            still,
-            complex(shape[c]) - oscillator.amplitude,
-            complex(by_frequency[c]),
-            float(still[c]),
-            np.array([stand.offset for stand in stands]),
-            np.array([float(stand.sign) for stand in stands]),
-        )
+    def of(oscillator: ImpactOscillator, changes: Mapping[str, float] = _NO_CHANGES) -> Terms:
+        """The terms of an oscillator, with other values of some of the `EXACT` parameters.
+
+        Raises
+        ------
+        NoSolution
+            When a value is out of range, or the forces have no steady response.
+        """
+        values = {name: changes.get(name, getattr(oscillator, name)) for name in EXACT}
+        w, r, a = values["frequency"], values["restitution"], values["amplitude"]
+        if not (w > 0.0 and 0.0 <= r <= 1.0 and a >= 0.0 and values["play"] > 0.0):
+            raise NoSolution(f"parameters are out of range: {values}")
+        shape, by_frequency, still = _steady_response(oscillator, w)
+        c, sign = oscillator.contact, 1.0 if oscillator.side == "above" else -1.0
+        places, signs = [values["offset"]], [sign]
+        if math.isfinite(values["play"]):
+            places.append(values["offset"] + sign * values["play"])
+            signs.append(-sign)
+        drive = complex(shape[c]) - a
+        rate, rest = complex(by_frequency[c]), float(still[c])
+        return Terms(w, r, shape, still, drive, rate, rest, np.array(places), np.array(signs))
 
     def gap(self, sides: Any, phases: Any, order: int = 0) -> Array:
         """Steady part (n,) of the gaps of the given sides, or their derivative by the phase."""
@@ -75,19 +85,18 @@ class Terms:
         return np.asarray(self.signs[sides] * (by * turn).imag)
 
 
-def _steady_response(oscillator: ImpactOscillator) -> tuple[Any, Any, Array]:
+def _steady_response(oscillator: ImpactOscillator, w: float) -> tuple[Any, Any, Array]:
     """Steady response (N,), its derivative by the frequency (N,), and the place of rest (N,)."""
     harmonic, constant = oscillator._drive.harmonic, oscillator._drive.constant
-    w = oscillator.frequency
-    mass, damping, stiffness = oscillator.mass, oscillator.damping_matrix, oscillator.stiffness
     shape, by_frequency, still = np.zeros_like(harmonic), np.zeros_like(harmonic), constant
     try:
         if harmonic.any():
-            rigidity = stiffness + 1j * w * damping - w * w * mass
+            mass, damping = oscillator.mass, oscillator.damping_matrix
+            rigidity = oscillator.stiffness + 1j * w * damping - w * w * mass
             shape = np.linalg.solve(rigidity, harmonic)
             by_frequency = np.linalg.solve(rigidity, (2.0 * w * mass - 1j * damping) @ shape)
         if constant.any():
-            still = np.asarray(np.linalg.solve(stiffness, constant), dtype=float)
+            still = np.asarray(np.linalg.solve(oscillator.stiffness, constant), dtype=float)
     except np.linalg.LinAlgError:
         raise NoSolution("the forces have no steady response") from None
     return shape, by_frequency, still
