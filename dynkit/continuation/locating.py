@@ -19,7 +19,7 @@ _HALVINGS = 45
 # rounding.
 _FLAT, _UNFOLDED = 1e-3, 1e-9
 # A place that may be wrong by more, in the range of the parameter, is not solved for.
-_UNSURE = 1e-6
+_UNSURE = 1e-9
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}

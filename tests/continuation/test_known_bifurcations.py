@@ -135,6 +135,14 @@ def test_a_pair_that_forms_beyond_the_product_one_is_no_torus() -> None:
     assert [b.kind for b in branch.bifurcations] == ["BP"]
 
 
+def test_pairs_that_stay_on_the_unit_circle_are_no_tori() -> None:
+    # area is preserved; mu^2 - t mu + 1 has the double root 1 at t = 2, and -1 at t = -2
+    orbit = Cycle(Rotation(1.0, 0.3), np.zeros(2))
+    branch = continue_orbit(orbit, "t", bounds=(-3.0, 3.0))
+    assert [b.kind for b in branch.bifurcations] == ["PD", "BP"]
+    assert np.allclose([b.value for b in branch.bifurcations], [-2.0, 2.0], rtol=0.0, atol=1e-10)
+
+
 def test_a_multiplier_that_passes_infinity_is_no_bifurcation() -> None:
     orbit = PoleOrbit(Flat("pitchfork", -0.5), np.zeros(1))
     branch = continue_orbit(orbit, "p", bounds=(-0.6, 0.6))
