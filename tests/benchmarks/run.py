@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from dynkit import sweep
 from dynkit.systems import ImpactChain
+from tests.benchmarks.continuation import continuation
 from tests.benchmarks.report import table
 from tests.benchmarks.structures import structures
 from tests.reference import solve_ivp_peer
@@ -198,6 +199,7 @@ def main() -> None:
     impact_speed()
     growth_with_size()
     structures()
+    continuation()
     start_up()
     beside_solve_ivp()
     grazing()
