@@ -8,8 +8,10 @@ if TYPE_CHECKING:
     from dynkit.analysis.chatter import ChatterRatios
     from dynkit.analysis.diagram import BifurcationDiagram
     from dynkit.analysis.dimension.dimension import CorrelationDimension
+    from dynkit.analysis.lyapunov import LyapunovSpectrum
     from dynkit.analysis.pod import POD
     from dynkit.analysis.sections import ImpactSection, StroboscopicSection
+    from dynkit.analysis.sensitivity import Sensitivity
     from dynkit.analysis.series import TimeSeries
     from dynkit.analysis.space_time import SpaceTime
     from dynkit.analysis.spectrum import PowerSpectrum
@@ -20,7 +22,9 @@ __all__ = [
     "ChatterRatios",
     "CorrelationDimension",
     "ImpactSection",
+    "LyapunovSpectrum",
     "PowerSpectrum",
+    "Sensitivity",
     "SpaceTime",
     "StroboscopicSection",
     "TimeSeries",
@@ -33,8 +37,10 @@ __getattr__, __dir__ = lazy_names(
         "ChatterRatios": "dynkit.analysis.chatter",
         "CorrelationDimension": "dynkit.analysis.dimension.dimension",
         "ImpactSection": "dynkit.analysis.sections",
+        "LyapunovSpectrum": "dynkit.analysis.lyapunov",
         "POD": "dynkit.analysis.pod",
         "PowerSpectrum": "dynkit.analysis.spectrum",
+        "Sensitivity": "dynkit.analysis.sensitivity",
         "SpaceTime": "dynkit.analysis.space_time",
         "StroboscopicSection": "dynkit.analysis.sections",
         "TimeSeries": "dynkit.analysis.series",

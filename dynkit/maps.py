@@ -11,6 +11,9 @@ import numpy as np
 from dynkit.differences import parameter_difference
 from dynkit.validation import Array, finite_array, finite_scalar, non_negative_integer
 
+_CLEAR = 1e3
+"""So many errors of single numbers long a direction must be, for a log that is right to 1e-3."""
+
 
 class Family:
     """What has named numeric parameters, and is changed by `replace`.
@@ -264,13 +267,13 @@ class Map(Family, ABC):
         frame = np.eye(self.dimension)
         logs, times = np.empty((count, self.dimension)), np.empty(count)
         for i in range(count):
-            here, derivative, times[i] = self._passage(here)
-            frame, logs[i] = stretched(derivative @ frame, self.accuracy)
+            here, frame, logs[i], times[i] = self._carried(here, frame)
         return Stretching(logs, None if np.isnan(times).any() else times, here)
 
-    def _passage(self, state: Array) -> tuple[Array, Array, float]:
-        """The next state, its derivative, and the time it takes; NaN without one."""
-        return self(state), self.jacobian(state), np.nan
+    def _carried(self, state: Array, frame: Array) -> tuple[Array, Array, Array, float]:
+        """The next state, the frame there, logs of its stretching, and the time; NaN for none."""
+        carried = stretched(self.jacobian(state) @ frame, self.accuracy)
+        return self(state), *carried, np.nan
 
     @final
     def iterate(self, state: Array, n: int) -> Array:
@@ -301,16 +304,16 @@ class Map(Family, ABC):
 
 
 def stretched(frame: Array, accuracy: float) -> tuple[Array, Array]:
-    """Return the orthonormal frame of directions (d, d), columns, and logs (d,) of their lengths.
+    """Return the orthonormal frame of directions (d, k), columns, and logs (k,) of their lengths.
 
     The length of what is left of a direction beside those before it: minus infinity for none, NaN
-    for less than errors of the relative size `accuracy` may have left.
+    for less than a thousand errors of the size `accuracy`, relative to the largest.
     """
     q, r = np.linalg.qr(frame)
     left = abs(r.diagonal())
     with np.errstate(divide="ignore"):
         logs = np.log(left)
-    unknown = (left > 0.0) & (left <= accuracy * np.linalg.norm(frame, axis=0))
+    unknown = (left > 0.0) & (left <= _CLEAR * accuracy * left.max())
     return q, np.where(unknown, np.nan, logs)
 
 

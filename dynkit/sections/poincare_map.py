@@ -8,9 +8,12 @@ from typing import Self, final
 import numpy as np
 
 from dynkit.flows import Crossing, Flow
-from dynkit.maps import Map
+from dynkit.maps import Map, stretched
 from dynkit.sections.surfaces import PoincareSection
 from dynkit.validation import Array, finite_array, positive
+
+_HALVINGS = 8
+"""How often a return is halved at most to follow a frame that it stretches unevenly."""
 
 
 class TangentCrossing(RuntimeError):
@@ -110,13 +113,33 @@ class PoincareMap(Map):
         NoCrossing, ValueError
             As the call itself.
         """
-        return self._passage(state)[1]
-
-    def _passage(self, state: Array) -> tuple[Array, Array, float]:
         hit = self.crossing(state)
         transport = self.flow.derivative(self.section.lift(state), hit.time)
-        jacobian = self._on_section(hit, transport @ self.section.lift_derivative(state))
-        return self.section.reduce(hit.state), jacobian, hit.time
+        return self._on_section(hit, transport @ self.section.lift_derivative(state))
+
+    def _carried(self, state: Array, frame: Array) -> tuple[Array, Array, Array, float]:
+        hit = self.crossing(state)
+        for parts in 2 ** np.arange(_HALVINGS):
+            # in shorter parts less is hidden by the direction that stretches most
+            here = self.section.lift(state)
+            there = self._across(here, self.section.lift_derivative(state) @ frame)
+            logs = np.zeros(self.dimension)
+            for _ in range(parts):
+                here, derivative = self.flow._transport(here, hit.time / float(parts))
+                moved = self._across(here, derivative @ there)
+                there, more = stretched(moved, self.accuracy)
+                logs += more
+            there, more = stretched(self._on_section(hit, there), self.accuracy)
+            logs += more
+            if not np.isnan(logs).any():
+                break
+        return self.section.reduce(hit.state), there, logs, hit.time
+
+    def _across(self, state: Array, change: Array) -> Array:
+        """Changes (d, k) less what is along the flow, which the section does not see."""
+        along = self.flow.velocity(state)
+        along = along / np.linalg.norm(along)
+        return np.asarray(change - np.outer(along, along @ change))
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative, (d - 1,), by a parameter, the hit time's own change included.

@@ -1,0 +1,353 @@
+"""Lyapunov exponents: how fast nearby motions part or meet, in every direction."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.analysis.averages import LEAST, BlockAverages
+from dynkit.analysis.figures import shown_axes
+from dynkit.attractors import Attractor
+from dynkit.flows import Flow, NoCrossing
+from dynkit.maps import Map, Stretching
+from dynkit.results import Cost
+from dynkit.validation import Array, finite_array, positive, positive_integer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SETTLING = 4
+"""One more iterate in so many is made at first, in which the frame turns into its directions."""
+
+_POINTS = 400
+"""Points of a curve of convergence."""
+
+
+@final
+class LyapunovSpectrum:
+    """All Lyapunov exponents of a motion, from exact derivatives, with errors.
+
+    A frame of all directions is carried along the motion and made orthonormal after every iterate
+    (QR); the exponents are the averages of the logarithms of its stretching. A quarter as many
+    iterates again come before those that count. All is worked out when it is first asked for.
+
+    Errors are one standard error, from the scatter of 32 blocks of the motion, and the accuracy of
+    a single iterate besides; for periodic and quasi-periodic motions, which are told by the much
+    faster convergence of weighted averages, the largest distance between these over parts of the
+    motion. They hold when the motion is `resolved`, and for that attractor: chaos that ends after
+    all is not told from chaos that lasts.
+
+    An exponent is minus infinity where a direction is lost for good, as two of them are in every
+    sticking contact of an impact oscillator. It is NaN where rounding hides it: a direction that
+    shrinks in one iterate, relative to others, to less than a thousand times the accuracy of the
+    derivatives.
+
+    Parameters
+    ----------
+    attractor : Attractor
+        Of a map, a Poincare map, an impact oscillator; the motion goes on from its last state. A
+        Poincare map has one exponent less than its flow: not the one that is zero.
+    iterations : int
+        Iterates that count; at least 128.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value; when the results are asked for, also when the
+        motion ends.
+
+    References
+    ----------
+    See `Map.stretching`; for the errors `BlockAverages`; and P. Frederickson, J. L. Kaplan, E. D.
+    Yorke, J. A. Yorke, The Liapunov dimension of strange attractors, J. Differential Equations 49
+    (1983) 185-207.
+
+    Examples
+    --------
+    >>> from dynkit import MapAttractor
+    >>> from dynkit.systems import Logistic
+    >>> attractor = MapAttractor(Logistic(rate=4.0), [0.3], transient=10, iterations=1)
+    >>> spectrum = LyapunovSpectrum(attractor, iterations=2000)
+    >>> bool(abs(spectrum.exponents[0] - np.log(2.0)) < 3.0 * spectrum.error[0])
+    True
+    """
+
+    def __init__(self, attractor: Attractor, iterations: int = 10_000) -> None:
+        if not isinstance(attractor, Attractor):
+            raise ValueError(f"attractor must be an Attractor; got {attractor!r}")
+        if not len(attractor.states):
+            raise ValueError("attractor must have a state; got one that came to rest")
+        system = attractor.system
+        self._take(system, partial(system.stretching, attractor.states[-1]), iterations)
+
+    @classmethod
+    def of_map(cls, system: Map, start: object, *, iterations: int = 10_000) -> Self:
+        """Return the exponents of the motion of a map from a start, (d,).
+
+        What the motion takes to settle should be short beside a quarter of the iterations.
+
+        Raises
+        ------
+        ValueError
+            As the class itself; and when the start is not finite or not of that shape.
+
+        Examples
+        --------
+        >>> from dynkit.systems import Henon
+        >>> spectrum = LyapunovSpectrum.of_map(Henon(), [0.1, 0.1], iterations=2000)
+        >>> bool(abs(spectrum.exponents.sum() - np.log(0.3)) < 1e-12)
+        True
+        """
+        if not isinstance(system, Map):
+            raise ValueError(f"system must be a Map; got {system!r}")
+        state = finite_array("start", start, (system.dimension,)).copy()
+        made = cls.__new__(cls)
+        made._take(system, partial(system.stretching, state), iterations)
+        return made
+
+    @classmethod
+    def of_flow(
+        cls, flow: Flow, start: object, *, interval: float, iterations: int = 10_000
+    ) -> Self:
+        """Return the exponents per unit of time of the motion of a flow from a start, (d,).
+
+        An autonomous flow has one exponent that is zero unless the motion ends in a fixed point.
+
+        Parameters
+        ----------
+        flow : Flow
+        start : (d,) array
+        interval : float
+            Time of an iterate, from one QR decomposition to the next: short enough that what
+            shrinks fastest does not fall below the accuracy of the flow.
+        iterations : int
+            Intervals that count; at least 128.
+
+        Raises
+        ------
+        ValueError
+            As the class itself; and when the start is not finite or not of that shape.
+        """
+        if not isinstance(flow, Flow):
+            raise ValueError(f"flow must be a Flow; got {flow!r}")
+        state = finite_array("start", start, (flow.dimension,)).copy()
+        duration = positive("interval", interval)
+        made = cls.__new__(cls)
+        made._take(flow, partial(flow.stretching, state, duration), iterations)
+        return made
+
+    def _take(
+        self, system: Map | Flow, stretching: Callable[[int], Stretching], iterations: int
+    ) -> None:
+        self._system, self._stretching = system, stretching
+        self._iterations = positive_integer("iterations", iterations)
+        if self._iterations < LEAST:
+            raise ValueError(f"iterations must be at least {LEAST}; got {iterations}")
+
+    @cached_property
+    def _run(self) -> tuple[Array, Array | None, Cost]:
+        """Logs (n, d) and times (n,) that count, in falling order of the exponents."""
+        began = time.perf_counter()
+        total = self._iterations + self._iterations // _SETTLING
+        try:
+            found = self._stretching(total)
+        except NoCrossing as end:
+            raise ValueError(f"attractor must go on for {total} iterates; {end}") from end
+        logs = found.logs[-self._iterations :]
+        times = None if found.times is None else found.times[-self._iterations :]
+        if isinstance(self._system, Flow) and times is not None:
+            logs = logs / times[:, None]
+        with np.errstate(invalid="ignore"):
+            means = logs.mean(axis=0)
+        order = np.argsort(np.where(np.isnan(means), np.inf, -means), kind="stable")
+        cost = Cost(time.perf_counter() - began, {"iterates": total})
+        return logs[:, order], times, cost
+
+    @cached_property
+    def _averages(self) -> tuple[BlockAverages, NDArray[np.bool_]]:
+        """Averages of the finite logs, and of the times, the last one; and their exponents."""
+        logs, times, _ = self._run
+        finite = np.asarray(np.isfinite(logs).all(axis=0))
+        last = np.ones(len(logs)) if times is None or isinstance(self._system, Flow) else times
+        return BlockAverages(np.column_stack([logs[:, finite], last])), finite
+
+    def _completed(self, estimate: tuple[Array, Array], accuracy: float) -> tuple[Array, Array]:
+        """Values and errors (d,) with those that are not finite."""
+        logs, finite = self._run[0], self._averages[1]
+        values = np.where(np.isnan(logs).any(axis=0), np.nan, -np.inf)
+        errors = np.where(np.isnan(values), np.nan, 0.0)
+        values[finite], errors[finite] = estimate[0], estimate[1] + accuracy
+        for array in (values, errors):
+            array.setflags(write=False)
+        return values, errors
+
+    @cached_property
+    def _accuracy(self) -> float:
+        if isinstance(self._system, Map):
+            return self._system.accuracy
+        times = self._run[1]
+        assert times is not None  # flows have them
+        return self._system.accuracy / float(times[0])
+
+    @cached_property
+    def _exponents(self) -> tuple[Array, Array]:
+        averages, _ = self._averages
+        return self._completed(averages.estimate(lambda mean: mean[:-1]), self._accuracy)
+
+    @property
+    def exponents(self) -> Array:
+        """Exponents (d,) per iterate, or of a flow per unit of time; the largest first."""
+        return self._exponents[0]
+
+    @property
+    def error(self) -> Array:
+        """Errors (d,) of the exponents."""
+        return self._exponents[1]
+
+    @cached_property
+    def _per_time(self) -> tuple[Array, Array]:
+        if self._run[1] is None:
+            raise ValueError(f"system must have return times; got {self._system!r}")
+        averages, _ = self._averages
+        estimate = averages.estimate(lambda mean: mean[:-1] / mean[-1])
+        duration = float(averages.estimate(lambda mean: mean[-1:])[0][0])
+        return self._completed(estimate, self._accuracy / duration)
+
+    @property
+    def per_time(self) -> Array:
+        """Exponents (d,) per unit of time.
+
+        Raises
+        ------
+        ValueError
+            When the system is a map without return times.
+        """
+        return self._per_time[0]
+
+    @property
+    def per_time_error(self) -> Array:
+        """Errors (d,) of the exponents per unit of time."""
+        return self._per_time[1]
+
+    @cached_property
+    def _sum(self) -> tuple[float, float]:
+        averages, finite = self._averages
+        if not finite.all():
+            total = float(self.exponents.sum())
+            return total, 0.0 if total == -np.inf else np.nan
+        value, error = averages.estimate(lambda mean: mean[:-1].sum(keepdims=True))
+        return float(value[0]), float(error[0]) + len(finite) * self._accuracy
+
+    @property
+    def sum(self) -> float:
+        """The sum of all exponents: the average growth of the logarithm of a volume."""
+        return self._sum[0]
+
+    @property
+    def sum_error(self) -> float:
+        """Error of the sum, much smaller than those of its terms where volumes shrink evenly."""
+        return self._sum[1]
+
+    @cached_property
+    def _dimension(self) -> tuple[float, float]:
+        averages, finite = self._averages
+        values, errors = self._exponents
+        # What is zero within its error is taken for zero: tori, and cycles of flows, hinge on it.
+        zero = (abs(values) <= 2.0 * errors)[finite]
+
+        def dimension(mean: Array) -> Array:
+            exponents = values.copy()
+            exponents[finite] = np.where(zero, 0.0, mean[:-1])
+            return np.array([kaplan_yorke(exponents)])
+
+        value, error = averages.estimate(dimension)
+        return float(value[0]), float(error[0])
+
+    @property
+    def dimension(self) -> float:
+        """Kaplan and Yorke's dimension, of the attractor in the section for a map of a section.
+
+        Exponents that are zero within twice their error count as zero.
+        """
+        return self._dimension[0]
+
+    @property
+    def dimension_error(self) -> float:
+        """Error of the `dimension`."""
+        return self._dimension[1]
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the run is long enough for its errors.
+
+        False when one of 32 blocks still tells the next one: the motion remembers for longer than
+        a block, or has not settled. The errors are too small then.
+        """
+        return self._averages[0].resolved
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds, and iterates that were followed."""
+        return self._run[2]
+
+    def __repr__(self) -> str:
+        name = type(self._system).__name__
+        if "_run" not in vars(self):
+            return f"<LyapunovSpectrum of {name}: {self._iterations} iterates, when asked for>"
+        values, errors = self._exponents
+        shown = ", ".join(f"{v:.4g}" for v in values[:3]) + (", ..." if len(values) > 3 else "")
+        short = "" if self.resolved else "; too short for its errors"
+        return (
+            f"<LyapunovSpectrum of {name}: {shown}; largest +- {errors[0]:.1g}, "
+            f"dimension {self.dimension:.4g}{short}>"
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw how the averages converge with the number of iterates, and the largest one's error.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+        """
+        axes = shown_axes(ax)
+        logs = self._run[0][:, self._averages[1]]
+        counts = np.unique(np.geomspace(1, len(logs), _POINTS).astype(np.intp))
+        means = np.cumsum(logs, axis=0)[counts - 1] / counts[:, None]
+        axes.plot(counts, means, color="black", linewidth=0.5)
+        if np.isfinite(self.exponents[0]):
+            low, high = self.exponents[0] + self.error[0] * np.array([-1.0, 1.0])
+            axes.axhspan(float(low), float(high), color="0.8", zorder=0)
+        axes.set_xscale("log")
+        axes.set_xlabel("iterates $n$")
+        axes.set_ylabel(r"Lyapunov exponents $\lambda_i$")
+        return axes
+
+
+def kaplan_yorke(exponents: Array) -> float:
+    """Return Kaplan and Yorke's dimension for exponents (d,) in falling order.
+
+    j + (lambda_1 + ... + lambda_j) / |lambda_{j+1}|, for the largest j with a sum that is not
+    negative; d where no sum is negative, and NaN where an exponent that is NaN decides.
+
+    Examples
+    --------
+    >>> kaplan_yorke(np.array([0.5, 0.0, -2.0]))
+    2.25
+    >>> kaplan_yorke(np.array([-0.1, -np.inf])), kaplan_yorke(np.array([0.1, -np.inf]))
+    (0.0, 1.0)
+    """
+    total = 0.0
+    exponent: float
+    for j, exponent in enumerate(exponents.tolist()):
+        if np.isnan(exponent):
+            return np.nan
+        if total + exponent < 0.0:
+            return j - total / exponent
+        total += exponent
+    return float(len(exponents))

@@ -1,0 +1,398 @@
+"""Lyapunov exponents against closed forms, published values and multipliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynkit import Hyperplane, MapAttractor, PoincareMap
+from dynkit.analysis.lyapunov import LyapunovSpectrum, kaplan_yorke
+from dynkit.attractors import Attractor
+from dynkit.maps import Map
+from dynkit.systems import (
+    BouncingBall,
+    Henon,
+    HighBounce,
+    ImpactChain,
+    Logistic,
+    Lorenz,
+    SingleImpactOscillator,
+)
+from dynkit.systems.impact.twins import BLOCK, growth_of_distance
+from dynkit.validation import Array, finite_array
+from tests.example_systems import CircleRotation, DampedRotation, DelayedLogistic
+from tests.impact.one_mass import periodic_orbits
+
+# J. C. Sprott, Chaos and Time-Series Analysis, Oxford 2003, appendix A.
+HENON, LORENZ = (0.41922, -1.62319), (0.9056, 0.0, -14.5723)
+HENON_DIMENSION, LORENZ_DIMENSION = 1.25826, 2.06215
+
+
+@cache
+def henon() -> LyapunovSpectrum:
+    return LyapunovSpectrum.of_map(Henon(), [0.1, 0.1], iterations=40_000)
+
+
+@cache
+def lorenz() -> LyapunovSpectrum:
+    flow = Lorenz(tolerance=1e-7)
+    return LyapunovSpectrum.of_flow(flow, [1.0, 1.0, 20.0], interval=0.2, iterations=2000)
+
+
+@cache
+def chain(frequency: float, transient: int = 1000) -> Attractor:
+    return ImpactChain(frequency=frequency).attractor(transient=transient)
+
+
+# --- maps ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("start", [0.1, 0.2, 0.3, 0.4, 0.6])
+def test_the_logistic_map_doubles_distances(start: float) -> None:
+    spectrum = LyapunovSpectrum.of_map(Logistic(rate=4.0), [start], iterations=3000)
+    assert abs(spectrum.exponents[0] - np.log(2.0)) < 2.0 * spectrum.error[0]
+    assert spectrum.error[0] < 0.02
+    assert spectrum.resolved
+
+
+def test_exponents_of_henon() -> None:
+    spectrum = henon()
+    assert (abs(spectrum.exponents - HENON) < 3.0 * spectrum.error + 5e-6).all()
+    assert spectrum.error.max() < 0.003
+    assert spectrum.resolved
+
+
+def test_the_dimension_of_henon() -> None:
+    spectrum = henon()
+    gap = abs(spectrum.dimension - HENON_DIMENSION)
+    assert gap < 3.0 * spectrum.dimension_error + 5e-6
+    assert spectrum.dimension_error < 0.002
+
+
+def test_the_sum_is_the_logarithm_of_the_determinant() -> None:
+    spectrum = henon()
+    assert abs(spectrum.sum - np.log(0.3)) < spectrum.sum_error
+    assert spectrum.sum_error < 1e-13
+    ball = LyapunovSpectrum.of_map(HighBounce(0.6, 8.0), [0.1, 5.0], iterations=500)
+    assert abs(ball.sum - np.log(0.6)) < 1e-13
+
+
+def test_errors_are_standard_errors() -> None:
+    # Of 40 runs; the root mean square of 40 normal deviates lies in [0.66, 1.34] by three of its
+    # own standard errors, sqrt(1/80), and twice the error holds 36 of them or more.
+    starts = Henon().iterate(np.array([0.1, 0.1]), 40)[1:] * [0.5, 0.5]
+    runs = [LyapunovSpectrum.of_map(Henon(), start, iterations=640) for start in starts]
+    deviates = np.array([(run.exponents[0] - HENON[0]) / run.error[0] for run in runs])
+    assert 0.66 < np.sqrt((deviates**2).mean()) < 1.34
+    assert (abs(deviates) <= 2.0).sum() >= 36
+
+
+@pytest.mark.parametrize(("rate", "n"), [(2.8, 1), (3.2, 2), (3.5, 4)])
+def test_exponents_of_cycles_are_logarithms_of_multipliers(rate: float, n: int) -> None:
+    attractor = MapAttractor(Logistic(rate), np.array([0.3]), transient=500, iterations=20)
+    spectrum = LyapunovSpectrum(attractor, 1000)
+    multiplier = attractor.periodic_orbit().multipliers[0]
+    assert spectrum.exponents[0] == pytest.approx(np.log(abs(multiplier)) / n, abs=1e-12)
+    assert spectrum.dimension == 0.0
+
+
+def test_a_superstable_cycle_has_an_exponent_of_minus_infinity() -> None:
+    spectrum = LyapunovSpectrum.of_map(Logistic(rate=2.0), [0.5], iterations=200)
+    assert spectrum.exponents[0] == -np.inf
+    assert spectrum.error[0] == 0.0
+    assert spectrum.sum == -np.inf
+    assert spectrum.dimension == 0.0
+
+
+def test_a_torus_has_an_exponent_of_zero() -> None:
+    # Beyond its Neimark-Sacker bifurcation at 2 the map has an invariant circle.
+    spectrum = LyapunovSpectrum.of_map(DelayedLogistic(2.1), [0.4, 0.4], iterations=8000)
+    assert abs(spectrum.exponents[0]) <= 2.0 * spectrum.error[0]
+    assert spectrum.error[0] < 1e-6
+    assert spectrum.exponents[1] < -0.01
+    assert spectrum.dimension == pytest.approx(1.0, abs=1e-6)
+
+
+def test_what_rounding_hides_is_no_number() -> None:
+    @dataclass(frozen=True)
+    class Flat(Map):
+        dimension = 2
+
+        def __call__(self, state: Array) -> Array:
+            return finite_array("state", state, (2,)).copy()
+
+        def jacobian(self, state: Array) -> Array:
+            turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+            return np.asarray(turn @ np.diag([1.0, 1e-20]) @ turn)
+
+    spectrum = LyapunovSpectrum.of_map(Flat(), [0.1, 0.1], iterations=200)
+    assert np.isfinite(spectrum.exponents[0])
+    assert np.isnan(spectrum.exponents[1])
+    assert np.isnan(spectrum.error[1])
+
+
+def test_a_rotation_in_closed_form() -> None:
+    spectrum = LyapunovSpectrum.of_map(CircleRotation(1.0), [0.3, 0.2], iterations=200)
+    assert spectrum.exponents == pytest.approx([0.0, np.log(0.5)], abs=1e-15)
+    assert spectrum.dimension == 1.0
+
+
+# --- flows ---------------------------------------------------------------------------------------
+
+
+def test_exponents_of_lorenz() -> None:
+    spectrum = lorenz()
+    assert (abs(spectrum.exponents - LORENZ) < 3.0 * spectrum.error + 5e-5).all()
+    assert spectrum.error.max() < 0.03
+    assert (spectrum.per_time == spectrum.exponents).all()
+
+
+def test_volumes_of_lorenz_shrink_evenly() -> None:
+    spectrum = lorenz()
+    assert abs(spectrum.sum + 10.0 + 1.0 + 8.0 / 3.0) < spectrum.sum_error
+    assert spectrum.sum_error < 1e-4
+
+
+def test_the_dimension_of_lorenz() -> None:
+    spectrum = lorenz()
+    assert abs(spectrum.dimension - LORENZ_DIMENSION) < 3.0 * spectrum.dimension_error + 5e-6
+
+
+def test_a_section_has_the_flow_s_exponents_but_the_zero() -> None:
+    flow = Lorenz(tolerance=1e-9)
+    plane = Hyperplane(np.array([0.0, 0.0, 1.0]), offset=27.0, direction=-1)
+    section = PoincareMap(flow, plane, time_limit=10.0)
+    attractor = MapAttractor(section, np.array([2.0, 2.0]), transient=20, iterations=1)
+    spectrum = LyapunovSpectrum(attractor, 400)
+    assert (abs(spectrum.per_time - [LORENZ[0], LORENZ[2]]) < 3.0 * spectrum.per_time_error).all()
+    assert spectrum.per_time_error.max() < 0.2
+    # the volume shrinks evenly in time
+    total = float(spectrum.per_time.sum())
+    assert total == pytest.approx(-41.0 / 3.0, abs=3.0 * float(spectrum.per_time_error.max()))
+    assert spectrum.dimension + 1.0 == pytest.approx(LORENZ_DIMENSION, abs=0.02)
+
+
+def test_a_linear_flow_in_closed_form() -> None:
+    flow = DampedRotation()
+    spectrum = LyapunovSpectrum.of_flow(flow, [1.0, 0.0, 0.5], interval=0.3, iterations=200)
+    assert spectrum.exponents == pytest.approx([-0.1, -0.1, -0.3], abs=1e-13)
+
+
+# --- impacts -------------------------------------------------------------------------------------
+
+
+def test_exponents_of_p13_are_logarithms_of_its_multipliers() -> None:
+    attractor = chain(0.87, 5000)
+    spectrum = LyapunovSpectrum(attractor, 20_000)
+    multipliers = attractor.periodic_orbit().multipliers  # type: ignore[attr-defined]
+    gap = abs(spectrum.exponents - np.log(abs(multipliers)))
+    assert gap.max() < 1e-9
+    assert spectrum.error.max() < 1e-8
+
+
+@pytest.mark.parametrize(("frequency", "n"), [(0.8, 2), (0.68, 3)])
+def test_exponents_of_several_impacts_are_means(frequency: float, n: int) -> None:
+    attractor = chain(frequency, 3000)
+    spectrum = LyapunovSpectrum(attractor, 20_000)
+    multipliers = attractor.periodic_orbit().multipliers  # type: ignore[attr-defined]
+    assert attractor.label.impacts == n
+    gap = abs(spectrum.exponents - np.log(abs(multipliers)) / n)
+    assert gap.max() < 1e-8
+
+
+@pytest.mark.parametrize(("frequency", "periods"), [(1.8, 1), (2.1, 1), (2.4, 1)])
+def test_one_mass_against_closed_forms(frequency: float, periods: int) -> None:
+    system = SingleImpactOscillator(
+        frequency=frequency, damping_ratio=0.02, restitution=0.8, stop=0.1
+    )
+    (exact,) = periodic_orbits(system, periods)
+    assert exact.stable
+    spectrum = LyapunovSpectrum.of_map(system, exact.state, iterations=20_000)
+    expected = np.sort(np.log(abs(exact.multipliers)))[::-1]
+    assert spectrum.exponents == pytest.approx(expected, abs=1e-9)
+    period = 2.0 * np.pi * periods / frequency
+    assert spectrum.per_time == pytest.approx(expected / period, abs=1e-9)
+
+
+def test_volumes_shrink_as_restitution_and_damping_say() -> None:
+    # Chaos without contact, over 32 blocks of 31. 2 log r for an impact, and the trace of the
+    # damping, 0.1 (2 * 9 + 1), times the time.
+    attractor = chain(1.37)
+    spectrum = LyapunovSpectrum(attractor, 1000)
+    found = attractor.system.stretching(attractor.states[-1], 1250)
+    assert found.times is not None
+    expected = 2.0 * np.log(0.85) - 1.9 * float(found.times[-32 * 31 :].mean())
+    assert spectrum.sum == pytest.approx(expected, abs=1e-10)
+    assert spectrum.exponents[0] > 3.0 * spectrum.error[0]
+
+
+def test_a_bouncing_ball_loses_two_logarithms_of_the_restitution_per_bounce() -> None:
+    ball = BouncingBall(amplitude=1.0, frequency=3.0, restitution=0.95)
+    attractor = ball.attractor(transient=100, impacts=1)
+    spectrum = LyapunovSpectrum(attractor, 2000)
+    assert spectrum.sum == pytest.approx(2.0 * np.log(0.95), abs=1e-9)
+    assert spectrum.exponents[0] > 3.0 * spectrum.error[0]
+
+
+def test_the_largest_exponent_is_the_growth_of_the_distance_of_twins() -> None:
+    attractor = chain(1.346)
+    spectrum = LyapunovSpectrum(attractor, 10_000)
+    system = attractor.system
+    assert isinstance(system, ImpactChain)
+    growth = growth_of_distance(system, system.impact_state(attractor.states[-1]), 10_000) / BLOCK
+    blocks = growth[40:].reshape(32, -1).mean(axis=1)
+    error = np.hypot(blocks.std(ddof=1) / np.sqrt(32), spectrum.error[0])
+    assert abs(blocks.mean() - spectrum.exponents[0]) < 3.0 * error
+    assert error < 0.02
+
+
+@dataclass(frozen=True)
+class BySection(Map):
+    """An impact oscillator's map in its section coordinates, and nothing else of it."""
+
+    system: ImpactChain
+
+    @property
+    def dimension(self) -> int:
+        return self.system.dimension
+
+    def __call__(self, state: Array) -> Array:
+        return self.system(state)
+
+    def jacobian(self, state: Array) -> Array:
+        return self.system.jacobian(state)
+
+
+def test_the_derivative_in_section_coordinates_has_the_same_exponents() -> None:
+    # Along the same motion for some 30 of its impacts; then both are averages over the attractor.
+    attractor = chain(1.37)
+    system = attractor.system
+    assert isinstance(system, ImpactChain)
+    fast = LyapunovSpectrum(attractor, 1000)
+    slow = LyapunovSpectrum.of_map(BySection(system), attractor.states[-1], iterations=1000)
+    gap = abs(fast.exponents - slow.exponents)
+    assert (gap < 4.0 * np.hypot(fast.error, slow.error)).all()
+    assert np.hypot(fast.error, slow.error).max() < 0.1
+
+
+def test_sticking_takes_two_directions_for_good() -> None:
+    spectrum = LyapunovSpectrum(chain(0.408), 2000)
+    assert np.isneginf(spectrum.exponents).tolist() == 18 * [False] + 2 * [True]
+    assert np.isneginf(spectrum.per_time).sum() == 2
+    assert (spectrum.error[-2:] == 0.0).all()
+    assert spectrum.exponents[0] < 0.0
+    assert spectrum.dimension == 0.0
+
+
+def test_a_transient_that_is_not_over_is_told() -> None:
+    # Frequency 0.35: chaos for thousands of impacts, then P(39,15).
+    record = ImpactChain(frequency=0.35).attractor(transient=1000)
+    assert not LyapunovSpectrum(record, 40_000).resolved
+
+
+# --- the rest ------------------------------------------------------------------------------------
+
+
+def test_kaplan_and_yorke_in_closed_form() -> None:
+    assert kaplan_yorke(np.array([-1.0])) == 0.0
+    assert kaplan_yorke(np.array([0.3])) == 1.0
+    assert kaplan_yorke(np.array([0.5, -1.0])) == 1.5
+    assert kaplan_yorke(np.array([0.5, 0.25, -3.0])) == 2.25
+    assert kaplan_yorke(np.array([0.0, -1.0])) == 1.0
+    assert kaplan_yorke(np.array([0.5, -1.0, np.nan])) == 1.5
+    assert np.isnan(kaplan_yorke(np.array([0.5, np.nan])))
+
+
+def test_all_is_worked_out_once_and_on_demand() -> None:
+    calls = []
+
+    @dataclass(frozen=True)
+    class Counted(Logistic):
+        def jacobian(self, state: Array) -> Array:
+            calls.append(1)
+            return super().jacobian(state)
+
+    spectrum = LyapunovSpectrum.of_map(Counted(4.0), [0.3], iterations=400)
+    assert not calls
+    assert repr(spectrum) == "<LyapunovSpectrum of Counted: 400 iterates, when asked for>"
+    assert not calls
+    _ = spectrum.exponents, spectrum.error, spectrum.dimension, spectrum.sum, repr(spectrum)
+    assert len(calls) == 500
+    assert spectrum.cost.counts == {"iterates": 500}
+    assert spectrum.cost.seconds > 0.0
+
+
+def test_the_same_motion_has_the_same_exponents_bit_for_bit() -> None:
+    a, b = (LyapunovSpectrum(chain(1.346), 500).exponents for _ in range(2))
+    assert (a == b).all()
+    assert not a.flags.writeable
+
+
+def test_the_repr_is_one_line_and_says_when_the_run_is_too_short() -> None:
+    assert lorenz().resolved
+    _ = lorenz().exponents
+    assert repr(lorenz()).startswith("<LyapunovSpectrum of Lorenz: 0.")
+    assert "\n" not in repr(lorenz())
+    slow = LyapunovSpectrum(ImpactChain(frequency=0.35).attractor(transient=1000), 40_000)
+    _ = slow.exponents
+    assert "too short for its errors" in repr(slow)
+
+
+def test_the_plot_ends_in_the_exponents() -> None:
+    from dynkit.analysis.figures import new_figure
+
+    _, (axes,) = new_figure()
+    assert henon().plot(axes) is axes
+    ends = sorted(float(np.asarray(line.get_ydata())[-1]) for line in axes.lines)
+    assert ends == pytest.approx(sorted(henon().exponents), abs=1e-3)
+
+
+def test_a_map_without_times_has_no_exponents_per_time() -> None:
+    spectrum = LyapunovSpectrum.of_map(Henon(), [0.1, 0.1], iterations=200)
+    with pytest.raises(ValueError, match="system must have return times; got Henon"):
+        _ = spectrum.per_time
+
+
+@pytest.mark.parametrize(
+    ("iterations", "message"),
+    [
+        (127, "iterations must be at least 128; got 127"),
+        (0, "iterations must be a positive integer; got 0"),
+        (1e4, "iterations must be a positive integer; got 10000.0"),
+    ],
+)
+def test_too_few_iterations_are_refused(iterations: int, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        LyapunovSpectrum.of_map(Henon(), [0.1, 0.1], iterations=iterations)
+
+
+def test_what_is_no_attractor_map_or_flow_is_refused() -> None:
+    with pytest.raises(ValueError, match="attractor must be an Attractor; got Henon"):
+        LyapunovSpectrum(Henon())  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="system must be a Map; got Lorenz"):
+        LyapunovSpectrum.of_map(Lorenz(), [1.0, 1.0, 1.0])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="flow must be a Flow; got Henon"):
+        LyapunovSpectrum.of_flow(Henon(), [1.0, 1.0], interval=1.0)  # type: ignore[arg-type]
+
+
+def test_bad_starts_and_intervals_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"start must have shape \(2,\)"):
+        LyapunovSpectrum.of_map(Henon(), [0.1])
+    with pytest.raises(ValueError, match=r"interval must be positive; got 0\.0"):
+        LyapunovSpectrum.of_flow(Lorenz(), [1.0, 1.0, 1.0], interval=0.0)
+
+
+def test_a_motion_that_ends_is_refused_in_one_line() -> None:
+    system = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
+    spectrum = LyapunovSpectrum.of_map(system, [-10.0, 0.0, 0.5, 0.0], iterations=200)
+    with pytest.raises(ValueError, match="attractor must go on for 250 iterates; there is no next"):
+        _ = spectrum.exponents
+
+
+def test_an_attractor_at_rest_is_refused() -> None:
+    system = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
+    with pytest.raises(ValueError, match="attractor must have a state"):
+        LyapunovSpectrum(system.attractor(transient=10, impacts=10))

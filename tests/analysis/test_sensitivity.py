@@ -1,0 +1,89 @@
+"""The paper's test of sensitive dependence, and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynkit import MapAttractor
+from dynkit.analysis.lyapunov import LyapunovSpectrum
+from dynkit.analysis.sensitivity import Sensitivity
+from dynkit.systems import Henon, ImpactChain
+from tests.example_systems import CircleRotation
+
+# Cusumano and Bai, section 4: 1e-8 apart, "the periodic orbits showed no change, but chaotic
+# orbits diverged after about 100 impacts".
+PERIODIC, CHAOTIC = (0.34, 0.64, 0.87, 1.75), (1.346, 1.916)
+
+
+@pytest.mark.parametrize("frequency", PERIODIC)
+def test_periodic_orbits_show_no_change(frequency: float) -> None:
+    attractor = ImpactChain(frequency=frequency).attractor(transient=3000)
+    found = Sensitivity(attractor, distance=1e-8, iterations=100)
+    assert found.distances[0] == pytest.approx(1e-8 * np.sqrt(20.0), rel=1e-6)
+    assert found.growth < 1.0
+
+
+@pytest.mark.parametrize("frequency", CHAOTIC)
+def test_chaotic_orbits_diverge_within_100_impacts(frequency: float) -> None:
+    attractor = ImpactChain(frequency=frequency).attractor(transient=1000)
+    found = Sensitivity(attractor, distance=1e-8, iterations=100)
+    size = float(np.linalg.norm(attractor.states.std(axis=0)))
+    assert found.distances.max() > 0.5 * size
+
+
+def test_the_growth_is_that_of_the_largest_exponent() -> None:
+    # As long as it is small; over 40 impacts the growth varies by the scatter of 40 of them.
+    attractor = ImpactChain(frequency=1.346).attractor(transient=1000)
+    found = Sensitivity(attractor, distance=1e-12, iterations=40)
+    spectrum = LyapunovSpectrum(attractor, 10_000)
+    scatter = spectrum.error[0] * np.sqrt(10_000 / 40)
+    rate = np.log(found.growth) / 40
+    # at the start the distance turns into the direction that grows
+    assert abs(rate - spectrum.exponents[0]) < 3.0 * scatter + np.log(10.0) / 40
+    assert found.distances.max() < 1e-3
+
+
+def test_a_rotation_keeps_angles_apart() -> None:
+    attractor = MapAttractor(CircleRotation(1.0), np.array([0.3, 0.0]), transient=0, iterations=1)
+    distances = Sensitivity(attractor, distance=1e-4, iterations=30).distances
+    expected = 1e-4 * np.hypot(1.0, 0.5 ** np.arange(31))
+    assert distances == pytest.approx(expected, rel=1e-10)
+
+
+def test_it_is_worked_out_on_demand_with_its_cost_and_error() -> None:
+    attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)
+    found = Sensitivity(attractor, iterations=50)
+    assert repr(found) == "<Sensitivity of Henon: 50 iterations, when asked for>"
+    assert found.cost.counts == {"iterates": 100}
+    assert 0.0 < found.error < 1e-15
+    assert "\n" not in repr(found)
+    assert "1.4e-08 to" in repr(found)
+
+
+def test_the_plot_shows_the_distances() -> None:
+    from dynkit.analysis.figures import new_figure
+
+    _, (axes,) = new_figure()
+    attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)
+    found = Sensitivity(attractor, iterations=50)
+    assert found.plot(axes) is axes
+    assert (np.asarray(axes.lines[0].get_ydata()) == found.distances).all()
+
+
+@pytest.mark.parametrize(
+    ("distance", "iterations", "message"),
+    [
+        (0.0, 10, "distance must be positive; got 0.0"),
+        (1e-8, 0, "iterations must be a positive integer; got 0"),
+    ],
+)
+def test_bad_arguments_are_refused(distance: float, iterations: int, message: str) -> None:
+    attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)
+    with pytest.raises(ValueError, match=message):
+        Sensitivity(attractor, distance, iterations)
+
+
+def test_what_is_no_attractor_is_refused() -> None:
+    with pytest.raises(ValueError, match="attractor must be an Attractor; got Henon"):
+        Sensitivity(Henon())  # type: ignore[arg-type]
