@@ -229,9 +229,8 @@ class _Exploration:
 
     def _number_of(self, orbit: PeriodicOrbit) -> int:
         """The number of the branch that an orbit lies on, which is continued when it is new."""
-        value = orbit.system.parameters[self.parameter]
         for number, (branch, trail) in enumerate(zip(self.found, self.trails, strict=True)):
-            if branch.label == orbit.label and trail.holds(orbit.unknowns, value):
+            if branch.label == orbit.label and trail.holds(orbit):
                 return number
         if len(self.found) >= self.most_branches or self.points >= self.most_points:
             raise _UsedUp

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from dynkit.orbits import PeriodicOrbit
 
 _KIND = "network of branches"
+# A residual that is no larger is that of a solution.
+_SOLVED = 1e-8
 
 
 def save_network(network: Network, path: str | os.PathLike[str]) -> None:
@@ -72,8 +74,7 @@ def load_network(path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit]) 
     entries = archive.entries
     if entries.get("kind") != _KIND:
         raise ValueError(f"store must hold a {_KIND}; got {file}")
-    kinds = {orbit.label: orbit for orbit in orbits}
-    branches = tuple(_branch(archive, i, kinds) for i in range(int(entries["branches"])))
+    branches = tuple(_branch(archive, i, orbits) for i in range(int(entries["branches"])))
     unexplored = range(int(entries["unexplored"]))
     return Network(
         branches,
@@ -85,7 +86,7 @@ def load_network(path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit]) 
     )
 
 
-def _branch(archive: store.Archive, number: int, kinds: dict[str, PeriodicOrbit]) -> Branch:
+def _branch(archive: store.Archive, number: int, orbits: Sequence[PeriodicOrbit]) -> Branch:
     names, places = f"branch {number}, ", f"branches/{number}/"
     part = store.Archive(
         {key[len(names) :]: text for key, text in archive.entries.items() if key.startswith(names)},
@@ -94,4 +95,11 @@ def _branch(archive: store.Archive, number: int, kinds: dict[str, PeriodicOrbit]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "branch.h5"
         store.write(file, part)
-        return load_branch(file, kinds.get(part.entries["label"]))
+        for orbit in orbits:
+            if orbit.label == part.entries["label"]:
+                found = load_branch(file, orbit)
+                # the same numbers of impacts may be with other stops
+                residual = found.problem.residual(found.unknowns[0], found.parameter[:1])
+                if abs(residual).max() < _SOLVED:
+                    return found
+        return load_branch(file, None)

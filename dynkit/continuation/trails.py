@@ -14,12 +14,11 @@ from dynkit.validation import Array
 if TYPE_CHECKING:
     from dynkit.continuation.bifurcations import Bifurcation
     from dynkit.continuation.branch import Branch
+    from dynkit.orbits import PeriodicOrbit
 
 # How often a place between two nodes is narrowed down; values as near as this, in units of the
 # range of the parameter, are the same.
 _STEPS, _RESOLVED = 60, 1e-13
-# A stretch is looked at when an orbit is within so many of its lengths, and this, of its ends.
-_LENGTHS, _NEAR = 3.0, 1e-2
 
 
 class Node(NamedTuple):
@@ -56,22 +55,18 @@ class Trail:
             x = branch.unknowns[int(place)] if b is None else b.unknowns
             rows.append(np.append(x, branch.parameter[int(place)] if b is None else b.value))
         self._nodes = np.array(rows)
-        self._marks = np.array([self._problem.canonical(y[:-1]) for y in rows])
 
-    def holds(self, x: Array, value: float) -> bool:
-        """Whether a solution (m,) at a value of the parameter is one of the branch's.
+    def holds(self, orbit: PeriodicOrbit) -> bool:
+        """Whether an orbit is one of the branch's.
 
-        The branch is solved for at the same value, wherever it takes it.
+        The branch is solved for at the same value of the parameter, wherever it takes it, and the
+        states are compared.
         """
-        if len(x) != self._nodes.shape[1] - 1:
-            return False
-        mark = self._problem.canonical(x)
-        apart = abs(self._marks - mark).max(axis=1)
-        lengths = abs(np.diff(self._marks, axis=0)).max(axis=1)
-        near = np.minimum(apart[:-1], apart[1:]) <= _LENGTHS * lengths + _NEAR
+        value = orbit.system.parameters[self._problem.names[0]]
+        p = np.array([value])
         return any(
-            abs(self._problem.canonical(found) - mark).max() < SAME
-            for found, _ in self._solved(self._passing(value) & near, value)
+            _same(orbit, self._problem.orbit(x, p, history))
+            for x, history in self._solved(self._passing(value), value)
         )
 
     def solutions(self, value: float) -> list[tuple[Array, tuple[float, ...]]]:
@@ -140,3 +135,15 @@ class Trail:
             else:
                 low, f_low, f_high = part, f, 0.5 * f_high
         return None
+
+
+def _same(orbit: PeriodicOrbit, other: PeriodicOrbit) -> bool:
+    """Whether two orbits of one system have the same states, in whatever order."""
+    states, others = orbit.states, other.states
+    if states.shape != others.shape:
+        return False
+    sizes = np.maximum(abs(states).max(axis=0), 0.1 * abs(states).max())
+    sizes[sizes == 0.0] = 1.0
+    rows = [orbit.system.difference(others, state) for state in states]
+    apart = (abs(np.array(rows)) / sizes).max(axis=2)
+    return bool(max(apart.min(axis=0).max(), apart.min(axis=1).max()) < SAME)

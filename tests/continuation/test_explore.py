@@ -83,7 +83,7 @@ def on(branch: Branch, other: Branch) -> int:
     """How many of some points of a branch lie on another one."""
     trail = Trail(other)
     places = np.unique(np.linspace(0, len(branch) - 1, 7).astype(int)[1:-1]).tolist()
-    return sum(trail.holds(branch.unknowns[i], float(branch.parameter[i])) for i in places)
+    return sum(trail.holds(branch.orbit(i)) for i in places)
 
 
 def overlaps(network: Network) -> list[tuple[int, int]]:
