@@ -102,7 +102,7 @@ def test_counts_on_lattices_are_those_of_the_naive_algorithm(
 @pytest.mark.parametrize("norm", ["maximum", "euclidean"])
 def test_counts_at_radii_of_every_size_are_those_of_the_naive_algorithm(norm: Norm) -> None:
     factors = np.random.default_rng(2).uniform(0.2, 1.0, size=(400, 2))
-    states: Array = np.cumprod(factors, axis=0)
+    states = np.asarray(np.cumprod(factors, axis=0), dtype=np.float64)
     radii = 2.0 ** np.arange(-400.0, 2.0, 0.125)
     assert correlation_sums(states, radii, norm=norm).pairs.tolist() == naive_pairs(
         states, radii, norm
