@@ -37,7 +37,8 @@ class Bifurcation:
     direction : (m,) array
         Null vector of D(multiplier), in the unknowns of the orbit's problem; empty at GR and CB.
     place : float
-        Between which points of its branch: 3.5 is between points 3 and 4.
+        Between which points of its branch: 3.5 is between points 3 and 4; less than 0, or more than
+        the last one's, just beyond an end.
     touching : mapping of str to float
         At GR where and when it touches, in the problem's own words.
     history : tuple of float

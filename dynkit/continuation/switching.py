@@ -62,7 +62,8 @@ def _stepped(problem: Problem, y: Array, direction: Array) -> list[PeriodicOrbit
             found = correct(equations, guess, scale, row, steps=20)
             gap = (found.y - guess) / scale
             if found.converged and np.linalg.norm(gap) < distance:
-                return [problem.orbit(found.y[:-1], found.y[-1:], found.history)]
+                shortest, x = problem.shortest(found.y[:-1])
+                return [shortest.orbit(x, found.y[-1:], found.history)]
     return []
 
 

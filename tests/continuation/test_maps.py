@@ -63,3 +63,15 @@ def test_period_three_of_the_logistic_map() -> None:
     branch = continue_orbit(orbit, "rate", bounds=(3.8, 3.9))
     (fold,) = (b for b in branch.bifurcations if b.kind == "SN")
     assert abs(fold.value - (1.0 + 8.0**0.5)) < 1e-10
+
+
+def test_from_a_doubled_branch_one_comes_back_to_the_single_orbit() -> None:
+    orbit = periodic_orbit(Logistic(rate=2.5), np.array([0.6]))
+    (doubling,) = continue_orbit(orbit, "rate", bounds=(2.0, 3.5)).bifurcations
+    (doubled,) = doubling.switch()
+    branch = continue_orbit(doubled, "rate", bounds=(2.0, 3.3))
+    (point,) = branch.bifurcations
+    assert point.kind == "BP"
+    (single,) = point.switch()
+    assert single.label == "P(1)"
+    assert abs(single.states[0, 0] - (1.0 - 1.0 / single.system.parameters["rate"])) < 1e-14
