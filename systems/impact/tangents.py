@@ -137,11 +137,12 @@ def _jumps(
     kick[:, free.layout.modes] = oscillator._structure.kick[:2]
     if r == 0.0:  # the states after impacts do not tell how fast they were
         starts = states[:-1].copy()
-        for k, (i, side) in enumerate(zip(*_contacts_of(run), strict=True)):
-            contact = oscillator._contacts[side]
-            stuck = transformed(contact.to_stuck, starts[i][None])
-            end = evolve(contact.force, stuck, np.zeros(1, dtype=np.intp), held[k : k + 1])
-            starts[i] = transformed(contact.to_free, end)[0]
+        before, stops = _contacts_of(run)
+        for side in np.unique(stops).tolist():
+            contact, here = oscillator._contacts[side], stops == side
+            stuck = transformed(contact.to_stuck, starts[before[here]])
+            released = evolve(contact.force, stuck, np.arange(len(stuck)), held[here])
+            starts[before[here]] = transformed(contact.to_free, released)
         ends = evolve(oscillator._gaps[0], starts, np.arange(run.impacts), flights)
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
     for side, (gap, stand) in enumerate(zip(oscillator._gaps, oscillator._stands, strict=True)):
@@ -162,11 +163,11 @@ def _jumps(
     return jumps, np.where(impact & (r == 0.0), 1, 0)
 
 
-def _contacts_of(run: Run) -> tuple[list[int], list[int]]:
-    """Impacts before each contact, and its side."""
+def _contacts_of(run: Run) -> tuple[Any, Any]:
+    """Impacts before each contact, (k,), and its side, (k,)."""
     before = run.contacts[:, 0].astype(np.intp)
     speeds = np.append(run.start.relative_velocity, run.states[:, -2])
-    return before.tolist(), np.signbit(speeds[before]).astype(int).tolist()
+    return before, np.signbit(speeds[before]).astype(np.intp)
 
 
 def _free_states(oscillator: ImpactOscillator, run: Run) -> Array:
@@ -189,7 +190,7 @@ def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) 
     if not len(durations) or d == 2:
         return out
     free_modes = oscillator._free.layout.modes
-    sides = np.array(_contacts_of(run)[1])
+    sides = _contacts_of(run)[1]
     for side in np.unique(sides).tolist():
         contact = oscillator._contacts[side]
         modes, slots = contact.regime.layout.modes, contact.regime.layout.slots

@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from dynkit import sweep
 from dynkit.systems import ImpactChain
 from tests.benchmarks.continuation import continuation
+from tests.benchmarks.lyapunov import lyapunov_speed
 from tests.benchmarks.report import table
 from tests.benchmarks.structures import structures
 from tests.reference import solve_ivp_peer
@@ -197,6 +198,7 @@ def grazing(count: int = 200, depth: float = 1e-9) -> None:
 
 def main() -> None:
     impact_speed()
+    lyapunov_speed()
     growth_with_size()
     structures()
     continuation()
