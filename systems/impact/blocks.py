@@ -104,7 +104,8 @@ def real_blocks(mass: Array, damping: Array, stiffness: Array) -> Blocks:
     )
     generator, pairs = _arranged(clusters)
     order = np.array(pairs).T.ravel()
-    matrix = np.ascontiguousarray(coordinates.states(vectors)[:, order])
+    states = coordinates.states(vectors)
+    matrix = DoubleDouble(*(np.ascontiguousarray(part[:, order]) for part in states))
     high, low = (_pairwise(part[np.ix_(order, order)]) for part in generator)
     target, source = _links(high)
     own = np.arange(len(pairs))
@@ -114,7 +115,7 @@ def real_blocks(mass: Array, damping: Array, stiffness: Array) -> Blocks:
         target=target,
         source=source,
         coupling=high[target, source],
-        matrix=matrix,
+        matrix=matrix.high,
         inverse=coordinates.inverse(matrix),
         condition=float(np.linalg.cond(vectors.high)),
     )

@@ -64,27 +64,32 @@ class EnergyCoordinates:
         )
         return EnergyCoordinates(shapes, rigid, scale, matrix, mass, damping)
 
-    def states(self, columns: DoubleDouble) -> Array:
-        """Positions and velocities (2N, m) of coordinates (2N, m), rounded once."""
+    def states(self, columns: DoubleDouble) -> DoubleDouble:
+        """Positions and velocities (2N, m) of coordinates (2N, m)."""
         n = len(self.scale)
         top, bottom = (DoubleDouble(*(p[s] for p in columns)) for s in (np.s_[:n], np.s_[n:]))
         top = divide(top, _double_double(self.scale[:, None]))
-        return np.concatenate([_times(self.shapes, part).high for part in (top, bottom)])
+        parts = [_times(self.shapes, part) for part in (top, bottom)]
+        return DoubleDouble(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
     def uncertain_drag(self, column: Array) -> float:
         """How much the decay of a motion (2N,) may owe to a rounding of the dashpots."""
         velocity = np.abs(self.shapes @ column[len(self.scale) :])
         return float(8.0 * 2.0**-53 * (velocity @ np.abs(self.damping) @ velocity))
 
-    def inverse(self, matrix: Array) -> Array:
-        """The inverse of a matrix (2N, 2N) of states, to the last bits of its rows."""
+    def inverse(self, matrix: DoubleDouble) -> Array:
+        """The inverse of a matrix (2N, 2N) of states, to the last bits of its entries.
+
+        Of the matrix as it is, not as it is rounded: what a slow motion owes to fast ones is small.
+        """
         projector = self.shapes.T @ self.mass
         zero = np.zeros_like(projector)
         coordinates = np.block([[self.scale[:, None] * projector, zero], [zero, projector]])
-        inverse: Array = np.linalg.inv(coordinates @ matrix) @ coordinates
+        inverse: Array = np.linalg.inv(coordinates @ matrix.high) @ coordinates
         for _ in range(2):
-            product = exact_slices_product(matrix, inverse)
-            residual = add(product, _double_double(-np.eye(len(matrix))))
+            product = exact_slices_product(matrix.high, inverse)
+            product = add(product, _double_double(matrix.low @ inverse))
+            residual = add(product, _double_double(-np.eye(len(inverse))))
             inverse = inverse - inverse @ residual.high
         return inverse
 

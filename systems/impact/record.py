@@ -157,7 +157,7 @@ class ImpactRecord:
         or the rounding of the largest coordinate. On a stable motion it stays near 1e-14; in chaos
         it grows to the size of the attractor, and says when single states have become meaningless.
         Where a twin has fewer impacts it is infinite. The times are off by this over the frequency,
-        besides their own rounding.
+        besides their own rounding: what may be turns of the table counts with all its turns.
 
         References
         ----------
@@ -173,6 +173,10 @@ class ImpactRecord:
             )
             k = len(twin)
             gap = abs(self.system.difference(twin.states, self.states[:k])).max(axis=1, initial=0.0)
+            # Phases that are turns apart may look alike; what rounding of the times hides does not.
+            late = abs(twin.time - self.time[:k]) - 2.0**-51 * self.time[:k]
+            angle = self.system.frequency * late
+            gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
             worst[:k] = np.maximum(worst[:k], gap)
             worst[k:] = np.inf
         return np.asarray(_SAFETY * np.maximum.accumulate(worst))

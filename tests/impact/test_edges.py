@@ -15,6 +15,7 @@ from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.record import Ending
 from tests.impact.exact import exact_errors
+from tests.reference.general_oscillator import GeneralOscillator, chain_of
 
 # --- impacts where a cell of the search ends -----------------------------------------------------
 
@@ -240,3 +241,43 @@ def test_phases_of_many_turns_keep_their_digits(frequency: float) -> None:
     # The time itself has an error of one or two units in its last place.
     off = math.remainder(record.phase[0] - float(frequency * wait % (2 * mpmath.pi)), math.tau)
     assert abs(off) <= frequency * 4.0 * 2.0**-52 + 4.0 * 2.0**-52
+
+
+# --- slow motions: of what fast ones leave behind, and towards a fast table -----------------------
+
+SLIDING: dict[str, Any] = {
+    "masses": (1.0, 0.5, 1.0),
+    "springs": (0.0, 1.0, 2.25),
+    "damping": (2.0**-13, 2.0**-14, 1.625),
+    "restitution": 0.59375,
+    "amplitude": 0.0,
+    "frequency": 64.0,
+}
+
+
+def test_fast_motions_do_not_round_the_velocity_that_drag_leaves() -> None:
+    # Springs that are stretched by 1 relax within 10; the bodies slide on for 1000, at 2e-4.
+    chain = ImpactChain(**SLIDING, offset=-0.0011, side="below", play=1.375)
+    place, velocity = [0.0625, 0.0, -0.6875], [0.0, 0.0, 2.0**-11]
+    record = chain.simulate(impacts=1, start=chain.state(place, velocity))
+    exact = chain_of(**SLIDING, offset=-0.0011, side="below", far_stop=-0.0011 - 1.375)
+    impact = exact.simulate(place, velocity, impacts=1).impacts[0]
+    assert record.time[0] > 500.0
+    assert abs(record.time[0] - float(impact.time)) <= record.error[0] / chain.frequency
+
+
+def test_the_error_of_a_time_counts_the_turns_of_the_table() -> None:
+    # Dead impacts: the force carries the mass on by 1e-5 a unit of time, the table moves by 0.2.
+    parameters: dict[str, Any] = {
+        "restitution": 0.0,
+        "amplitude": 0.001325364681914646,
+        "frequency": 172.8360637610908,
+        "constant_forces": (-2.482538755816541e-06,),
+    }
+    system = MatrixOscillator(M=[[1.0]], C=[[0.28125]], K=[[0.0]], **parameters)
+    record = system.simulate(impacts=4, start=system.state([1.0], [0.0], 5.4))
+    exact = GeneralOscillator([[1.0]], [[0.28125]], [[0.0]], **parameters)
+    impacts = exact.simulate([1.0], [0.0], 5.4, impacts=4).impacts
+    off = abs(record.time - np.array([float(impact.time) for impact in impacts]))
+    assert off[-1] > math.tau / system.frequency
+    assert (off <= record.error / system.frequency + 2.0**-51 * record.time).all()
