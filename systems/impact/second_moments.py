@@ -160,6 +160,7 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
     ).reshape(-1, 3)
     forward = np.concatenate([eigen.forward.real, eigen.forward.imag])
     parts = np.stack([rates.real, rates.imag])
+    real_back = np.concatenate([back.real, -back.imag], axis=1)
     m = len(rates)
     norms = np.zeros((4, m))
     places = np.searchsorted(part.impact, edges)
@@ -182,15 +183,20 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
         )
         gram = np.triu(gram) + np.triu(gram, 1).T
         own, mixed, imaginary = gram[:m, :m], gram[:m, m:], gram[m:, m:]
+        # sums of c c^T and of c c^*, at the ends less at the begins
         changes = (
             own - imaginary + 1j * (mixed + mixed.T),
             own + imaginary + 1j * (mixed.T - mixed),
         )
-        for kind, other in enumerate((back, back.conj())):
-            integral = changes[kind] / divisor[kind]
+        plain, crossed = (change / d for change, d in zip(changes, divisor, strict=True))
+        for kind, integral in enumerate((plain, crossed)):
             these = listed[:, 2] == kind
             integral[listed[these, 0], listed[these, 1]] = grown[0, these] + 1j * grown[1, these]
-            out[batch] += 0.5 * (back @ integral @ other.T).real
+        # integrals of products of real and imaginary parts
+        mixed = 0.5 * (plain.imag - crossed.imag)
+        gram[:m, :m], gram[:m, m:] = 0.5 * (crossed.real + plain.real), mixed
+        gram[m:, :m], gram[m:, m:] = mixed.T, 0.5 * (crossed.real - plain.real)
+        out[batch] = real_back @ gram @ real_back.T
     begins, ends, turned, over_time = np.sqrt(norms)
     size = _EPS * (8 + len(rates)) * eigen.condition
     ends_error = size * (np.outer(begins, begins) + np.outer(ends, ends))
