@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from dynkit import sweep
 from dynkit.systems import ImpactChain
 from tests.benchmarks.continuation import continuation
+from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.lyapunov import lyapunov_speed
 from tests.benchmarks.report import table
 from tests.benchmarks.structures import structures
@@ -202,6 +203,7 @@ def main() -> None:
     growth_with_size()
     structures()
     continuation()
+    dimensions()
     start_up()
     beside_solve_ivp()
     grazing()
