@@ -243,6 +243,13 @@ class BifurcationEquations(Equations):
             raise NoSolution("the bordered system is singular") from None
 
 
+def null_vector(problem: Problem, x: Array, p: Array, multiplier: float) -> Array:
+    """Return the direction, (m,), in which D(multiplier) is nearest to singular."""
+    units = problem.scale(x)
+    rows = np.linalg.svd(problem.linearization(x, p, multiplier) * units)[2]
+    return np.asarray(rows[-1] * units)
+
+
 _CRITICAL: dict[str, type[CriticalMultiplier]] = {
     "SN": Fold,
     "BP": BranchPoint,

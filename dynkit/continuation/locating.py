@@ -9,7 +9,12 @@ import numpy as np
 
 from dynkit.continuation.arclength import Follower, Point, interpolated
 from dynkit.continuation.detection import Crossing, are_real, crossings, examine
-from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
+from dynkit.continuation.extended import (
+    BifurcationEquations,
+    CriticalMultiplier,
+    condition_of,
+    null_vector,
+)
 from dynkit.continuation.newton import correct, error_bound
 from dynkit.continuation.problem import NoSolution, Problem
 from dynkit.validation import Array
@@ -19,7 +24,9 @@ _HALVINGS = 45
 # rounding.
 _FLAT, _UNFOLDED = 1e-3, 1e-9
 # A place that may be wrong by more, in the range of the parameter, is not solved for.
-_UNSURE = 1e-9
+_UNSURE = 1e-6
+# Multipliers are on the unit circle within this, where two of them are one and rounding counts.
+_ON_CIRCLE = 1e-5
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
@@ -73,14 +80,15 @@ def locate(
     if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
         return None
     error = abs(float(after.y[-1] - before.y[-1])) + 1e-15
+    x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
     return Located(
         crossing,
-        x=after.y[:-1],
-        own=np.empty(0),
-        p=after.y[-1:],
+        x=x,
+        own=none,
+        p=p,
         error=error,
         multiplier=critical,
-        direction=np.empty(0),
+        direction=null_vector(problem, x, p, critical) if critical else none,
         history=(after.residual,),
         seconds=time.perf_counter() - began,
         steps=steps,
@@ -103,6 +111,13 @@ def _examined_middle(
         except NoSolution:
             return None
     return middle
+
+
+def _on_the_circle(problem: Problem, x: Array, p: Array) -> int:
+    """Return how many pairs are on the unit circle; tori leave where one is, in passing."""
+    multipliers = np.asarray(problem.multipliers(x, p))
+    near = abs(abs(multipliers) - 1.0) < _ON_CIRCLE
+    return int(np.count_nonzero(near & (multipliers.imag > 0.0) & ~are_real(multipliers)))
 
 
 def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
@@ -130,6 +145,8 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
     if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
         return None
     if kind == "BP" and abs(own[0]) > _UNFOLDED:
+        return None
+    if kind == "NS" and _on_the_circle(problem, x, p) > 1:
         return None
     error = float(bound[-1])
     if not error < _UNSURE * before.scale[-1]:
