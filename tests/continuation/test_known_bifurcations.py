@@ -8,6 +8,7 @@ import pytest
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.extended import null_vector
 from tests.continuation.families import Cycle, Exchange, Flat, Logistic, PoleOrbit, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon, iterated, logistic
 
@@ -175,3 +176,10 @@ def test_errors_bound_what_a_value_is_off_by(
     # the known value is rounded too
     assert abs(bifurcation.value - value) <= bifurcation.error + 2.0**-52 * abs(value)
     assert bifurcation.error < 1e-11
+
+
+def test_the_nearest_null_vector_is_that_of_a_doubling() -> None:
+    doubling = only(continue_orbit(henon(), "a", bounds=(0.05, 0.6)), "PD")
+    value = np.array([doubling.value])
+    vector = null_vector(doubling.problem, doubling.unknowns, value, -1.0)
+    assert abs(abs(vector @ doubling.direction) - 1.0) < 1e-12
