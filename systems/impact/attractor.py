@@ -14,7 +14,7 @@ from dynkit.results import Cost
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import ImpactState
-from dynkit.systems.impact.twins import growth_of_distance
+from dynkit.systems.impact.tangents import growth
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -175,4 +175,4 @@ class _ImpactOrbit:
         return np.asarray(a - b)
 
     def growth(self, steps: int) -> Array:
-        return growth_of_distance(self.system, self.record.final, steps)
+        return growth(self.system, self.record.final, steps)

@@ -102,13 +102,13 @@ def _normalise(frame: Array, j: int, square: float) -> None:
 
 @kernel()
 def _orthonormalise(frame: Array, lost: int, logs: Array, step: int) -> None:
-    """Gram and Schmidt's process on the rows of the frame; of the last ones, `lost`, none is left.
+    """Gram and Schmidt's process on the rows of the frame; of the last of all 2N none is left.
 
     Twice is enough: W. Kahan, in B. N. Parlett, The Symmetric Eigenvalue Problem, SIAM 1998,
     section 6-9.
     """
-    n = frame.shape[0]
-    for j in range(n):
+    n = frame.shape[1]
+    for j in range(frame.shape[0]):
         before = 0.0
         for i in range(n):
             before += frame[j, i] * frame[j, i]
@@ -157,11 +157,11 @@ def stretch(
     lost
         (n,) how many directions a step takes away for good.
     frame
-        (2N, 2N) orthonormal rows, modified in place.
+        (k, 2N) orthonormal rows, modified in place.
     scratch
         (2N,) modified in place.
     logs
-        (n, 2N) logarithms of the stretching of each row, modified in place.
+        (n, k) logarithms of the stretching of each row, modified in place.
     """
     for step in range(which.shape[0]):
         if which[step] >= 0:

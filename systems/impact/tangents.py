@@ -23,6 +23,7 @@ from dynkit.validation import Array, non_negative_integer
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.runs import Run
+    from dynkit.systems.impact.state import ImpactState
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
 """Impacts that are worked on at a time, and numbers of their matrices."""
@@ -49,25 +50,49 @@ def stretching(oscillator: ImpactOscillator, state: Array, n: int) -> Stretching
 
     An impact that only touches, u = 0, counts as none: at it no derivative exists.
     """
+    count = non_negative_integer("n", n)
+    logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
+    start = oscillator.impact_state(state)
+    final = _follow(oscillator, start, np.eye(oscillator.dimension), logs, times)
+    return Stretching(logs, times, oscillator.section_state(final))
+
+
+def growth(oscillator: ImpactOscillator, start: ImpactState, n: int) -> Array:
+    """Log growth (n,) of one disturbance over each of the next n impacts.
+
+    It turns into the direction that grows fastest. Minus infinity where the motion ends.
+    """
+    # A fixed direction without symmetry: it is in no subspace that a motion is likely to keep.
+    frame = np.sqrt(np.arange(2.0, 2.0 + oscillator.dimension))[None]
+    logs = np.empty((n, 1))
+    try:
+        _follow(oscillator, start, frame / np.linalg.norm(frame), logs, np.empty(n))
+    except NoCrossing:
+        return np.full(n, -np.inf)
+    return logs[:, 0]
+
+
+def _follow(
+    oscillator: ImpactOscillator, start: ImpactState, frame: Array, logs: Array, times: Array
+) -> ImpactState:
+    """The state after as many impacts as logs (n, k) has; frame, logs, times are modified."""
     from dynkit.systems.impact.tangent_kernels import stretch
 
-    count = non_negative_integer("n", n)
-    start, d = oscillator.impact_state(state), oscillator.dimension
+    d = oscillator.dimension
     most = max(1, min(_IMPACTS, _NUMBERS // d**2))
-    frame, scratch = np.eye(d), np.empty(d)
-    logs, times = np.empty((count, d)), np.empty(count)
-    for begin in range(0, count, most):
-        wanted = min(most, count - begin)
+    scratch = np.empty(d)
+    for begin in range(0, len(logs), most):
+        wanted = min(most, len(logs) - begin)
         run = oscillator._run(start, wanted, store=True)
         if run.impacts < wanted:
             raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
         steps = steps_of(oscillator, run)
-        found = np.empty((len(steps.which), d))
+        found = np.empty((len(steps.which), len(frame)))
         stretch(*steps[:-1], frame, scratch, found)
         logs[begin : begin + wanted] = np.add.reduceat(found, steps.first, axis=0)
         times[begin : begin + wanted] = np.diff(run.states[:, -1], prepend=0.0)
         start = run.final
-    return Stretching(logs, times, oscillator.section_state(start))
+    return start
 
 
 def steps_of(oscillator: ImpactOscillator, run: Run) -> Steps:

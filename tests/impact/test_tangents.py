@@ -14,7 +14,7 @@ from dynkit.systems import BouncingBall, ImpactChain
 from dynkit.systems.impact.derivatives import _lift
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.tangent_kernels import stretch
-from dynkit.systems.impact.tangents import steps_of
+from dynkit.systems.impact.tangents import growth, steps_of
 from tests.impact.test_structures import Rod
 from tests.impact_orbits.structures import SYSTEMS
 
@@ -201,3 +201,18 @@ def test_where_no_impact_follows_there_is_no_stretching() -> None:
     state = np.array([-10.0, 0.0, 0.5, 0.0])
     with pytest.raises(NoCrossing, match="no next impact"):
         chain.stretching(state, 100)
+
+
+def test_one_disturbance_grows_as_the_first_direction_does() -> None:
+    chain = FLYING["chaos"]
+    state = chain.impact_state(start("chaos"))
+    one = growth(chain, state, 300)
+    whole_frame = chain.stretching(start("chaos"), 300).logs[:, 0]
+    # both have turned into the direction that grows fastest
+    assert one[200:] == pytest.approx(whole_frame[200:], abs=1e-9)
+
+
+def test_where_the_motion_ends_nothing_grows() -> None:
+    chain = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
+    start = chain.impact_state(np.array([-10.0, 0.0, 0.5, 0.0]))
+    assert np.isneginf(growth(chain, start, 100)).all()
