@@ -66,7 +66,8 @@ def explore(
     values : int
         At how many values of the parameter, equally spaced, there are orbits to start from: all
         P(1,m) and the admissible P(2,m) and P(3,m) that the system offers; or those of maps that
-        are found from 20 guesses in a box, of up to three iterates.
+        are found from 20 guesses in a box, of up to three iterates. A branch that reaches none of
+        these values, and hangs together with no other, is not found.
     seeds : iterable of PeriodicOrbit, optional
         The orbits to start from, instead of these.
     box : (d, 2) array_like, optional
