@@ -171,7 +171,7 @@ class ImpactSection:
             self.states = _given(source)
             self.states.setflags(write=False)
         if not len(self.states):
-            raise ValueError(f"source must hold an impact; got {source!r}")
+            raise ValueError("source must hold an impact or more; got 0")
         self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
 
     states: Array
@@ -234,7 +234,7 @@ def _strobe_times(attractor: Attractor, phase: float, periods: int | None) -> Ar
     w = forcing_frequency(attractor)
     record = record_until(attractor, 0.0)
     if record is None:
-        raise ValueError(f"source must be a motion in time; got {attractor!r}")
+        raise ValueError(f"source must be a motion in time; got {attractor.system!r}")
     first = ((phase - record.start.phase) % TWO_PI) / w
     period = TWO_PI / w
     if periods is None:
