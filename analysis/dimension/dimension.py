@@ -248,6 +248,17 @@ class CorrelationDimension:
         return least, 2 * least + 1
 
     @property
+    def points(self) -> int | None:
+        """How many points a finite set has, if all are visited as often; None for other sets.
+
+        Measurements that were rounded to a grid are such a set too: then they are too coarse, or
+        too many, for another dimension to be seen.
+        """
+        if self.outcome is not Outcome.FINITE or self.region is None:
+            return None
+        return round(1.0 / float(self.sums.values[self.sums.radii <= self.region.high][-1]))
+
+    @property
     def cost(self) -> Cost:
         """What the sums and the search for the scaling region cost."""
         return self.sums.cost + Cost(self._timed_scaling[1])
@@ -255,11 +266,12 @@ class CorrelationDimension:
     def __repr__(self) -> str:
         used = f"{len(self.states)} states, {self.norm} norm, Theiler window {self.window}"
         if self.region is None:
-            return f"CorrelationDimension(none: {self.outcome.value}; {used})"
+            ratio = f"{self.least_ratio:g}:1 or more"
+            return f"CorrelationDimension(none: {self.outcome.value} of {ratio}; {used})"
         found = f"{Estimate(self.value, self.error)}, r from {self.region.low:.3g} to "
         found += f"{self.region.high:.3g}, {self.region.ratio:.3g}:1"
-        kind = "; finitely many points" if self.outcome is Outcome.FINITE else ""
-        return f"CorrelationDimension({found}{kind}; {used})"
+        count = "" if self.points is None else f"; finite, {self.points} points or so"
+        return f"CorrelationDimension({found}{count}; {used})"
 
     def plot(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
         """Draw the correlation sum against the radius, and the scaling region with its line.

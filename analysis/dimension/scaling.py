@@ -158,8 +158,9 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
 
     Distances count by the bins that they fell in, and those below `low` only as below it: the
     likelihood is that of these counts, so nothing is interpolated. The error is that of bootstrap
-    over blocks of time, and what the estimate changes by when it takes the lower half or the lower
-    three quarters of the region instead, beyond what chance explains.
+    over blocks of time, and what the estimate changes by when it takes the lower three quarters of
+    the region instead, beyond what chance explains: the pairs at the largest radii are the most,
+    and a curve that bends there shifts the estimate.
 
     References
     ----------
@@ -168,11 +169,12 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     """
     inside = (sums.radii >= region.low) & (sums.radii <= region.high) & (sums.pairs > 0)
     pairs, shares = sums.pairs[inside], sums.shares[:, inside]
-    steps = len(pairs) - 1
-    ends = [len(pairs), steps - steps // 4 + 1, steps - steps // 2 + 1]
-    found = [_likeliest(pairs[:end], shares[:, :end]) for end in ends]
-    apart = sum((other.value - found[0].value) ** 2 - other.error**2 for other in found[1:]) / 2
-    return Estimate(found[0].value, float(np.hypot(found[0].error, np.sqrt(max(apart, 0.0)))))
+    end = len(pairs) - (len(pairs) - 1) // _PARTS
+    found, lower = _likeliest(pairs, shares), _likeliest(pairs[:end], shares[:, :end])
+    # the lower pairs are part of all: what they add to the variance is the difference's
+    expected = (1.0 + np.sqrt(2.0)) * max(lower.error**2 - found.error**2, 0.0)
+    apart = (lower.value - found.value) ** 2 - expected
+    return Estimate(found.value, float(np.hypot(found.error, np.sqrt(max(apart, 0.0)))))
 
 
 def _likeliest(pairs: Counts, shares: Counts) -> Estimate:

@@ -96,13 +96,14 @@ def test_noise_of_many_dimensions_has_no_scaling_region() -> None:
     assert np.isnan(found.takens.value)
     assert found.error == np.inf
     assert found.bounds is None
+    assert found.points is None
 
 
 def test_chaos_of_many_dimensions_has_no_scaling_region() -> None:
     chain = ImpactChain(frequency=0.36, damping=0.001)
     found = CorrelationDimension(chain.attractor(transient=3000, impacts=3000))
     assert found.outcome is Outcome.NONE
-    assert repr(found).startswith("CorrelationDimension(none: there is no scaling region; ")
+    assert "none: there is no scaling region of 4:1 or more; 3000 states" in repr(found)
 
 
 # --- finite sets --------------------------------------------------------------------------------
@@ -113,14 +114,17 @@ def test_periodic_orbit_is_a_set_of_dimension_zero(period: int) -> None:
     found = CorrelationDimension(np.tile(uniform(period, 3), (100, 1)))
     assert found.outcome is Outcome.FINITE
     assert (found.value, found.error, found.bounds) == (0.0, 0.0, (0, 1))
+    assert found.points == period
 
 
-@pytest.mark.parametrize("frequency", [0.87, 0.34], ids=["P(1,3)", "P(5,2)"])
-def test_impacts_of_a_periodic_orbit_are_a_set_of_dimension_zero(frequency: float) -> None:
+@pytest.mark.parametrize(("frequency", "period"), [(0.87, 1), (0.34, 5)], ids=["P(1,3)", "P(5,2)"])
+def test_impacts_of_a_periodic_orbit_are_a_set_of_dimension_zero(
+    frequency: float, period: int
+) -> None:
     attractor = ImpactChain(frequency=frequency).attractor(transient=3000, impacts=500)
     found = CorrelationDimension(attractor)
     assert found.outcome is Outcome.FINITE
-    assert found.value == 0.0
+    assert (found.value, found.points) == (0.0, period)
 
 
 def test_states_that_are_all_zero_are_one_point() -> None:
