@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.flows import NoCrossing
-from dynkit.labels import OrbitKind, OrbitLabel, Window, label_orbit
+from dynkit.labels import OrbitKind, OrbitLabel, Window, label_orbit, settled_label
 from dynkit.maps import Map
 from dynkit.results import Cost
 from dynkit.sections import PoincareSection
@@ -169,6 +169,14 @@ class MapAttractor(Attractor):
         """Return the label as far as so many states tell; the kept ones are always looked at."""
         orbit = _MapOrbit(self._system, self._states)
         return label_orbit(orbit, kept=len(self._states), budget=budget)
+
+    def settled_label(self, budget: int = 100_000) -> OrbitLabel:
+        """Return the label of what the motion settles on, chaos before that included.
+
+        See `dynkit.labels.settled_label`; at most so many states are looked at besides those kept.
+        """
+        orbit = _MapOrbit(self._system, self._states)
+        return settled_label(orbit, kept=len(self._states), budget=budget)
 
     @property
     def cost(self) -> Cost:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.attractors import Attractor
-from dynkit.labels import OrbitLabel, Window, label_orbit
+from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label
 from dynkit.results import Cost
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run
@@ -100,6 +100,23 @@ class ImpactAttractor(Attractor):
         """Return the label as far as so many impacts tell; the kept ones are always looked at."""
         kept = max(len(self.record), 1)
         return label_orbit(_ImpactOrbit(self.record), kept=kept, budget=budget)
+
+    def settled_label(self, budget: int = 100_000) -> OrbitLabel:
+        """Return the label of what the motion settles on, chaos before that included.
+
+        See `dynkit.labels.settled_label`; at most so many impacts are looked at besides those kept.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> attractor = ImpactChain(frequency=0.35).attractor()
+        >>> print(attractor.label)
+        chaotic
+        >>> print(attractor.settled_label())
+        P(39,15) after transient chaos
+        """
+        kept = max(len(self.record), 1)
+        return settled_label(_ImpactOrbit(self.record), kept=kept, budget=budget)
 
     def periodic_orbit(self) -> PeriodicOrbit:
         """Return the periodic orbit that this attractor is, by Newton's method.

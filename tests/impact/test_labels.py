@@ -129,3 +129,32 @@ def test_dead_impacts_are_labelled_by_their_periods() -> None:
 def test_labels_do_not_depend_on_the_cut_of_chatter(tolerance: float) -> None:
     chain = ImpactChain(frequency=0.408, chatter_tolerance=tolerance)
     assert str(chain.attractor().label) == "P(inf,2)"
+
+
+# --- transient chaos -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("transient", [700, 1500])
+def test_chaos_at_0_35_is_transient(transient: int) -> None:
+    # Nine runs of an independent computation settled after 8,000 to 31,000 impacts.
+    attractor = ImpactChain(frequency=0.35).attractor(transient=transient)
+    assert str(attractor.label) == "chaotic"
+    label = attractor.settled_label()
+    assert str(label) == "P(39,15) after transient chaos"
+    assert 800 <= label.transient_chaos <= 31_000
+    assert label.transient_chaos < label.simulated <= 100_000
+
+
+@pytest.mark.parametrize("frequency", [0.34, 0.408, 0.87])
+def test_what_was_not_chaotic_settles_on_its_label(frequency: float) -> None:
+    attractor = ImpactChain(frequency=frequency).attractor()
+    assert attractor.settled_label() == attractor.label
+    assert attractor.settled_label().transient_chaos == 0
+
+
+def test_chaos_that_lasts_stays_chaotic() -> None:
+    attractor = ImpactChain(frequency=1.346).attractor()
+    label = attractor.settled_label(budget=20_000)
+    assert str(label) == "chaotic"
+    assert label.transient_chaos == 0
+    assert 10_000 < label.simulated <= 20_000
