@@ -29,6 +29,11 @@ _REACH = 2.0
 
 _SAMPLES = 16384
 
+# Lines that samples fold back fall onto others when the table's period is a multiple of the
+# interval, and add up with them as amplitudes, which fall with the square of the frequency only. So
+# motions are sampled so many times finer than the axis asks for.
+_FINER, _CHUNK = 16, 1 << 15
+
 # Of the highest density: what is fainter is not drawn.
 _FAINTEST = 1e-12
 
@@ -38,7 +43,7 @@ class PowerSpectrum:
     """Power spectral density of one coordinate: mean square about the mean per angular frequency.
 
     Welch's method: the mean of the periodograms of half-overlapping segments, each less its mean
-    and weighted by a Hann window. Densities are one-sided: their integral over positive
+    and weighted by a Hann window. Densities are one-sided: their integral over all positive
     frequencies is the variance.
 
     Parameters
@@ -48,11 +53,13 @@ class PowerSpectrum:
     interval : float, optional
         Time between samples. An array needs it. For an attractor it is by default the largest part
         1/p of the table's period with which the axis reaches twice the highest natural frequency:
-        half of the chain's Nyquist interval, and harmonics of the table fall onto the axis.
+        half of the chain's Nyquist interval, and harmonics of the table fall onto the axis. Impact
+        attractors are sampled 16 times as finely, lest faster parts of the motion are folded back.
     coordinate : int, optional
         As for `TimeSeries`.
     samples : int, optional
-        How many to take of an attractor, from the last skipped state on; by default 16384.
+        How many intervals of an attractor to look at, from the last skipped state on; by default
+        16384.
     segments : int
         How many; with 1 it is the periodogram of the whole. With the default interval each lasts
         whole periods of the table.
@@ -96,13 +103,15 @@ class PowerSpectrum:
     ) -> None:
         self._source: Attractor | None = None
         self.table_frequency: float | None = None
-        self.name, self._coordinate, multiple = "values", 0, 1
+        self.name, self._coordinate, self._finer, multiple = "values", 0, 1, 1
         step = None if interval is None else positive("interval", interval)
         if isinstance(source, Attractor):
             self._source = source
             self._coordinate = checked_coordinate(source, coordinate, source.system.dimension)
             self.name = coordinate_name(source, self._coordinate)
             self._count = positive_integer("samples", _SAMPLES if samples is None else samples)
+            if hasattr(source, "record"):
+                self._finer = _FINER
             self.table_frequency = getattr(source.system, "frequency", None)
             if step is None:
                 multiple = _samples_in_a_period(source)
@@ -116,9 +125,10 @@ class PowerSpectrum:
             self._given = finite_array("source", source, (None,)).copy()
             self._count = len(self._given)
         self.interval = step
-        self._length, self.segments = _divided(
+        length, self.segments = _divided(
             self._count, positive_integer("segments", segments), multiple
         )
+        self._length, self._step = self._finer * length, step / self._finer
 
     @cached_property
     def _window(self) -> Array:
@@ -130,15 +140,17 @@ class PowerSpectrum:
     def resolution(self) -> float:
         """Width of a line, in angular frequency: the noise bandwidth of the window."""
         w = self._window
-        return TWO_PI * float(w @ w) / (float(w.sum()) ** 2 * self.interval)
+        return TWO_PI * float(w @ w) / (float(w.sum()) ** 2 * self._step)
 
     @cached_property
     def error(self) -> float:
         """Relative standard error of a density of a motion without lines.
 
         It follows from the number of segments and their overlap, and is near 1 for a periodogram.
-        The power of a line has no such error when the motion is periodic. What lies beyond
-        `nyquist` is folded back, and not part of it.
+        The power of a line has no such error when the motion is periodic. What samples fold back is
+        not part of it: of an array what lies beyond `nyquist`, of an impact attractor what lies
+        beyond 16 times that. It changes the lines of the chain's P(1,3) at frequency 0.87 by 0.04%
+        (the lowest) to 0.4% (near twice the highest natural frequency).
         """
         w, k, half = self._window, self.segments, self._length // 2
         overlap = (float(w[half:] @ w[: self._length - half]) / float(w @ w)) ** 2
@@ -150,8 +162,11 @@ class PowerSpectrum:
         if self._source is None:
             return self._given, 0.0
         began = time.perf_counter()
-        times = self.interval * np.arange(self._count, dtype=np.float64)
-        values = self._source.time_series(times)[:, self._coordinate]
+        values = np.empty(self._finer * self._count)
+        for low in range(0, len(values), _CHUNK):  # all coordinates at once would not fit
+            part = values[low : low + _CHUNK]
+            times = self._step * np.arange(low, low + len(part), dtype=np.float64)
+            part[:] = self._source.time_series(times)[:, self._coordinate]
         return values, time.perf_counter() - began
 
     @cached_property
@@ -162,11 +177,12 @@ class PowerSpectrum:
         values, _ = self._samples
         began = time.perf_counter()
         cycles, per_cycle = (
-            signal.periodogram(values[: self._length], 1.0 / self.interval, window="hann")
+            signal.periodogram(values[: self._length], 1.0 / self._step, window="hann")
             if self.segments == 1
-            else signal.welch(values, 1.0 / self.interval, window="hann", nperseg=self._length)
+            else signal.welch(values, 1.0 / self._step, window="hann", nperseg=self._length)
         )
-        frequencies, density = TWO_PI * cycles, np.asarray(per_cycle / TWO_PI)
+        shown = TWO_PI * cycles <= self.nyquist * (1.0 + 2.0**-40)
+        frequencies, density = TWO_PI * cycles[shown], np.asarray(per_cycle[shown] / TWO_PI)
         frequencies.setflags(write=False)
         density.setflags(write=False)
         return frequencies, density, time.perf_counter() - began
@@ -189,11 +205,12 @@ class PowerSpectrum:
     @property
     def cost(self) -> Cost:
         """Seconds and samples."""
-        return Cost(self._samples[1] + self._estimate[2], {"samples": self._count})
+        seconds = self._samples[1] + self._estimate[2]
+        return Cost(seconds, {"samples": self._finer * self._count})
 
     @property
     def nyquist(self) -> float:
-        """Largest angular frequency that the samples tell from smaller ones."""
+        """End of the axis: what samples an `interval` apart tell from smaller frequencies."""
         return math.pi / self.interval
 
     @property

@@ -131,9 +131,29 @@ def test_harmonics_are_multiples_of_the_table_frequency_up_to_nyquist() -> None:
 
 def test_samples_are_those_of_the_coordinate() -> None:
     attractor = attractor_of(0.35)
-    found = PowerSpectrum(attractor, 0.7, coordinate=2, samples=2000)
-    values = attractor.time_series(0.7 * np.arange(2000, dtype=np.float64))[:, 2]
-    assert np.array_equal(found.density, PowerSpectrum(values, 0.7).density)
+    found = PowerSpectrum(attractor, 0.7, coordinate=2, samples=500, segments=1)
+    # sixteen times as fine as the axis asks for
+    values = attractor.time_series(0.7 / 16 * np.arange(8000, dtype=np.float64))[:, 2]
+    finer = PowerSpectrum(values, 0.7 / 16, segments=1)
+    m = len(found.density)
+    assert found.density == pytest.approx(finer.density[:m], rel=1e-12, abs=0.0)
+    assert found.frequencies[-1] <= np.pi / 0.7 * (1.0 + 1e-12) < finer.frequencies[m]
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 7, 12])
+def test_lines_of_a_periodic_motion_are_its_fourier_coefficients(k: int) -> None:
+    attractor = ImpactChain(frequency=0.87).attractor(transient=5000)  # P(1,3)
+    spectrum = PowerSpectrum(attractor)
+    period = 3.0 * 2.0 * np.pi / 0.87
+    x = attractor.time_series(period / 2**14 * np.arange(2**14, dtype=np.float64))[:, 9]
+    amplitudes = abs(np.fft.rfft(x)) / len(x)
+    # The samples of a period fold amplitudes back onto k, from k + j times their number.
+    number = round(16.0 * period / spectrum.interval)
+    folded = np.concatenate([amplitudes[k + number :: number], amplitudes[number - k :: number]])
+    limit = 4.0 * amplitudes[k] * folded.sum() + 2.0 * folded.sum() ** 2
+    w, near = 0.29 * k, 3.0 * spectrum.frequencies[1]
+    assert abs(spectrum.power(w - near, w + near) - 2.0 * amplitudes[k] ** 2) < limit
+    assert limit < 0.01 * 2.0 * amplitudes[k] ** 2
 
 
 def test_chaos_is_broad_band_and_periodic_motion_is_not() -> None:
@@ -153,7 +173,7 @@ def test_map_has_a_spectrum_over_iterates() -> None:
 
 
 def test_cost_counts_the_samples() -> None:
-    assert PowerSpectrum(attractor_of(), samples=512).cost.counts == {"samples": 512}
+    assert PowerSpectrum(attractor_of(), samples=512).cost.counts == {"samples": 16 * 512}
 
 
 # --- refusals -------------------------------------------------------------------------------------
