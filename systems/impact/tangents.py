@@ -207,15 +207,18 @@ def _free_states(oscillator: ImpactOscillator, run: Run) -> Array:
 def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) -> Array:
     """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it.
 
-    At the release the force vanishes, and with it the jump of the velocity of the state: that
-    another motion is released at another time makes no difference.
+    Another motion comes onto the table at another time; see `_onto`. At the release the force
+    vanishes, and with it the jump of the rate of the state: that another motion is released at
+    another time makes no difference.
     """
     d = oscillator.dimension
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
         return out
     free_modes = oscillator._free.layout.modes
-    sides = _contacts_of(run)[1]
+    before, sides = _contacts_of(run)
+    speeds = abs(np.append(run.start.relative_velocity, run.states[:, -2]))[before]
+    states = _free_states(oscillator, run)[before]
     for side in np.unique(sides).tolist():
         contact = oscillator._contacts[side]
         modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
@@ -231,9 +234,43 @@ def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) 
             np.repeat(durations[here], count),
         )
         moved = ends[..., modes].reshape(len(here), count, count).transpose(0, 2, 1)
-        down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
         up = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, free_modes][..., modes]
-        out[here] = up.reshape(d, count) @ moved @ down.reshape(count, d)
+        down = _onto(oscillator, side, states[here], speeds[here])
+        out[here] = up.reshape(d, count) @ moved @ down
+    return out
+
+
+def _onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) -> Array:
+    """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
+
+    A disturbance that opens the gap by g makes the impact, from which on contact stands for the
+    rest of the chatter, later by -g / u, while the rates of both motions differ.
+    """
+    contact, gap = oscillator._contacts[side], oscillator._gaps[side]
+    modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
+    free_modes, n = oscillator._free.layout.modes, oscillator.degrees_of_freedom
+    down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
+    rates = _rates(gap, states).reshape(len(states), -1)
+    stuck = _rates(contact.force, transformed(contact.to_stuck, states))
+    change = (rates @ contact.to_stuck[:, :-1].T).reshape(-1, 2, slots) - stuck
+    change = change[..., modes].reshape(len(states), 2 * len(modes))
+    place = np.zeros((2, oscillator._free.layout.slots))
+    place[:, : gap.rows.shape[1]] = gap.rows[:2]
+    bounces = speeds > 0.0
+    by_gap = np.zeros_like(change)
+    by_gap[bounces] = -change[bounces] / speeds[bounces, None]
+    return np.asarray(
+        down.reshape(-1, 2 * n) + by_gap[:, :, None] * place[:, free_modes].reshape(2 * n)
+    )
+
+
+def _rates(ladder: Any, states: Array) -> Array:
+    """Rates of change (k, 2, slots) of states of an exponential sum."""
+    g = ladder.generator
+    y, z = states[:, 0], states[:, 1]
+    out = np.stack([g[0] * y + g[1] * z, g[2] * y + g[3] * z], axis=1)
+    for (t, source), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
+        out[..., t] += states[..., source] @ b.reshape(2, 2).T
     return out
 
 

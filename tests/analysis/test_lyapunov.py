@@ -317,6 +317,35 @@ def test_sticking_takes_two_directions_for_good() -> None:
     assert spectrum.dimension == 0.0
 
 
+@pytest.mark.parametrize(
+    "system",
+    [
+        ImpactChain(masses=2, restitution=0.4, frequency=0.2),
+        ImpactChain(masses=2, restitution=0.4, frequency=0.2, chatter_tolerance=1e-10),
+        ImpactChain(masses=3, damping=(0.1, 0.4, 0.2), restitution=0.4, frequency=0.2),
+        ImpactChain(masses=3, frequency=0.9, restitution=0.0),
+    ],
+    ids=["two masses", "coarse", "dashpots apart", "dead"],
+)
+def test_exponents_of_sticking_orbits_are_logarithms_of_multipliers(system: ImpactChain) -> None:
+    # By the product of the derivatives of all impacts of a period, whose two zeros are rounding.
+    attractor = system.attractor(transient=4000, impacts=100)
+    assert str(attractor.label) == "P(inf,1)"
+    turns = attractor.record.time * system.frequency / (2.0 * np.pi)
+    n = int(np.searchsorted(turns, turns[0] + 1.0 - 1e-6))
+    product = np.eye(system.dimension)
+    for state in attractor.states[:n]:
+        product = system.jacobian(state) @ product
+    expected = np.sort(abs(np.linalg.eigvals(product)))[:1:-1]
+    spectrum = LyapunovSpectrum(attractor, 20_000)
+    assert np.isneginf(spectrum.exponents[-2:]).all()
+    # errors of the product's entries, of its smallest eigenvalues too
+    worst = 2.0**-52 * n * system.dimension / expected[-1]
+    gap = abs(spectrum.exponents[:-2] - np.log(expected) / n)
+    assert gap.max() < 100.0 * worst + 1e-8
+    assert spectrum.error[:-2].max() < 1e-7
+
+
 def test_a_transient_that_is_not_over_is_told() -> None:
     # Frequency 0.35: chaos for thousands of impacts, then P(39,15).
     record = ImpactChain(frequency=0.35).attractor(transient=1000)

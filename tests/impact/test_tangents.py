@@ -126,7 +126,6 @@ STICKING: dict[str, ImpactOscillator] = {
 
 @pytest.mark.parametrize("name", STICKING)
 def test_contact_acts_as_the_jacobian_in_other_coordinates(name: str) -> None:
-    # What is left out with the rest of a chatter is of the order of its relative velocity.
     system = STICKING[name]
     record = system.simulate(impacts=300, start=between(system))
     contact = int(np.flatnonzero(np.isfinite(record.sticking[:, 1]))[0])
@@ -138,9 +137,9 @@ def test_contact_acts_as_the_jacobian_in_other_coordinates(name: str) -> None:
     found, jacobian = whole(system, state), system.jacobian(record.states[i])
     size = (abs(there) @ abs(jacobian) + abs(found) @ abs(before)).max()
     gap = abs(found @ before - there @ jacobian)
-    u = abs(state.relative_velocity)
-    assert u < 1e-3
-    assert gap.max() <= (4.0 * system.dimension * ROUNDING + 10.0 * u) * size
+    # As in flight, with two changes of basis besides; and the times of events are rounded.
+    time = float(run.states[0, -1])
+    assert gap.max() <= (12.0 * system.dimension + 4.0 * time) * ROUNDING * size
 
 
 @pytest.mark.parametrize("name", STICKING)
