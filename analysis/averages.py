@@ -19,8 +19,9 @@ _QUARTERS, _CLEAR, _FLOOR, _CORRELATED = 4, 0.01, 1e-9, 0.6
 class BlockAverages:
     """Time averages (k,) of a series (n, k), and functions of them, with errors.
 
-    The series is cut into 32 blocks, and the scatter of their means gives the standard error, as
-    long as the blocks are much longer than the motion remembers: `resolved`.
+    The series is cut into 32 blocks, and the scatter of their means gives the standard error, with
+    a correction for what one block tells of the next. Where it tells much, the motion remembers
+    for longer than a block, and is not `resolved`.
 
     A periodic or quasi-periodic motion is better averaged with a smooth weight that vanishes at
     both ends: the error then falls faster than any power of n. It is told from chaos by the
@@ -47,15 +48,15 @@ class BlockAverages:
         self.regular = bool((spread <= np.maximum(_CLEAR * scatter, floor)).all())
         """Whether weighted averages converge as those of periodic motions and of tori do."""
         moving = scatter > floor
-        gaps = (self._blocks - self._mean)[:, moving]
-        correlation = (gaps[1:] * gaps[:-1]).sum(axis=0) / (gaps * gaps).sum(axis=0)
+        correlation = _correlation(self._blocks[:, moving])
         self.resolved = self.regular or bool((correlation <= _CORRELATED).all())
-        """Whether each block is independent of the one before, so that the errors hold."""
+        """Whether a block tells little enough of the next one, so that the errors hold."""
 
     def estimate(self, function: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Return a function (m,) of the averages (k,), and its errors (m,).
 
         The standard error is that of the jackknife: from what is left when one block is left out.
+        It is the larger, the more each block is like the one before.
         """
         if self.regular:
             value = function(self._whole)
@@ -64,7 +65,17 @@ class BlockAverages:
         without = (BLOCKS * self._mean - self._blocks) / (BLOCKS - 1)
         parts = np.array([function(mean) for mean in without])
         error = np.sqrt((BLOCKS - 1) * parts.var(axis=0))
-        return function(self._mean), np.asarray(error)
+        # of a series that keeps this share of its last value
+        share = np.clip(_correlation(parts), 0.0, _CORRELATED)
+        return function(self._mean), np.asarray(error * np.sqrt((1.0 + share) / (1.0 - share)))
+
+
+def _correlation(blocks: Array) -> Array:
+    """Correlation (k,) of each block (b, k) with the one before; zero of what is constant."""
+    gaps = blocks - blocks.mean(axis=0)
+    square = (gaps * gaps).sum(axis=0)
+    square[square == 0.0] = 1.0
+    return np.asarray((gaps[1:] * gaps[:-1]).sum(axis=0) / square)
 
 
 def _weighted(series: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynkit.flows import NoCrossing
-from dynkit.systems import BouncingBall, ImpactChain
+from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
 from dynkit.systems.impact.derivatives import _lift
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.tangent_kernels import stretch
@@ -37,6 +37,9 @@ FLYING: dict[str, ImpactOscillator] = {
     "linked": SYSTEMS["triple"],
     "linked, contact inside": SYSTEMS["double, contact inside"],
     "overdamped": SYSTEMS["chain, overdamped"],
+    "resonant": SingleImpactOscillator(
+        frequency=1.0, damping_ratio=1e-6, restitution=0.8, stop=0.1
+    ),
     "elastic": SYSTEMS["chain, elastic"],
     "rigid": BouncingBall(amplitude=0.8, frequency=3.0, restitution=0.9),
 }
