@@ -108,6 +108,7 @@ class Map(Family, ABC):
     6. `accuracy`, when a call is wrong by more than rounding.
     7. ``parameter_derivative(state, name)``, the exact (d,) derivative of the call by a parameter;
        otherwise it is found by differences.
+    8. ``stretching(state, n)``, when it knows a faster way to what Lyapunov exponents are made of.
 
     Instances are immutable. `dynkit.testing.check_map` runs any subclass through this contract.
 
