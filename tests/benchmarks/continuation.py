@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from time import process_time
 
-from dynkit import continue_orbit
+from dynkit import PeriodicOrbit, continue_orbit
 from dynkit.systems import ImpactChain
 from tests.benchmarks.report import table
 
@@ -21,6 +21,7 @@ def continuation() -> None:
     rows = []
     for name, masses, frequency, bounds in CASES:
         chain = ImpactChain(masses=masses, frequency=frequency)
+        orbit: PeriodicOrbit
         if name.startswith("P(1,3)"):
             orbit = chain.periodic_orbit(periods=3)
         else:

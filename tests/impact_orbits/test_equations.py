@@ -9,12 +9,14 @@ multiplier problem (dP - mu) when the free motion E over the period is eliminate
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import scipy.linalg
+import sympy
 
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -174,6 +176,38 @@ def test_parameter_derivatives_are_those_of_the_residual(name: str) -> None:
 
         wanted = extrapolated(moved, step)
         assert abs(wanted - found[:, k]).max() <= 1e-8 * max(1.0, abs(wanted).max())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tapered(ImpactChain):
+    """Masses that grow along the chain: a parameter of the kinetic energy."""
+
+    taper: float = 0.3
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return sum(((1 + self.taper * i) * x**2 for i, x in enumerate(v)), sympy.Integer(0)) / 2
+
+
+@pytest.mark.parametrize(
+    ("chain", "impacts", "periods", "parameter"),
+    [
+        (ImpactChain(frequency=0.87), 1, 3, "damping"),
+        (ImpactChain(frequency=0.87), 1, 3, "springs"),
+        (ImpactChain(frequency=0.80), 2, 3, "damping"),
+        (Tapered(masses=3, frequency=0.87), 1, 2, "taper"),
+        (Tapered(masses=3, frequency=0.87, offset=-0.02), 1, 2, "damping"),
+    ],
+)
+def test_derivatives_by_what_the_matrices_are_linear_in_have_all_digits(
+    chain: ImpactChain, impacts: int, periods: int, parameter: str
+) -> None:
+    orbit = chain.periodic_orbits(impacts=impacts, periods=periods)[0]
+    problem, x = orbit.problem(parameter), orbit.unknowns
+    value = problem.values
+    wanted = extrapolated(lambda h: problem.residual(x, value + h), 4e-3 * float(value[0]))
+    found = problem.parameter_derivative(x, value)[:, 0]
+    # The differences' own rounding is 1e-15 over their step.
+    assert abs(wanted - found).max() <= 1e-10 * abs(wanted).max()
 
 
 def one_sided(function: Callable[[float], Array], step: float) -> Array:

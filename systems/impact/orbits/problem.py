@@ -15,6 +15,12 @@ from dynkit.systems.impact.orbits.monodromy import multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.structural import (
+    LARGEST,
+    linear_change,
+    matrices_of,
+    residual_change,
+)
 from dynkit.systems.impact.orbits.terms import EXACT, Terms
 from dynkit.systems.impact.orbits.watching import condition_of, flights_are_open, watched
 from dynkit.systems.impact.state import TWO_PI
@@ -25,6 +31,10 @@ if TYPE_CHECKING:
 
 # Impacts and impulses that agree so well, in their units, are the same.
 _REPEATED = 1e-7
+
+
+_OUTSIDE = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
+"""What acts on the structure from outside."""
 
 
 @final
@@ -67,6 +77,7 @@ class ImpactProblem(Problem):
         self.speed = speed
         self._base = Terms.of(oscillator)
         self._known: list[tuple[bytes, tuple[FreeMotion, Terms]]] = []
+        self._changes: dict[str, Array | None] = {}
         self._last: tuple[bytes, Solution] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -163,7 +174,11 @@ class ImpactProblem(Problem):
         n, t, w = len(self.sides), s.terms, s.terms.frequency
         none = np.zeros(n)
         if name not in self._plain_names:
-            return self._numerically(x, p, k)
+            change = self._matrix_changes(p, k)
+            if change is None:
+                return self._numerically(x, p, k)
+            gaps, rates = residual_change(self.system(p), s, change)
+            return np.concatenate([gaps * w, rates]) / self.speed
         if name == "frequency":
             impulses = s.signs * s.impulses
             parts = []
@@ -192,11 +207,33 @@ class ImpactProblem(Problem):
             return False
         value = 0.5 * getattr(here, name) or 0.5
         there = here.replace(**{name: value})
-        others = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
         same = all(
-            getattr(here, other) == getattr(there, other) for other in others if other != name
+            getattr(here, other) == getattr(there, other) for other in _OUTSIDE if other != name
         )
         return same and there._structure is here._structure
+
+    def _matrix_changes(self, p: Array, k: int) -> Array | None:
+        """Derivative (3, N, N) of the matrices by a free parameter that acts through them only.
+
+        None where it does not, where they are not linear in it, or where they are large.
+        """
+        name = self._names[k]
+        if name not in self._changes:
+            self._changes[name] = None
+            if self.oscillator.degrees_of_freedom <= LARGEST and self._only_matrices(name):
+
+                def matrices(value: float) -> Array:
+                    moved = p.copy()
+                    moved[k] = value
+                    return matrices_of(self.system(moved))
+
+                self._changes[name] = linear_change(matrices, float(p[k]))
+        return self._changes[name]
+
+    def _only_matrices(self, name: str) -> bool:
+        here = self.oscillator
+        there = here.replace(**{name: 2.0 * self.oscillator.value_of(name) or 0.25})
+        return all(getattr(here, other) == getattr(there, other) for other in _OUTSIDE)
 
     def _numerically(self, x: Array, p: Array, k: int) -> Array:
         """Derivative (2n,) by the free parameter number `k`, from differences of fourth order."""
