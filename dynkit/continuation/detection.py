@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 # Squares of moduli, and products, up to here count as inside the unit circle: more is rounding.
 _INSIDE = 1.0 + 1e-9
+# What stands for infinite multipliers in products.
+_HUGE = 1e150
 
 
 @final
@@ -98,5 +100,6 @@ def _tori(before: Seen, after: Seen) -> int:
 
 def _sign(seen: Seen) -> bool:
     real = seen.multipliers[are_real(seen.multipliers)].real
+    real = np.clip(real, -_HUGE, _HUGE)  # infinite where an orbit grazes
     products = np.outer(real, real)[np.triu_indices(len(real), 1)]
     return bool((np.count_nonzero(products <= _INSIDE) + seen.inside) % 2)

@@ -111,9 +111,7 @@ def explore(
     )
     finish, failure = Finish.COMPLETE, ""
     try:
-        # multipliers of orbits that graze are infinite
-        with np.errstate(invalid="ignore"):
-            exploration.run(start)
+        exploration.run(start)
     except _UsedUp:
         finish = Finish.BUDGET
     except KeyboardInterrupt:
