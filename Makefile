@@ -13,7 +13,7 @@ run: .venv/.ready  ## reproduce the paper's figures: results/report.md
 	$(BIN)/dynkit reproduce --out results
 
 test: .venv/.dev  ## run the tests
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto
 
 check: .venv/.dev  ## lint, format, types, layers
 	$(BIN)/ruff check

@@ -161,6 +161,9 @@ class Sphere(PoincareSection):
         self.radius = radius
         self._direction = direction
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.radius}, {self._direction})"
+
     @property
     def dimension(self) -> int:
         return 3
