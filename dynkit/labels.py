@@ -14,6 +14,7 @@ from dynkit.validation import Array, positive, positive_integer
 _NEAR, _NEAR_AT_LAST = 100.0, 1e-2
 # Growth is asked for only when so many states did not decide; and is averaged over batches.
 _CHAOS_AFTER, _BATCHES = 800, 16
+_BUDGET = 20_000
 
 
 class OrbitKind(Enum):
@@ -127,7 +128,7 @@ class OrbitSource(Protocol):
 
 
 def label_orbit(
-    source: OrbitSource, *, kept: int = 100, tolerance: float = 1e-6, budget: int = 20000
+    source: OrbitSource, *, kept: int = 100, tolerance: float = 1e-6, budget: int | None = None
 ) -> OrbitLabel:
     """Label an orbit by the recurrence of its section states.
 
@@ -156,9 +157,9 @@ def label_orbit(
         States in the first window.
     tolerance : float
         Recurrence that counts as periodic, relative to the largest state of the window.
-    budget : int
+    budget : int, optional
         The most states to look at, those for the growth included, but for the kept ones, which
-        are always looked at.
+        are always looked at; by default 20,000, or four times the kept ones where that is more.
 
     Raises
     ------
@@ -166,7 +167,7 @@ def label_orbit(
         When kept or budget are no counts, or the tolerance is not positive.
     """
     request = positive_integer("kept", kept)
-    limit = positive_integer("budget", budget)
+    limit = max(_BUDGET, 4 * request) if budget is None else positive_integer("budget", budget)
     tolerance = positive("tolerance", tolerance)
     seen = spent = 0
     growth: list[Array] = []

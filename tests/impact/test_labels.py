@@ -64,6 +64,11 @@ def test_a_budget_that_is_too_small_leaves_the_label_open(frequency: float) -> N
     assert label.simulated <= 200
 
 
+def test_chaos_is_told_however_many_impacts_were_kept() -> None:
+    attractor = ImpactChain(frequency=1.346).attractor(transient=2000, impacts=20_000)
+    assert str(attractor.label) == "chaotic"
+
+
 def test_a_label_keeps_to_its_budget() -> None:
     attractor = ImpactChain(frequency=0.35).attractor()
     assert attractor.label_within(1000).simulated <= 1000
