@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ ASKED = 1e-9
 """Largest distance from the closed form, of states and of multipliers relative to the largest."""
 
 
-def one_mass(**parameters: float) -> ImpactChain:
+def one_mass(**parameters: Any) -> ImpactChain:
     return ImpactChain(masses=1, harmonic_forces=(0j,), **parameters)
 
 
@@ -30,7 +32,7 @@ ONE_MASS = {
 }
 
 
-def points(branch: Branch, count: int) -> list[int]:
+def points(branch: Branch, count: int) -> Any:
     return np.unique(np.linspace(0, len(branch) - 1, count).astype(int)).tolist()
 
 
