@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dynkit.continuation.arclength import Steps
 from dynkit.continuation.problem import NoSolution, Problem
+from dynkit.orbits import PeriodicOrbit
 from dynkit.validation import finite_scalar, positive, positive_integer
-
-if TYPE_CHECKING:
-    from dynkit.orbits import PeriodicOrbit
 
 
 def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
@@ -53,8 +51,10 @@ def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
     Raises
     ------
     ValueError
-        When the system lacks one of them, or the orbit does not solve its equations.
+        When it is no orbit, the system lacks one of them, or it does not solve its equations.
     """
+    if not isinstance(orbit, PeriodicOrbit):
+        raise ValueError(f"orbit must be a PeriodicOrbit; got {orbit!r}")
     known = orbit.system.parameters
     for name in names:
         if name not in known:

@@ -87,6 +87,9 @@ def test_a_parameter_that_the_system_lacks_is_refused() -> None:
 
 
 def test_what_is_no_orbit_is_refused() -> None:
+    system: Any = Logistic(2.5)
+    with pytest.raises(ValueError, match=r"^orbit must be a PeriodicOrbit; got Logistic"):
+        continue_orbit(system, "r", bounds=(2.0, 3.0))
     with pytest.raises(ValueError, match=r"^orbit must solve its equations; got a residual of "):
         continue_orbit(Cycle(Logistic(2.5), np.array([0.5])), "r", bounds=(2.0, 3.0))
 
