@@ -200,8 +200,7 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     if pairs.grows:
         size = np.where(np.isfinite(size), size, pairs.bound(full, 0, 0.0))
     fast = pairs.rates()[0]
-    together = (pairs.scale > 0.0) | ((pairs.generator[0] < 0.0) & (pairs.generator[1] != 0.0))
-    slow = together & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
+    slow = (pairs.scale > 0.0) & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
     slow &= full.any(axis=0)
     slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude
     size[:, slow] = abs(full[:, slow])

@@ -17,7 +17,7 @@ LARGEST = 1e60
 """No entry of a generator may exceed this, lest the bounds of derivatives overflow."""
 
 SEPARATE = 1.1
-"""Beyond this damping ratio the two real rates of an oscillator are bounded one by one."""
+"""Beyond this damping ratio the two real exponentials of an oscillator are kept apart."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,7 @@ class Pairs:
         (4, n) entries 11, 12, 21, 22 of G and their low parts (double-double).
     scale
         (n,) factor s_k such that the norm of (y_1, s_k y_2) never grows by itself; 0 marks two
-        separate numbers: G diagonal, or without its entry 21, as of (position, velocity) of a
-        rigid body.
+        separate numbers: G diagonal, or (position, velocity) of a rigid body.
     links
         (2, L) targets and sources; no chain of links leads back to where it began.
     coupling
@@ -104,9 +103,8 @@ class Pairs:
         Returns
         -------
         pairs
-            (q, q') through critical damping and of rigid bodies; beyond it (q, p), where
-            p = q' + slow q decays by itself and q' = p - slow q. With its two real exponentials
-            the place would be a difference of large numbers where both are slow.
+            (q, q') through critical damping and of rigid bodies, two real exponentials beyond it.
+            With both of a rigid body under drag its place would be a difference of large numbers.
         mixing
             (2, 2, n) matrices that give (q, q') from the pairs; None when all of them are 1.
         """
@@ -124,8 +122,8 @@ class Pairs:
                 if separate[k]:
                     fast = sigma + (sigma * sigma - w * w).sqrt()
                     slow = w * w / fast
-                    entries = {0: -slow, 1: Decimal(1), 3: -fast}
-                    mixing[1, 0, k] = -float(slow)
+                    entries = {0: -slow, 3: -fast}
+                    mixing[:, :, k] = [[1.0, 1.0], [-float(slow), -float(fast)]]
                 else:
                     entries = {1: Decimal(1), 2: -w * w, 3: -2 * sigma}
                     scale[k] = 1.0 / float(w) if w else 0.0
@@ -197,12 +195,12 @@ class Pairs:
         n_i' <= -decay_i n_i + sum_j growth_ij n_j. What feeds nothing has the number -1.
         """
         apart = self.scale == 0.0
-        driven = apart & (self.generator[1] != 0.0)
+        rigid = apart & (self.generator[1] != 0.0)
         cluster = self._clusters
         outer = np.flatnonzero(cluster[self.links[0]] != cluster[self.links[1]])
         involved = np.zeros(self.count, dtype=bool)
         involved[cluster[self.links[:, outer]]] = True
-        involved = involved[cluster] | driven
+        involved = involved[cluster] | rigid
         if not involved.any():
             return None
         # Both numbers of a pair that is not apart share a part, and so do the pairs of a cluster.
@@ -215,7 +213,7 @@ class Pairs:
             for i in range(2):
                 at = number[i, slot]
                 decay[at] = min(decay[at], self._contraction(slot, i))
-            if driven[slot]:
+            if rigid[slot]:
                 growth[number[0, slot], number[1, slot]] += abs(self.generator[1, slot])
         for k in outer.tolist():
             t, source = self.links[:, k].tolist()
@@ -266,11 +264,8 @@ def _majorant(growth: Array, decay: Array, window: float) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(1, n + 1):
             if math.isinf(window):
-                # A target that decays takes in no more than its source's largest value; nor, if
-                # that is the start's, more than it brings until it has decayed.
-                slowest = np.maximum(decay[:, None], decay) if k == 1 else decay[:, None]
-                slowest = np.where(decay[:, None] > 0.0, slowest, 0.0)
-                scaled = np.where(growth > 0.0, growth / slowest, 0.0)
+                # A target that decays takes in no more than its source's largest value.
+                scaled = np.where(growth > 0.0, growth / decay[:, None], 0.0)
             else:
                 scaled = growth * (window / k)
             power = np.where(

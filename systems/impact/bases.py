@@ -70,7 +70,8 @@ class Basis(ABC):
 class NormalModes(Basis):
     """Normal modes of a structure whose damping leaves them uncoupled.
 
-    A mode is (q, q'), or (q, q' + slow q) where it is clearly overdamped: (q, q') = mixing y.
+    A mode is (q, q'), or its two real exponentials where it is clearly overdamped: (q, q') = mixing
+    y.
 
     Attributes
     ----------
@@ -145,9 +146,10 @@ class NormalModes(Basis):
         q, p = self._modal(y)
         return np.asarray(0.5 * (p * p + q * q * self.stiffness).sum(axis=-1))
 
-    def kick(self, velocity: Array, contact: int) -> Array:  # noqa: ARG002
-        # In normal modes the kick is parallel to the row of the contact velocity; no mixing of
-        # positions and velocities changes it.
+    def kick(self, velocity: Array, contact: int) -> Array:
+        if self.mixing is not None:
+            return super().kick(velocity, contact)
+        # In normal modes the kick is parallel to the row of the contact velocity.
         row = [Fraction(entry) for entry in self.matrix[contact].tolist()]
         square = sum(entry * entry for entry in row)
         out = np.zeros((4, len(row)))

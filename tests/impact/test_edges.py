@@ -124,24 +124,6 @@ def test_an_overdamped_mass_is_as_exact_as_any(position: float) -> None:
     assert exact_errors(record)[:, 1].max() < 4e-15
 
 
-@pytest.mark.parametrize("slow", [1e-4, 1e-6, 1e-9])
-def test_a_slow_overdamped_mass_is_as_exact_as_a_free_one(slow: float) -> None:
-    # Rates of 0.11 and 0.89 of it: the place is no difference of two exponentials of size 1/slow.
-    system = PlayOscillator(
-        frequency=1.0,
-        restitution=1.0,
-        amplitude=1.0,
-        play=1.0,
-        spring=0.1 * slow**2,
-        damping=slow,
-    )
-    record = system.simulate(impacts=3, start=system.state([0.0], [0.0]))
-    u, wait = record.relative_velocity, float(record.time[2] - record.time[1])
-    shrinks = math.exp(-slow * wait) * u[1] / u[2]
-    jacobian = system.jacobian(record.states[1])
-    assert abs(np.linalg.det(jacobian) - shrinks) <= 1e-14 * abs(jacobian).max() ** 2
-
-
 def test_overdamped_masses_leave_with_the_velocities_of_their_states() -> None:
     chain = ImpactChain(
         masses=(0.25, 0.5), damping=7.5, restitution=1.0, amplitude=1.0, frequency=0.5
