@@ -19,6 +19,8 @@ from dynkit.systems.structure.refinement import Eigenpairs, refine
 from dynkit.systems.structure.symmetric import SymmetricMatrix
 from dynkit.validation import Array, finite_array
 
+# A larger ratio of damping to stiffness or mass is not worked with: it may overflow.
+_LARGEST_RATIO = Fraction(2) ** 1000
 # Half an ulp, relative: what rounding to a double costs.
 _HALF_ULP = 2.0**-53
 
@@ -222,7 +224,10 @@ def _decay(
 
 
 def _exact_ratio(first: SymmetricMatrix, second: SymmetricMatrix) -> Fraction | None:
-    """The number g where first = g second, element by element and without rounding, or None."""
+    """The number g where first = g second, element by element and without rounding, or None.
+
+    None too where it would overflow.
+    """
     if not len(first.high):
         return Fraction(0)
     if not (
@@ -238,7 +243,7 @@ def _exact_ratio(first: SymmetricMatrix, second: SymmetricMatrix) -> Fraction | 
         if ratio is not None and found != ratio:
             return None
         ratio = found
-    return ratio
+    return ratio if ratio is None or ratio < _LARGEST_RATIO else None
 
 
 def _times_number(x: DoubleDouble, number: Fraction) -> DoubleDouble:

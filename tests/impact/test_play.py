@@ -198,6 +198,13 @@ def mirrored(system: PlayOscillator, state: ImpactState) -> ImpactState:
     return system.unpack_state(packed)
 
 
+@pytest.mark.parametrize("spring", [5e-324, 1e-308, 1e-300])
+def test_decay_is_half_the_damping_however_weak_the_spring(spring: float) -> None:
+    # Damping over spring overflows.
+    system = PlayOscillator(frequency=1.0, spring=spring, damping=1e10)
+    assert system.modes.decay.tolist() == [5e9]
+
+
 @given(begins())
 def test_the_motion_is_symmetric_to_the_bit(begin: tuple[PlayOscillator, ImpactState]) -> None:
     # From an impact on: which side a state in flight belongs to is not told by its numbers.
