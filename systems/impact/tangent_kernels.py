@@ -169,3 +169,21 @@ def stretch(
         _fly(blocks, step, frame)
         _jump(vectors, jumps[step, 0], jumps[step, 1], frame)
         _orthonormalise(frame, lost[step], logs, step)
+
+
+@kernel()
+def carry(
+    blocks: Array,
+    which: Indices,
+    dense: Array,
+    vectors: Array,
+    jumps: Array,
+    frame: Array,
+    scratch: Array,
+) -> None:
+    """Rows of the frame (k, 2N) through the steps of `stretch`, as they are; modified in place."""
+    for step in range(which.shape[0]):
+        if which[step] >= 0:
+            _multiply(dense[which[step]], frame, scratch)
+        _fly(blocks, step, frame)
+        _jump(vectors, jumps[step, 0], jumps[step, 1], frame)

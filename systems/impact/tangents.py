@@ -98,7 +98,6 @@ def _follow(
 def steps_of(oscillator: ImpactOscillator, run: Run) -> Steps:
     """The steps of a run: contact, where there is one, flight and impact, cut where they spread."""
     motion = free_motion(oscillator._structure)
-    slots, n = motion.regime.layout.modes, oscillator.degrees_of_freedom
     began = np.append(0.0, run.states[:, -1])
     before = run.contacts[:, 0].astype(np.intp)
     held = run.contacts[:, 2] - began[before]
@@ -126,28 +125,48 @@ def steps_of(oscillator: ImpactOscillator, run: Run) -> Steps:
         gone[place : place + many] = 2
         durations[place : place + many - 1] = 0.0
 
+    return Steps(*_flights(motion, durations, which, dense), motion.vectors, jump, gone, first[:-1])
+
+
+def _flights(
+    motion: FreeMotion, durations: Array, which: Any, dense: Array
+) -> tuple[Array, Any, Array]:
+    """What the kernels take of flights (n,), after the matrices whose numbers are not negative."""
+    slots = motion.regime.layout.modes
     flown = motion.transitions(durations)
-    blocks = np.empty((total, 2, 2, n))
+    blocks = np.empty((len(durations), 2, 2, len(slots)))
     if len(flown.linked):
         blocks[...] = np.eye(2)[..., None]
         matrices = flown.matrices(slots)
-        on_contact = which >= 0
-        matrices[on_contact] = matrices[on_contact] @ dense[which[on_contact]]
-        dense, which = matrices, np.arange(total)
+        after = which >= 0
+        matrices[after] = matrices[after] @ dense[which[after]]
+        dense, which = matrices, np.arange(len(durations))
     else:
         blocks[..., np.argsort(slots)] = flown.own
-    place, speed = motion.rows[:2].reshape(2, 2, -1)[..., slots]
-    kick, pushed = motion.kick, motion.rate(motion.kick)
-    vectors = np.stack([kick[:, slots], pushed[:, slots], place, speed]).reshape(4, 2 * n)
-    return Steps(
-        blocks.reshape(total, 4, n),
-        which,
-        np.ascontiguousarray(dense),
-        vectors,
-        jump,
-        gone,
-        first[:-1],
-    )
+    return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
+
+
+def carried(motion: FreeMotion, durations: Array, jumps: Array, disturbances: Array) -> Array:
+    """What becomes of disturbances (2N, k) of the free state in flights (n,), impacts after each.
+
+    `jumps` (n, 2) are as in `tangent_kernels.stretch`.
+    """
+    from dynkit.systems.impact.tangent_kernels import carry
+
+    d = len(disturbances)
+    frame = np.ascontiguousarray(disturbances.T)
+    none = np.full(len(durations), -1)
+    flown = _flights(motion, durations, none, np.empty((0, d, d)))
+    carry(*flown, motion.vectors, jumps, frame, np.empty(d))
+    return np.ascontiguousarray(frame.T)
+
+
+def chatter_carried(oscillator: ImpactOscillator, run: Run, disturbances: Array) -> Array:
+    """What becomes of disturbances (2N, k) of the start of a run that has no contact."""
+    motion = free_motion(oscillator._structure)
+    flights = np.diff(run.states[:, -1], prepend=0.0)
+    jumps, _ = _jumps(oscillator, run, flights, np.empty(0))
+    return carried(motion, flights, jumps, disturbances)
 
 
 def _jumps(
@@ -207,7 +226,7 @@ def _free_states(oscillator: ImpactOscillator, run: Run) -> Array:
 def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) -> Array:
     """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it.
 
-    Another motion comes onto the table at another time; see `_onto`. At the release the force
+    Another motion comes onto the table at another time; see `onto`. At the release the force
     vanishes, and with it the jump of the rate of the state: that another motion is released at
     another time makes no difference.
     """
@@ -215,32 +234,43 @@ def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) 
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
         return out
-    free_modes = oscillator._free.layout.modes
     before, sides = _contacts_of(run)
     speeds = abs(np.append(run.start.relative_velocity, run.states[:, -2]))[before]
     states = _free_states(oscillator, run)[before]
     for side in np.unique(sides).tolist():
-        contact = oscillator._contacts[side]
-        modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
-        count = 2 * len(modes)
-        units = np.zeros((2, len(modes), 2, slots))
-        units[0, np.arange(len(modes)), 0, modes] = 1.0
-        units[1, np.arange(len(modes)), 1, modes] = 1.0
         here = np.flatnonzero(sides == side)
-        ends = evolve(
-            contact.force,
-            units.reshape(count, 2, slots),
-            np.tile(np.arange(count), len(here)),
-            np.repeat(durations[here], count),
-        )
-        moved = ends[..., modes].reshape(len(here), count, count).transpose(0, 2, 1)
-        up = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, free_modes][..., modes]
-        down = _onto(oscillator, side, states[here], speeds[here])
-        out[here] = up.reshape(d, count) @ moved @ down
+        moved = held(oscillator, side, durations[here])
+        down = onto(oscillator, side, states[here], speeds[here])
+        out[here] = off(oscillator, side) @ moved @ down
     return out
 
 
-def _onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) -> Array:
+def held(oscillator: ImpactOscillator, side: int, durations: Array) -> Array:
+    """Derivatives (k, 2 stuck modes, 2 stuck modes) of contacts of these durations (k,)."""
+    contact = oscillator._contacts[side]
+    modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
+    count = 2 * len(modes)
+    units = np.zeros((2, len(modes), 2, slots))
+    units[0, np.arange(len(modes)), 0, modes] = 1.0
+    units[1, np.arange(len(modes)), 1, modes] = 1.0
+    ends = evolve(
+        contact.force,
+        units.reshape(count, 2, slots),
+        np.tile(np.arange(count), len(durations)),
+        np.repeat(durations, count),
+    )
+    return ends[..., modes].reshape(len(durations), count, count).transpose(0, 2, 1)
+
+
+def off(oscillator: ImpactOscillator, side: int) -> Array:
+    """Derivative (2N, 2 stuck modes) of the free state by the stuck one that is released."""
+    contact = oscillator._contacts[side]
+    modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
+    rows = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, oscillator._free.layout.modes]
+    return np.asarray(rows[..., modes].reshape(oscillator.dimension, 2 * len(modes)))
+
+
+def onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) -> Array:
     """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
 
     A disturbance that opens the gap by g makes the impact, from which on contact stands for the

@@ -44,6 +44,14 @@ class FreeMotion:
         self._linked = np.unique(self._ladder.links)
         self._alone = np.setdiff1d(self.regime.layout.modes, self._linked)
 
+    @cached_property
+    def vectors(self) -> Array:
+        """(4, 2N) kick, its rate of change, and the rows of place and velocity, of the modes."""
+        modes = self.regime.layout.modes
+        place, speed = self.rows[:2].reshape(2, 2, -1)[..., modes]
+        kick, pushed = self.kick[:, modes], self.rate(self.kick)[:, modes]
+        return np.stack([kick, pushed, place, speed]).reshape(4, -1)
+
     @property
     def rigid(self) -> bool:
         """Whether a part of the motion has no restoring force: no response is periodic then."""
