@@ -17,7 +17,7 @@ from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.driven import DrivenStructure
 
 
 @final
@@ -74,16 +74,16 @@ class Structure:
 _structures: WeakKeyDictionary[Any, dict[int, Structure]] = WeakKeyDictionary()
 
 
-def structure_of(oscillator: ImpactOscillator) -> Structure:
+def structure_of(driven: DrivenStructure) -> Structure:
     """The shared part, computed once for all oscillators of equal structure and contact."""
-    known = _structures.setdefault(oscillator._derivation, {})
-    contact = oscillator.contact % oscillator.degrees_of_freedom
+    known = _structures.setdefault(driven._derivation, {})
+    contact = driven.contact % driven.degrees_of_freedom
     if contact not in known:
         known[contact] = Structure(
-            oscillator.modes,
-            oscillator.mass,
-            oscillator.damping_matrix,
-            oscillator.stiffness,
+            driven.modes,
+            driven.mass,
+            driven.damping_matrix,
+            driven.stiffness,
             contact,
         )
     return known[contact]

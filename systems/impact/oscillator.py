@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -16,16 +14,7 @@ from dynkit.flows import NoCrossing
 from dynkit.maps import Map, Stretching
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative
-from dynkit.systems.impact.mechanics import (
-    Contact,
-    Drive,
-    Regime,
-    Stand,
-    Structure,
-    free_regime,
-    gap_of,
-    structure_of,
-)
+from dynkit.systems.impact.driven import DrivenStructure
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run, run
 from dynkit.systems.impact.state import (
@@ -37,15 +26,12 @@ from dynkit.systems.impact.state import (
     state_at,
     unpacked,
 )
-from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.validation import (
     Array,
     finite_array,
     finite_scalar,
-    in_interval,
     non_negative,
     non_negative_integer,
-    positive,
     positive_integer,
 )
 
@@ -54,11 +40,9 @@ if TYPE_CHECKING:
 
 TWO_PI = 2.0 * math.pi
 
-_CACHES = frozenset({"_structure", "_drive", "_free", "_gaps", "_contacts"})
-
 
 @dataclass(frozen=True, kw_only=True)
-class ImpactOscillator(LagrangianStructure, Map):
+class ImpactOscillator(DrivenStructure, Map):
     """The map from just after one impact with a table to just after the next.
 
     A subclass owes its energies, as every `LagrangianStructure` does. Its motion is
@@ -105,55 +89,8 @@ class ImpactOscillator(LagrangianStructure, Map):
     15.
     """
 
-    frequency: float
-    restitution: float = 0.85
-    amplitude: float = 0.1
-    offset: float = 0.0
-    contact: int = -1
-    side: str = "above"
-    play: float = math.inf
-    harmonic_forces: Any = ()  # kept as tuples
-    constant_forces: Any = ()
-    chatter_tolerance: float = 1e-16
-
-    structure_independent: ClassVar[frozenset[str]] = _CACHES | {
-        "frequency",
-        "restitution",
-        "amplitude",
-        "offset",
-        "contact",
-        "side",
-        "play",
-        "harmonic_forces",
-        "constant_forces",
-        "chatter_tolerance",
-    }
-
     observables: ClassVar[tuple[str, ...]] = ("relative_velocity", "phase", "energy", "time")
     """What a sweep can keep of every impact: names of arrays of the record."""
-
-    def __post_init__(self) -> None:
-        self._set("frequency", positive("frequency", self.frequency))
-        self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
-        self._set("amplitude", non_negative("amplitude", self.amplitude))
-        self._set("offset", finite_scalar("offset", self.offset))
-        if self.play != math.inf:
-            self._set("play", positive("play", self.play))
-        if self.side not in ("above", "below"):
-            raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
-        self._set("chatter_tolerance", non_negative("chatter_tolerance", self.chatter_tolerance))
-        n = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
-        if isinstance(self.contact, bool) or not -n <= self.contact < n:
-            raise ValueError(f"contact must lie in [{-n}, {n - 1}]; got {self.contact!r}")
-        self._set("contact", operator.index(self.contact))
-        for name, kind in (("harmonic_forces", complex), ("constant_forces", float)):
-            self._set(name, _forces(name, getattr(self, name), n, kind))
-
-    def _set(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
-
-    def __getstate__(self) -> dict[str, object]:
-        return {k: v for k, v in super().__getstate__().items() if k not in _CACHES}
 
     # --- the family -------------------------------------------------------------------------------
 
@@ -189,56 +126,6 @@ class ImpactOscillator(LagrangianStructure, Map):
     @property
     def _arguments(self) -> tuple[str, ...]:
         return tuple(entry.name for entry in dataclasses.fields(self) if entry.init)
-
-    @property
-    def natural_frequencies(self) -> Array:
-        """Natural frequencies of the structure in free flight, undamped, ascending, (N,)."""
-        return self.modes.frequencies
-
-    @property
-    def modal_matrix(self) -> Array:
-        """Mass-normalised modal matrix, (N, N), one mode per column, its last row not negative."""
-        return self.modes.matrix
-
-    # --- what the kernels take --------------------------------------------------------------------
-
-    @cached_property
-    def _structure(self) -> Structure:
-        return structure_of(self)
-
-    @cached_property
-    def _drive(self) -> Drive:
-        n = self.degrees_of_freedom
-        return Drive(
-            self.frequency,
-            self.amplitude,
-            np.array(self.harmonic_forces or (0j,) * n),
-            np.array(self.constant_forces or (0.0,) * n),
-        )
-
-    @property
-    def _stands(self) -> tuple[Stand, ...]:
-        sign = 1 if self.side == "above" else -1
-        near = Stand(self.offset, sign)
-        if self.play == math.inf:
-            return (near,)
-        return near, Stand(self.offset + sign * self.play, -sign)
-
-    @cached_property
-    def _free(self) -> Regime:
-        return free_regime(self._structure, self._drive)
-
-    @cached_property
-    def _gaps(self) -> tuple[Any, ...]:
-        return tuple(
-            gap_of(self._free, self._structure, self._drive, stand) for stand in self._stands
-        )
-
-    @cached_property
-    def _contacts(self) -> tuple[Contact, ...]:
-        return tuple(
-            Contact(self._structure, self._drive, self._free, stand) for stand in self._stands
-        )
 
     # --- states -----------------------------------------------------------------------------------
 
@@ -458,14 +345,3 @@ class ImpactOscillator(LagrangianStructure, Map):
         # Symmetric in both directions, unlike the remainder operator.
         out[..., -1] -= TWO_PI * np.rint(out[..., -1] / TWO_PI)
         return out
-
-
-def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:
-    """Forces on all coordinates as a tuple, empty for none."""
-    if isinstance(given, tuple) and not given:
-        return given
-    array = np.asarray(given)
-    parts = [array.real, array.imag] if kind is complex and np.iscomplexobj(array) else [array]
-    for part in parts:
-        finite_array(name, part, (size,))
-    return tuple(array.astype(kind).tolist())
