@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from dynkit.attractors import Attractor
+from dynkit.harmonics import harmonics_needed
 from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label
 from dynkit.results import Cost
 from dynkit.systems.impact.record import Ending, ImpactRecord
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.second_moments import SecondMoments
 
 TWO_PI = 2.0 * math.pi
+
+# Samples for harmonics, to begin with: at least, and for each period of the table.
+_SAMPLES, _A_PERIOD = 512, 64
 
 
 @final
@@ -94,12 +99,13 @@ class ImpactAttractor(Attractor):
 
     @cached_property
     def label(self) -> OrbitLabel:
-        return label_orbit(_ImpactOrbit(self.record), kept=max(len(self.record), 1))
+        orbit = _ImpactOrbit(self.record)
+        return orbit.named(label_orbit(orbit, kept=max(len(self.record), 1)))
 
     def label_within(self, budget: int) -> OrbitLabel:
         """Return the label as far as so many impacts tell; the kept ones are always looked at."""
-        kept = max(len(self.record), 1)
-        return label_orbit(_ImpactOrbit(self.record), kept=kept, budget=budget)
+        orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
+        return orbit.named(label_orbit(orbit, kept=kept, budget=budget))
 
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
         """Return the label of what the motion settles on, chaos before that included.
@@ -115,8 +121,8 @@ class ImpactAttractor(Attractor):
         >>> print(attractor.settled_label())
         P(39,15) after transient chaos
         """
-        kept = max(len(self.record), 1)
-        return settled_label(_ImpactOrbit(self.record), kept=kept, budget=budget)
+        orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
+        return orbit.named(settled_label(orbit, kept=kept, budget=budget))
 
     def periodic_orbit(self) -> PeriodicOrbit:
         """Return the periodic orbit that this attractor is, by Newton's method.
@@ -193,3 +199,22 @@ class _ImpactOrbit:
 
     def growth(self, steps: int) -> Array:
         return growth(self.system, self.record.final, steps)
+
+    def named(self, label: OrbitLabel) -> OrbitLabel:
+        """Return the label of what was looked at so far, which can count its harmonics."""
+        if label.periods is None:
+            return label
+        count = partial(_harmonics, self.system, self.record.final, label.periods)
+        return replace(label, count_harmonics=count)
+
+
+def _harmonics(system: ImpactOscillator, start: ImpactState, periods: int) -> int:
+    """Harmonics of the contact coordinate that matter on a periodic motion, from a state on it."""
+    motion = ImpactAttractor(system, 0, system.simulate(impacts=1, start=start), None)
+    samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * periods)))
+    coordinate = system.contact % system.degrees_of_freedom
+    return harmonics_needed(
+        lambda times: motion.time_series(times)[:, coordinate],
+        periods * TWO_PI / system.frequency,
+        samples,
+    )
