@@ -9,73 +9,118 @@ import numpy as np
 
 from dynkit.validation import Array
 
-BLOCKS, LEAST = 32, 128
-"""Blocks of a series, and the fewest values it must have."""
+LEAST = 128
+"""The fewest values a series must have."""
 
-_QUARTERS, _CLEAR, _FLOOR, _CORRELATED = 4, 0.01, 1e-9, 0.6
+_SLOWEST, _WAVES = 6, 12
+"""Waves whose amplitudes are the error: the larger of what so many and so many of them have."""
+
+_ALL_WAVES, _STEEP = 32, 8.0
+"""Waves, and how much larger the mean square of the slowest may be than that of the others."""
+
+_BINS = 1024
+"""Bins that the waves are taken of: the fastest of them lasts for 64."""
+
+_BLOCKS, _QUARTERS, _CLEAR, _FLOOR = 32, 4, 0.01, 1e-9
 
 
 @final
-class BlockAverages:
+class TimeAverages:
     """Time averages (k,) of a series (n, k), and functions of them, with errors.
 
-    The series is cut into 32 blocks, and the scatter of their means gives the standard error, with
-    a correction for what one block tells of the next. Where it tells much, the motion remembers
-    for longer than a block, and is not `resolved`.
+    The errors are told by the slow waves in the series, see `amplitudes` and `standard_errors`:
+    twice the error is the half-width of a 95 % interval. When the slowest waves are much larger
+    than others, the motion remembers for as long as they last, and is not `resolved`.
 
     A periodic or quasi-periodic motion is better averaged with a smooth weight that vanishes at
     both ends: the error then falls faster than any power of n. It is told from chaos by the
-    weighted averages over the four quarters: they agree a hundred times better than the means of
+    weighted averages over the four quarters: they agree a hundred times better than the means of 32
     blocks do. Their largest distance from that of the whole is the error then.
 
     References
     ----------
-    H. Flyvbjerg, H. G. Petersen, Error estimates on averages of correlated data, J. Chem. Phys. 91
-    (1989) 461-466. S. Das, Y. Saiki, E. Sander, J. A. Yorke, Quantitative quasiperiodicity,
-    Nonlinearity 30 (2017) 4111-4140 (the weight).
+    U. K. Müller, M. W. Watson, Low-frequency econometrics, in Advances in Economics and
+    Econometrics 2, Cambridge University Press (2017) 53-94 (waves). S. Das, Y. Saiki, E. Sander, J.
+    A. Yorke, Quantitative quasiperiodicity, Nonlinearity 30 (2017) 4111-4140 (the weight).
     """
 
     def __init__(self, series: Array) -> None:
-        length = len(series) // BLOCKS
-        tail = series[len(series) - BLOCKS * length :]
-        self._blocks = tail.reshape(BLOCKS, length, -1).mean(axis=1)
-        self._mean = self._blocks.mean(axis=0)
-        scatter = self._blocks.std(axis=0, ddof=1)
+        count = len(series)
+        self._mean = series.mean(axis=0)
+        waves = _slow_waves(series - self._mean)
+        self._amplitudes = waves[:_WAVES]
+        length = count // _BLOCKS
+        blocks = series[count - _BLOCKS * length :].reshape(_BLOCKS, length, -1).mean(axis=1)
         self._whole = _weighted(series)
         self._quarters = np.array([_weighted(q) for q in np.array_split(series, _QUARTERS)])
         floor = _FLOOR * abs(series).max(axis=0)
+        scatter = blocks.std(axis=0, ddof=1)
         spread = abs(self._quarters - self._whole).max(axis=0)
         self.regular = bool((spread <= np.maximum(_CLEAR * scatter, floor)).all())
         """Whether weighted averages converge as those of periodic motions and of tori do."""
-        moving = scatter > floor
-        correlation = _correlation(self._blocks[:, moving])
-        self.resolved = self.regular or bool((correlation <= _CORRELATED).all())
-        """Whether a block tells little enough of the next one, so that the errors hold."""
+        squares = waves[:, scatter > floor] ** 2
+        slow, fast = squares[:_SLOWEST].mean(axis=0), squares[_SLOWEST:].mean(axis=0)
+        self.resolved = self.regular or bool((slow <= _STEEP * fast).all())
+        """Whether the motion remembers for less long than its slow waves: then the errors hold."""
 
     def estimate(self, function: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Return a function (m,) of the averages (k,), and its errors (m,).
 
-        The standard error is that of the jackknife: from what is left when one block is left out.
-        It is the larger, the more each block is like the one before.
+        A wave changes the function by half the difference of what it is with the wave's amplitudes
+        added to the averages and taken from them.
         """
         if self.regular:
             value = function(self._whole)
             others = np.array([function(quarter) for quarter in self._quarters])
             return value, np.asarray(abs(others - value).max(axis=0))
-        without = (BLOCKS * self._mean - self._blocks) / (BLOCKS - 1)
-        parts = np.array([function(mean) for mean in without])
-        error = np.sqrt((BLOCKS - 1) * parts.var(axis=0))
-        # of a series that keeps this share of its last value
-        share = np.clip(_correlation(parts), 0.0, _CORRELATED)
-        return function(self._mean), np.asarray(error * np.sqrt((1.0 + share) / (1.0 - share)))
+        changes = [
+            0.5 * (function(self._mean + wave) - function(self._mean - wave))
+            for wave in self._amplitudes
+        ]
+        return function(self._mean), standard_errors(np.array(changes))
 
 
-def _correlation(blocks: Array) -> Array:
-    """Correlation (k,) of each block (b, k) with the one before; zero of what is constant."""
-    gaps = blocks - blocks.mean(axis=0)
-    square = (gaps * gaps).sum(axis=0)
-    square[square == 0.0] = 1.0
-    return np.asarray((gaps[1:] * gaps[:-1]).sum(axis=0) / square)
+def amplitudes(deviations: Array, count: int = _WAVES) -> Array:
+    """Return the amplitudes (w, k) of the slowest waves in what parts of a sum deviate, (b, k).
+
+    Wave j is sqrt(2) cos(pi j (i + 1/2) / b) at part i, j = 1, 2, ..., w; w is `count`, or b - 1
+    where that is less. These are orthogonal to one another and to the constant: when parts that lie
+    far apart know nothing of each other, each amplitude is an independent draw from the
+    distribution that the sum's own error is from, whatever neighbours know. What telescopes, and
+    only counts where the sum begins and ends, changes them as it changes the sum; it would enlarge
+    the scatter of single parts by far more.
+    """
+    parts = len(deviations)
+    order = np.arange(1, min(count, parts - 1) + 1)[:, None]
+    waves = np.sqrt(2.0) * np.cos(np.pi * order * (np.arange(parts) + 0.5) / parts)
+    return np.asarray(waves @ deviations)
+
+
+def standard_errors(amplitudes: Array) -> Array:
+    """Return the errors (k,) of sums, from the amplitudes (w, k) of their slow waves.
+
+    Half of the half-width of the interval that holds 95 % of the sums (those within two standard
+    deviations of a normal distribution) after Student's t with w degrees of freedom; or with the
+    slower half of the waves, where that is more, as it is when the motion remembers for long.
+    Infinite when there is no wave.
+    """
+    from scipy.special import ndtr, stdtrit
+
+    errors = np.zeros(amplitudes.shape[1])
+    for count in (len(amplitudes), (len(amplitudes) + 1) // 2):
+        if not count:
+            return np.full(len(errors), np.inf)
+        student = float(stdtrit(count, ndtr(2.0))) / 2.0
+        errors = np.maximum(errors, student * np.sqrt(np.mean(amplitudes[:count] ** 2, axis=0)))
+    return errors
+
+
+def _slow_waves(deviations: Array) -> Array:
+    """Amplitudes (w, k) of the mean's waves, from what each value deviates from it, (n, k)."""
+    count = len(deviations)
+    bins = min(_BINS, count)
+    begins = np.arange(bins) * count // bins
+    return amplitudes(np.add.reduceat(deviations, begins, axis=0) / count, _ALL_WAVES)
 
 
 def _weighted(series: Array) -> Array:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.analysis.averages import LEAST, BlockAverages
+from dynkit.analysis.averages import LEAST, TimeAverages
 from dynkit.analysis.figures import shown_axes
+from dynkit.analysis.motions import going_on_for, last_state
 from dynkit.attractors import Attractor
-from dynkit.flows import Flow, NoCrossing
+from dynkit.flows import Flow
 from dynkit.maps import Map, Stretching
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, positive, positive_integer
@@ -36,16 +37,21 @@ class LyapunovSpectrum:
     (QR); the exponents are the averages of the logarithms of its stretching. A quarter as many
     iterates again come before those that count. All is worked out when it is first asked for.
 
-    Errors are one standard error, from the scatter of 32 blocks of the motion, and the accuracy of
-    a single iterate besides; for periodic and quasi-periodic motions, which are told by the much
-    faster convergence of weighted averages, the largest distance between these over parts of the
-    motion. They hold when the motion is `resolved`, and for that attractor: chaos that ends after
-    all is not told from chaos that lasts.
+    Twice an error is the half-width of a 95 % interval (Student's t), from the slow waves in the
+    logarithms, and the accuracy of a single iterate besides; for periodic and quasi-periodic
+    motions, which are told by the much faster convergence of weighted averages, an error is the
+    largest distance between these over parts of the motion. They hold when the motion is
+    `resolved`, and for that attractor: chaos that ends after all is not told from chaos that lasts.
 
-    An exponent is minus infinity where a direction is lost for good, as two of them are in every
-    sticking contact of an impact oscillator. It is NaN where rounding hides it: a direction that
-    shrinks in one iterate, relative to others, to less than a thousand times the accuracy of the
-    derivatives.
+    An exponent is minus infinity, with the error zero, where a direction is lost for good: its
+    length was zero once, and no later stretching makes it longer. A sticking contact of an impact
+    oscillator loses two, as the table takes the place and the velocity of the stuck mass. One
+    contact does, however rare: two motions then meet in two directions when they next come to rest
+    on the table, and do not part in these again. A run in which no contact fell has finite last
+    exponents. The other exponents, and the dimension, are the same average either way.
+
+    An exponent is NaN where rounding hides it: a direction that shrinks in one iterate, relative to
+    others, to less than a thousand times the accuracy of the derivatives.
 
     Parameters
     ----------
@@ -63,7 +69,7 @@ class LyapunovSpectrum:
 
     References
     ----------
-    See `Map.stretching`; for the errors `BlockAverages`; and P. Frederickson, J. L. Kaplan, E. D.
+    See `Map.stretching`; for the errors `TimeAverages`; and P. Frederickson, J. L. Kaplan, E. D.
     Yorke, J. A. Yorke, The Liapunov dimension of strange attractors, J. Differential Equations 49
     (1983) 185-207.
 
@@ -78,12 +84,8 @@ class LyapunovSpectrum:
     """
 
     def __init__(self, attractor: Attractor, iterations: int = 10_000) -> None:
-        if not isinstance(attractor, Attractor):
-            raise ValueError(f"attractor must be an Attractor; got {attractor!r}")
-        if not len(attractor.states):
-            raise ValueError("attractor must have a state; got one that came to rest")
-        system = attractor.system
-        self._take(system, partial(system.stretching, attractor.states[-1]), iterations)
+        start, system = last_state(attractor), attractor.system
+        self._take(system, partial(system.stretching, start), iterations)
 
     @classmethod
     def of_map(cls, system: Map, start: object, *, iterations: int = 10_000) -> Self:
@@ -154,10 +156,8 @@ class LyapunovSpectrum:
         """Logs (n, d) and times (n,) that count, in falling order of the exponents."""
         began = time.perf_counter()
         total = self._iterations + self._iterations // _SETTLING
-        try:
+        with going_on_for(total):
             found = self._stretching(total)
-        except NoCrossing as end:
-            raise ValueError(f"attractor must go on for {total} iterates; {end}") from end
         logs = found.logs[-self._iterations :]
         times = None if found.times is None else found.times[-self._iterations :]
         if isinstance(self._system, Flow) and times is not None:
@@ -169,12 +169,12 @@ class LyapunovSpectrum:
         return logs[:, order], times, cost
 
     @cached_property
-    def _averages(self) -> tuple[BlockAverages, NDArray[np.bool_]]:
+    def _averages(self) -> tuple[TimeAverages, NDArray[np.bool_]]:
         """Averages of the finite logs, and of the times, the last one; and their exponents."""
         logs, times, _ = self._run
         finite = np.asarray(np.isfinite(logs).all(axis=0))
         last = np.ones(len(logs)) if times is None or isinstance(self._system, Flow) else times
-        return BlockAverages(np.column_stack([logs[:, finite], last])), finite
+        return TimeAverages(np.column_stack([logs[:, finite], last])), finite
 
     def _completed(self, estimate: tuple[Array, Array], accuracy: float) -> tuple[Array, Array]:
         """Values and errors (d,) with those that are not finite."""
@@ -237,15 +237,19 @@ class LyapunovSpectrum:
     @cached_property
     def _sum(self) -> tuple[float, float]:
         averages, finite = self._averages
+        if np.isneginf(self.exponents).any():  # what rounding hides beside it is not infinite
+            return -np.inf, 0.0
         if not finite.all():
-            total = float(self.exponents.sum())
-            return total, 0.0 if total == -np.inf else np.nan
+            return np.nan, np.nan
         value, error = averages.estimate(lambda mean: mean[:-1].sum(keepdims=True))
         return float(value[0]), float(error[0]) + len(finite) * self._accuracy
 
     @property
     def sum(self) -> float:
-        """The sum of all exponents: the average growth of the logarithm of a volume."""
+        """The sum of all exponents: the average growth of the logarithm of a volume.
+
+        Minus infinity when an exponent is: the volume became zero.
+        """
         return self._sum[0]
 
     @property

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.analysis.figures import shown_axes
+from dynkit.analysis.motions import going_on_for, last_state
 from dynkit.attractors import Attractor
-from dynkit.flows import NoCrossing
 from dynkit.results import Cost
 from dynkit.validation import Array, positive, positive_integer
 
@@ -54,25 +54,18 @@ class Sensitivity:
     """
 
     def __init__(self, attractor: Attractor, distance: float = 1e-8, iterations: int = 100) -> None:
-        if not isinstance(attractor, Attractor):
-            raise ValueError(f"attractor must be an Attractor; got {attractor!r}")
-        if not len(attractor.states):
-            raise ValueError("attractor must have a state; got one that came to rest")
-        self._attractor = attractor
+        self._start = last_state(attractor)
+        self._system = attractor.system
         self._distance = positive("distance", distance)
         self._iterations = positive_integer("iterations", iterations)
 
     @cached_property
     def _run(self) -> tuple[Array, float, Cost]:
         began = time.perf_counter()
-        system, start = self._attractor.system, self._attractor.states[-1]
-        try:
+        system, start = self._system, self._start
+        with going_on_for(self._iterations):
             states = system.iterate(start, self._iterations)
             twin = system.iterate(start + self._distance, self._iterations)
-        except NoCrossing as end:
-            raise ValueError(
-                f"attractor must go on for {self._iterations} iterates; {end}"
-            ) from end
         distances = np.linalg.norm(system.difference(twin, states), axis=1)
         distances.setflags(write=False)
         error = system.accuracy * float(abs(states).max())
@@ -100,7 +93,7 @@ class Sensitivity:
         return self._run[2]
 
     def __repr__(self) -> str:
-        name = type(self._attractor.system).__name__
+        name = type(self._system).__name__
         if "_run" not in vars(self):
             return f"<Sensitivity of {name}: {self._iterations} iterations, when asked for>"
         first, last = self.distances[[0, -1]].tolist()
