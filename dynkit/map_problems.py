@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
+from dynkit.continuation.problem import NoSolution, Problem
 from dynkit.maps import Map
 from dynkit.multipliers import product_eigenvalues
 from dynkit.results import Cost
@@ -112,15 +112,6 @@ class MapProblem(Problem):
         states = np.concatenate([self._like, self._like])
         problem = type(self)(self._system, states, self._names)
         return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
-
-    def events(self, x: Array, p: Array) -> list[Event]:  # noqa: ARG002
-        return []
-
-    def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:  # noqa: ARG002
-        raise ValueError(f"event must be one of the events: there are none; got {event}")
-
-    def admissible(self, x: Array, p: Array) -> bool:  # noqa: ARG002
-        return True
 
     def shortest(self, x: Array) -> tuple[MapProblem, Array]:
         states, n = self._rows(x), len(self._like)

@@ -54,13 +54,27 @@ def save_branch(branch: Branch, path: str | os.PathLike[str]) -> None:
             f"bifurcations/{i}/tangent": bifurcation.tangent,
             f"bifurcations/{i}/own": bifurcation.own,
         }
+    write_archive(file, store.Archive(entries, arrays))
+
+
+def write_archive(file: Path, archive: store.Archive) -> None:
+    """Write an archive to a store; ValueError where it cannot be written."""
     with store.locked(file):
         try:
-            store.write(file, store.Archive(entries, arrays))
+            store.write(file, archive)
         except OSError as failure:
             raise ValueError(
                 f"store must be a file that can be written; got {file} ({failure.strerror})"
             ) from failure
+
+
+def read_archive(path: str | os.PathLike[str], kind: str) -> tuple[Path, store.Archive]:
+    """The file of a store and its archive; ValueError where it is none of this kind."""
+    file = store.place(path)
+    archive = store.read(file)
+    if archive.entries.get("kind") != kind:
+        raise ValueError(f"store must hold a {kind}; got {file}")
+    return file, archive
 
 
 def load_branch(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Branch:
@@ -71,11 +85,8 @@ def load_branch(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Br
     ValueError
         As `Branch.load`.
     """
-    file = store.place(path)
-    archive = store.read(file)
+    file, archive = read_archive(path, _KIND)
     entries, arrays = archive.entries, archive.arrays
-    if entries.get("kind") != _KIND:
-        raise ValueError(f"store must hold a {_KIND}; got {file}")
     name = entries["parameter"]
     problem = None
     if orbit is not None:
@@ -84,15 +95,15 @@ def load_branch(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Br
     endings = [Ending(Reason[key], text) for key, text in json.loads(entries["endings"])]
     count = int(entries["bifurcations"])
     return Branch(
-        problem=problem,
-        system=orbit.system if orbit is not None else None,
         label=entries["label"],
         name=name,
         **{key: arrays[key] for key in _ARRAYS},
         bifurcations=tuple(_restored(archive, i, name, problem) for i in range(count)),
         endings=(endings[0], endings[1]),
         cost=Cost(float(entries["seconds"]), json.loads(entries["work"])),
-        error=arrays["error"],
+        _problem=problem,
+        _system=orbit.system if orbit is not None else None,
+        _error=arrays["error"],
     )
 
 

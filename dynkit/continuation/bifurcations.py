@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import numpy as np
 
@@ -15,6 +15,16 @@ from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.orbits import PeriodicOrbit
+
+
+_Known = TypeVar("_Known")
+
+
+def given(part: _Known | None) -> _Known:
+    """Return a part that no store keeps; ValueError where loading left it out."""
+    if part is None:
+        raise ValueError("orbit must be given to Branch.load to get orbits back; got None")
+    return part
 
 
 @final
@@ -84,9 +94,7 @@ class Bifurcation:
         ValueError
             When the branch was loaded without an orbit.
         """
-        if self._problem is None:
-            raise ValueError("orbit must be given to Branch.load to get orbits back; got None")
-        return self._problem
+        return given(self._problem)
 
     @property
     def parameters(self) -> Mapping[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, final
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import OrbitEquations
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations import Bifurcation, given
 from dynkit.continuation.endings import Ending, Reason
 from dynkit.continuation.newton import error_bound
 from dynkit.continuation.problem import Problem
@@ -25,11 +26,35 @@ if TYPE_CHECKING:
 
 
 @final
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Branch:
     """Periodic orbits that hang together as one parameter changes, made by `continue_orbit`.
 
     Its k points stand in the order in which the curve is run through; orbits are made of them when
-    asked for.
+    asked for. All arrays are read-only.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter.
+    label : str
+        What kind of orbits they are, such as ``P(2)`` or ``P(1,3)``.
+    parameter : (k,) array
+        Values of the parameter.
+    unknowns : (k, m) array
+        Solutions of the orbits' equations.
+    multipliers : (k, d) array of complex
+        Floquet multipliers, the largest modulus first.
+    admissible : (k,) array of bool
+        Whether the orbits are motions of the system.
+    residuals : (k,) array
+        Largest residual of each point's equations.
+    bifurcations : tuple of Bifurcation
+        In the order of the points.
+    endings : (Ending, Ending)
+        Why and where it ends: at the first point, and at the last.
+    cost : Cost
+        What it cost; of bifurcations that each carries itself, it holds only the seconds.
 
     Examples
     --------
@@ -46,120 +71,51 @@ class Branch:
     P(2) True
     """
 
-    def __init__(
-        self,
-        *,
-        problem: Problem | None,
-        system: Map | None,
-        label: str,
-        name: str,
-        parameter: Array,
-        unknowns: Array,
-        multipliers: NDArray[np.complex128],
-        admissible: NDArray[np.bool_],
-        residuals: Array,
-        bifurcations: tuple[Bifurcation, ...],
-        endings: tuple[Ending, Ending],
-        cost: Cost,
-        error: Array | None = None,
-    ) -> None:
-        self._problem = problem
-        self._system = system
-        self._label = label
-        self._name = name
-        self._parameter = parameter
-        self._unknowns = unknowns
-        self._multipliers = multipliers
-        self._admissible = admissible
-        self._residuals = residuals
-        self._bifurcations = bifurcations
-        self._endings = endings
-        self._cost = cost
-        self._error = error
-        self._observables: dict[str, Array] = {}
-        for array in (parameter, unknowns, multipliers, admissible, residuals):
-            array.setflags(write=False)
+    name: str
+    label: str
+    parameter: Array
+    unknowns: Array
+    multipliers: NDArray[np.complex128]
+    admissible: NDArray[np.bool_]
+    residuals: Array
+    bifurcations: tuple[Bifurcation, ...]
+    endings: tuple[Ending, Ending]
+    cost: Cost
+    _problem: Problem | None
+    _system: Map | None
+    _error: Array | None = None
+    _observables: dict[str, Array] = field(default_factory=dict, init=False)
 
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        return self._name
-
-    @property
-    def label(self) -> str:
-        """What kind of orbits they are, such as ``P(2)`` or ``P(1,3)``."""
-        return self._label
-
-    @property
-    def parameter(self) -> Array:
-        """Values of the parameter, (k,), read-only."""
-        return self._parameter
-
-    @property
-    def unknowns(self) -> Array:
-        """Solutions of the orbits' equations, (k, m), read-only."""
-        return self._unknowns
-
-    @property
-    def multipliers(self) -> NDArray[np.complex128]:
-        """Floquet multipliers, (k, d) complex, the largest modulus first, read-only."""
-        return self._multipliers
+    def __post_init__(self) -> None:
+        for name in ("parameter", "unknowns", "multipliers", "admissible", "residuals"):
+            getattr(self, name).setflags(write=False)
 
     @cached_property
     def stable(self) -> NDArray[np.bool_]:
         """Whether all multipliers lie inside the unit circle, (k,), read-only."""
-        stable = np.asarray(np.all(abs(self._multipliers) < 1.0, axis=1))
+        stable = np.asarray(np.all(abs(self.multipliers) < 1.0, axis=1))
         stable.setflags(write=False)
         return stable
 
     @property
-    def admissible(self) -> NDArray[np.bool_]:
-        """Whether the orbits are motions of the system, (k,), read-only."""
-        return self._admissible
-
-    @property
-    def residuals(self) -> Array:
-        """Largest residual of each point's equations, (k,), read-only."""
-        return self._residuals
-
-    @property
-    def bifurcations(self) -> tuple[Bifurcation, ...]:
-        """Bifurcations in the order of the points."""
-        return self._bifurcations
-
-    @property
-    def endings(self) -> tuple[Ending, Ending]:
-        """Why and where it ends: at the first point, and at the last."""
-        return self._endings
-
-    @property
     def closed(self) -> bool:
         """Whether it is closed on itself; the last point is then the first again."""
-        return self._endings[0].reason is Reason.CLOSED
+        return self.endings[0].reason is Reason.CLOSED
 
-    @property
+    @cached_property
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
         The parameter is measured in its range, the unknowns in their typical sizes.
-
-        Raises
-        ------
-        ValueError
-            When the branch was loaded without an orbit, and was stored before this was known.
         """
-        if self._error is None:
-            low, high = float(self._parameter.min()), float(self._parameter.max())
+        error = self._error
+        if error is None:
+            low, high = float(self.parameter.min()), float(self.parameter.max())
             equations = OrbitEquations(self.problem, high - low or 1.0)
-            points = np.column_stack([self._unknowns, self._parameter])
-            self._error = np.array([_distance(equations, y) for y in points])
-            self._error.setflags(write=False)
-        return self._error
-
-    @property
-    def cost(self) -> Cost:
-        """What it cost; of bifurcations that each carries itself, it holds only the seconds."""
-        return self._cost
+            points = np.column_stack([self.unknowns, self.parameter])
+            error = np.array([_distance(equations, y) for y in points])
+        error.setflags(write=False)
+        return error
 
     @property
     def problem(self) -> Problem:
@@ -170,9 +126,7 @@ class Branch:
         ValueError
             When the branch was loaded without an orbit.
         """
-        if self._problem is None:
-            raise ValueError("orbit must be given to Branch.load to get orbits back; got None")
-        return self._problem
+        return given(self._problem)
 
     @property
     def system(self) -> Map:
@@ -183,21 +137,19 @@ class Branch:
         ValueError
             When the branch was loaded without an orbit.
         """
-        if self._system is None:
-            raise ValueError("orbit must be given to Branch.load to get the system back; got None")
-        return self._system
+        return given(self._system)
 
     def __len__(self) -> int:
-        return len(self._parameter)
+        return len(self.parameter)
 
     def __repr__(self) -> str:
-        low, high = self._parameter.min(), self._parameter.max()
-        found = ", ".join(f"{b.kind} {b.value:.6g}" for b in self._bifurcations[:6])
-        more = ", ..." if len(self._bifurcations) > 6 else ""
+        low, high = self.parameter.min(), self.parameter.max()
+        found = ", ".join(f"{b.kind} {b.value:.6g}" for b in self.bifurcations[:6])
+        more = ", ..." if len(self.bifurcations) > 6 else ""
         closed = "closed, " if self.closed else ""
         return (
-            f"<Branch of {self._label}: {closed}{len(self)} points, "
-            f"{self._name} from {low:.6g} to {high:.6g}{'; ' if found else ''}{found}{more}>"
+            f"<Branch of {self.label}: {closed}{len(self)} points, "
+            f"{self.name} from {low:.6g} to {high:.6g}{'; ' if found else ''}{found}{more}>"
         )
 
     def orbit(self, place: int) -> PeriodicOrbit:
@@ -210,8 +162,8 @@ class Branch:
         """
         if not -len(self) <= place < len(self):
             raise ValueError(f"place must lie in [{-len(self)}, {len(self) - 1}]; got {place}")
-        p = self._parameter[[place]]
-        return self.problem.orbit(self._unknowns[place], p, (float(self._residuals[place]),))
+        p = self.parameter[[place]]
+        return self.problem.orbit(self.unknowns[place], p, (float(self.residuals[place]),))
 
     def observable(self, name: str) -> Array:
         """Return one of the system's observables at all orbits, (k, n), read-only.

@@ -129,8 +129,6 @@ def _joined(
         assert part.ending is not None
         endings.append(part.ending)
     return Branch(
-        problem=problem,
-        system=orbit.system,
         label=orbit.label,
         name=parameter,
         parameter=np.array([point.y[-1] for point in points]),
@@ -144,6 +142,8 @@ def _joined(
             seconds,
             {"points": len(points), "newton_steps": sum(point.iterations for point in points)},
         ),
+        _problem=problem,
+        _system=orbit.system,
     )
 
 

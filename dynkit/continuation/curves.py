@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -29,96 +30,63 @@ _RESONANCE = 1e-3
 
 
 @final
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class BifurcationCurve:
-    """Bifurcations of one kind as two parameters change, made by `continue_curve`."""
+    """Bifurcations of one kind as two parameters change, made by `continue_curve`.
 
-    def __init__(
-        self,
-        *,
-        problem: Problem,
-        kind: str,
-        names: tuple[str, str],
-        parameters: Array,
-        unknowns: Array,
-        own: Array,
-        admissible: NDArray[np.bool_],
-        residuals: Array,
-        endings: tuple[Ending, Ending],
-        cost: Cost,
-    ) -> None:
-        self._problem = problem
-        self._kind = kind
-        self._names = names
-        self._parameters = parameters
-        self._unknowns = unknowns
-        self._own = own
-        self._admissible = admissible
-        self._residuals = residuals
-        self._endings = endings
-        self._cost = cost
-        for array in (parameters, unknowns, own, admissible, residuals):
-            array.setflags(write=False)
+    Its k points stand in the order in which the curve is run through. All arrays are read-only.
 
-    @property
-    def kind(self) -> str:
-        """What they are: SN, PD, NS, BP, GR or CB."""
-        return self._kind
+    Parameters
+    ----------
+    kind : {"SN", "PD", "NS", "BP", "GR", "CB"}
+        What they are.
+    names : (str, str)
+        Names of the two parameters.
+    parameters : (k, 2) array
+        Their values.
+    unknowns : (k, m) array
+        Solutions of the orbits' equations.
+    own : (k, e) array
+        Unknowns of the condition's own: for NS the angle theta, (k, 1).
+    admissible : (k,) array of bool
+        Whether the orbits are motions of the system.
+    residuals : (k,) array
+        Largest residual of each point's equations.
+    endings : (Ending, Ending)
+        Why and where it ends: at the first point, and at the last.
+    cost : Cost
+    """
 
-    @property
-    def names(self) -> tuple[str, str]:
-        """Names of the two parameters."""
-        return self._names
+    kind: str
+    names: tuple[str, str]
+    parameters: Array
+    unknowns: Array
+    own: Array
+    admissible: NDArray[np.bool_]
+    residuals: Array
+    endings: tuple[Ending, Ending]
+    cost: Cost
+    _problem: Problem
 
-    @property
-    def parameters(self) -> Array:
-        """Values of the two parameters, (k, 2), read-only."""
-        return self._parameters
-
-    @property
-    def unknowns(self) -> Array:
-        """Solutions of the orbits' equations, (k, m), read-only."""
-        return self._unknowns
-
-    @property
-    def own(self) -> Array:
-        """Unknowns of the condition's own, (k, e), read-only: for NS the angle theta, (k, 1)."""
-        return self._own
-
-    @property
-    def admissible(self) -> NDArray[np.bool_]:
-        """Whether the orbits are motions of the system, (k,), read-only."""
-        return self._admissible
-
-    @property
-    def residuals(self) -> Array:
-        """Largest residual of each point's equations, (k,), read-only."""
-        return self._residuals
-
-    @property
-    def endings(self) -> tuple[Ending, Ending]:
-        """Why and where it ends: at the first point, and at the last."""
-        return self._endings
+    def __post_init__(self) -> None:
+        for name in ("parameters", "unknowns", "own", "admissible", "residuals"):
+            getattr(self, name).setflags(write=False)
 
     @property
     def closed(self) -> bool:
         """Whether it is closed on itself; the last point is then the first again."""
-        return self._endings[0].reason is Reason.CLOSED
-
-    @property
-    def cost(self) -> Cost:
-        """What it cost."""
-        return self._cost
+        return self.endings[0].reason is Reason.CLOSED
 
     def __len__(self) -> int:
-        return len(self._parameters)
+        return len(self.parameters)
 
     def __repr__(self) -> str:
         ranges = ", ".join(
             f"{name} from {column.min():.6g} to {column.max():.6g}"
-            for name, column in zip(self._names, self._parameters.T, strict=True)
+            for name, column in zip(self.names, self.parameters.T, strict=True)
         )
         closed = "closed, " if self.closed else ""
-        return f"<BifurcationCurve of {self._kind}: {closed}{len(self)} points, {ranges}>"
+        return f"<BifurcationCurve of {self.kind}: {closed}{len(self)} points, {ranges}>"
 
     def orbit(self, place: int) -> PeriodicOrbit:
         """Return the orbit of a point; negative places count from the end.
@@ -130,8 +98,8 @@ class BifurcationCurve:
         """
         if not -len(self) <= place < len(self):
             raise ValueError(f"place must lie in [{-len(self)}, {len(self) - 1}]; got {place}")
-        past = (float(self._residuals[place]),)
-        return self._problem.orbit(self._unknowns[place], self._parameters[place], past)
+        past = (float(self.residuals[place]),)
+        return self._problem.orbit(self.unknowns[place], self.parameters[place], past)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw it in the plane of its parameters, each kind with a line of its own."""
@@ -209,10 +177,10 @@ def continue_curve(
     def canonical(y: Array) -> Array:
         return np.concatenate([problem.canonical(y[:m]), y[-2:] / widths])
 
-    def renewed(before: Point, after: Point) -> bool:  # noqa: ARG001
+    def renewed(_: Point, after: Point) -> bool:
         if isinstance(equations.condition, CriticalMultiplier):
             x, own, p = equations.split(after.y)
-            equations.condition, _ = condition_of(bifurcation.kind, -1, problem, x, own, p)
+            equations.condition = condition_of(bifurcation.kind, -1, problem, x, own, p)[0]
         return True
 
     parts: list[list[Point]] = []
@@ -231,7 +199,6 @@ def continue_curve(
     found = [*parts[1][:0:-1], *parts[0]]
     split = [equations.split(point.y) for point in found]
     return BifurcationCurve(
-        problem=problem,
         kind=bifurcation.kind,
         names=names,
         parameters=np.array([p for _, _, p in split]),
@@ -244,6 +211,7 @@ def continue_curve(
             time.perf_counter() - began,
             {"points": len(found), "newton_steps": sum(point.iterations for point in found)},
         ),
+        _problem=problem,
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynkit import __version__, store
-from dynkit.continuation.archive import load_branch, save_branch
+from dynkit.continuation.archive import load_branch, read_archive, save_branch, write_archive
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.network import Finish, Link, Network, Unexplored
 from dynkit.results import Cost
@@ -52,13 +52,7 @@ def save_network(network: Network, path: str | os.PathLike[str]) -> None:
             archive = store.read(part)
             entries |= {f"branch {i}, {name}": text for name, text in archive.entries.items()}
             arrays |= {f"branches/{i}/{name}": array for name, array in archive.arrays.items()}
-    with store.locked(file):
-        try:
-            store.write(file, store.Archive(entries, arrays))
-        except OSError as failure:
-            raise ValueError(
-                f"store must be a file that can be written; got {file} ({failure.strerror})"
-            ) from failure
+    write_archive(file, store.Archive(entries, arrays))
 
 
 def load_network(path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit]) -> Network:
@@ -69,11 +63,8 @@ def load_network(path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit]) 
     ValueError
         As `Network.load`.
     """
-    file = store.place(path)
-    archive = store.read(file)
+    _, archive = read_archive(path, _KIND)
     entries = archive.entries
-    if entries.get("kind") != _KIND:
-        raise ValueError(f"store must hold a {_KIND}; got {file}")
     branches = tuple(_branch(archive, i, orbits) for i in range(int(entries["branches"])))
     unexplored = range(int(entries["unexplored"]))
     return Network(

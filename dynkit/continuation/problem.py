@@ -121,20 +121,26 @@ class Problem(ABC):
         doubles.
         """
 
-    @abstractmethod
     def events(self, x: Array, p: Array) -> list[Event]:
-        """Return what is to be watched along a branch, always as many and in the same order."""
+        """Return what is to be watched along a branch, always as many and in the same order.
 
-    @abstractmethod
+        Nothing, unless a subclass tells; it then owes `condition`, too.
+        """
+        return []
+
     def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
         """Return what holds where event number `event` is zero, and a guess of its own unknowns.
 
         The guess is made from a solution nearby.
         """
+        raise ValueError(f"event must be one of the events: there are none; got {event}")
 
-    @abstractmethod
     def admissible(self, x: Array, p: Array) -> bool:
-        """Whether a solution is a motion of the system, and no impact was left out or pulls."""
+        """Whether a solution is a motion of the system, and no impact was left out or pulls.
+
+        All are, unless a subclass tells.
+        """
+        return True
 
     def touching(
         self,

@@ -85,17 +85,20 @@ class DelayedLogistic(ToyMap):
         return np.array([x * (self.s - y) if name == "r" else self.r * x, 0.0])
 
 
+class LinearMap(ToyMap):
+    """x' = A x."""
+
+    def __call__(self, state: Array) -> Array:
+        return self.jacobian(state) @ state
+
+
 @dataclass(frozen=True)
-class Rotation(ToyMap):
+class Rotation(LinearMap):
     """x' = y, y' = -d x + t y: NS of the origin at d = 1, with t = 2 cos(theta)."""
 
     d: float = 0.9
     t: float = 0.5
     dimension = 2
-
-    def __call__(self, state: Array) -> Array:
-        x, y = state
-        return np.array([y, -self.d * x + self.t * y])
 
     def jacobian(self, state: Array) -> Array:
         return np.array([[0.0, 1.0], [-self.d, self.t]])
@@ -105,15 +108,12 @@ class Rotation(ToyMap):
 
 
 @dataclass(frozen=True)
-class Edge(ToyMap):
+class Edge(LinearMap):
     """x' = y, y' = -(d + 1 - e) x + y / 2: NS of the origin at d = e; e is at most 1."""
 
     d: float = 0.9
     e: float = 1.0
     dimension = 2
-
-    def __call__(self, state: Array) -> Array:
-        return self.jacobian(state) @ state
 
     def jacobian(self, state: Array) -> Array:
         if self.e > 1.0:
@@ -125,16 +125,12 @@ class Edge(ToyMap):
 
 
 @dataclass(frozen=True)
-class Exchange(ToyMap):
+class Exchange(LinearMap):
     """A `Rotation` and z' = (d - 2 - e) z: while the pair leaves, -1 is passed inwards at 1 + e."""
 
     d: float = 0.9
     e: float = 0.001
     dimension = 3
-
-    def __call__(self, state: Array) -> Array:
-        x, y, z = state
-        return np.array([y, -self.d * x + 0.5 * y, (self.d - 2.0 - self.e) * z])
 
     def jacobian(self, state: Array) -> Array:
         last = self.d - 2.0 - self.e
