@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dynkit.continuation.curves import BifurcationCurve, continue_curve
     from dynkit.continuation.exploring import explore
     from dynkit.continuation.network import Network
+    from dynkit.continuation.newton import NoConvergence
     from dynkit.exponential.sums import ExponentialSum
     from dynkit.flows import Flow
     from dynkit.labels import OrbitLabel
@@ -41,6 +42,7 @@ __all__ = [
     "MapAttractor",
     "MapOrbit",
     "Network",
+    "NoConvergence",
     "OrbitLabel",
     "PeriodicOrbit",
     "PoincareMap",
@@ -70,6 +72,7 @@ __getattr__, __dir__ = lazy_names(
         "MapAttractor": "dynkit.attractors",
         "MapOrbit": "dynkit.map_orbits",
         "Network": "dynkit.continuation.network",
+        "NoConvergence": "dynkit.continuation.newton",
         "OrbitLabel": "dynkit.labels",
         "PeriodicOrbit": "dynkit.orbits",
         "PoincareMap": "dynkit.sections",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -22,6 +23,18 @@ _NONE = np.empty(0)
 
 _ROUNDING = 32.0 * 2.0**-52
 """Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
+
+
+def _named(system: ImpactOscillator) -> str:
+    """The class of an oscillator, with what differs from its defaults and is short."""
+    told = [
+        f"{entry.name}={value:.6g}" if isinstance(value, float) else f"{entry.name}={value!r}"
+        for entry in fields(system)
+        if entry.init
+        and isinstance(value := getattr(system, entry.name), float | int | str)
+        and value != entry.default
+    ]
+    return f"{type(system).__name__}({', '.join(told)})"
 
 
 @final
@@ -47,8 +60,9 @@ class ImpactOrbit(PeriodicOrbit):
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
         if not self.admissible:
-            kind += ", inadmissible"
-        return f"<{self.label} of {self.system!r}: {kind}>"
+            kind = f"inadmissible, {kind}"
+        largest = abs(self.multipliers[0])
+        return f"<{self.label} of {_named(self.system)}: {kind}, multipliers up to {largest:.4g}>"
 
     @property
     def _solution(self) -> Solution:

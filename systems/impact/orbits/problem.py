@@ -135,9 +135,8 @@ class ImpactProblem(Problem):
     def size(self) -> int:
         return 2 * len(self.sides)
 
-    def scale(self, x: Array) -> Array:  # noqa: ARG002
-        n = len(self.sides)
-        return np.repeat([1.0, self.speed], n)
+    def scale(self, x: Array) -> Array:
+        return np.repeat([1.0, self.speed], len(x) // 2)
 
     def residual(self, x: Array, p: Array) -> Array:
         s = self.at(x, p)

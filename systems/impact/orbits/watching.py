@@ -82,7 +82,8 @@ class Vanishing(Condition):
     def __init__(self, problem: ImpactProblem, i: int) -> None:
         self.problem, self.i = problem, i
 
-    def residual(self, x: Array, own: Array, p: Array) -> Array:  # noqa: ARG002
+    def residual(self, x: Array, own: Array, p: Array) -> Array:
+        del own, p  # impulses are among the unknowns of the orbit
         place = len(self.problem.sides) + self.i
         return x[place : place + 1] / self.problem.speed
 
@@ -113,7 +114,8 @@ class Pressing(Condition):
     def __init__(self, problem: ImpactProblem, i: int) -> None:
         self.problem, self.i = problem, i
 
-    def residual(self, x: Array, own: Array, p: Array) -> Array:  # noqa: ARG002
+    def residual(self, x: Array, own: Array, p: Array) -> Array:
+        del own  # there are none
         s = self.problem.at(x, p)
         return s.gaps(2)[self.i : self.i + 1] / (self.problem.speed * s.terms.frequency)
 
