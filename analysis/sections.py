@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 # Points nearer to one another, in widths of the axes, look like one; fewer of them are drawn large.
 _SHARP, _FEW = 0.005, 50
 
+_PHASE = r"phase $\varphi$"
 _QUARTERS = [0.5 * math.pi * i for i in range(5)]
 _QUARTER_NAMES = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
 
@@ -191,6 +192,42 @@ class ImpactSection:
         """Estimate of the largest error of the states; zero of an array."""
         return motion_error(self._attractor, 0.0)
 
+    def plot_velocity(self, ax: Axes | None = None) -> Axes:
+        """Draw the velocity of the contact coordinate after impacts against the phase.
+
+        The table's velocity is dashed: points are above it by the relative velocity, or below it
+        where the motion is on the other side of a play.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        ValueError
+            When the source is an array: it does not say how the table moves.
+        """
+        if self._attractor is None:
+            raise ValueError("source must be an attractor to draw velocities; got an array")
+        system: Any = self._attractor.system
+        contact = contact_coordinate(self._attractor)
+        name = f"velocity $v_{{{contact + 1}}}$ after impact"
+
+        def table(phase: Array) -> Array:
+            return np.asarray(system.amplitude * system.frequency * np.cos(phase))
+
+        velocity = table(self.phase) + self.relative_velocity
+        axes = _draw(ax, np.stack([self.phase, velocity], axis=1), (0, 1), [_PHASE, name])
+        turn = np.linspace(0.0, TWO_PI, 257)
+        axes.plot(turn, table(turn), "--", color="black", linewidth=0.6, zorder=1)
+        _as_phase(axes, "x")
+        return axes
+
     def plot(self, ax: Axes | None = None, *, coordinates: tuple[int, int] | None = None) -> Axes:
         """Draw one section coordinate against another: relative velocity against phase.
 
@@ -213,12 +250,11 @@ class ImpactSection:
         d = self.states.shape[1]
         chosen = _chosen(coordinates, (d - 1, d - 2), d)
         names = [f"section coordinate {k}" for k in range(d - 2)]
-        names += ["relative velocity $u$", r"phase $\varphi$"]
+        names += ["relative velocity $u$", _PHASE]
         axes = _draw(ax, self.states, chosen, names)
         for k, name in zip(chosen, ("x", "y"), strict=True):
             if k == d - 1:
-                axes.set(**{f"{name}lim": (0.0, TWO_PI), f"{name}ticks": _QUARTERS})
-                axes.set(**{f"{name}ticklabels": _QUARTER_NAMES})
+                _as_phase(axes, name)
         return axes
 
 
@@ -265,6 +301,11 @@ def _draw(ax: Axes | None, states: Array, chosen: tuple[int, int], names: list[s
     axes.set_xlabel(names[chosen[0]])
     axes.set_ylabel(names[chosen[1]])
     return axes
+
+
+def _as_phase(axes: Axes, name: str) -> None:
+    axes.set(**{f"{name}lim": (0.0, TWO_PI), f"{name}ticks": _QUARTERS})
+    axes.set(**{f"{name}ticklabels": _QUARTER_NAMES})
 
 
 def _distinct(points: Array) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -20,10 +21,14 @@ from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
-# Lines across a surface that can still be told apart in print.
-_LINES = 250
+# Lines across a surface that can still be told apart in print, and points of those along it.
+_LINES, _POINTS = 100, 500
+
+# Of a surface, in inches.
+_HEIGHT = 2.5
 
 
 @final
@@ -98,8 +103,8 @@ class SpaceTime:
     def plot(self, ax: Axes3D | None = None) -> Axes3D:
         """Draw the displacements as a surface over time and the masses.
 
-        At most 250 lines run across it, those of the masses along it: where samples are finer than
-        that some are left out.
+        At most 100 lines run across it, those of the masses along it through at most 500 points:
+        where samples are finer than that some are left out.
 
         Parameters
         ----------
@@ -118,40 +123,67 @@ class SpaceTime:
         k, n = self.displacements.shape
         if min(k, n) < 2:
             raise ValueError(f"displacements must be (2, 2) or more; got shape {(k, n)}")
-        axes: Any = _new_axes() if ax is None else ax
+        axes: Any = _shown_surface() if ax is None else ax
         if not hasattr(axes, "plot_surface"):
             raise ValueError(f"ax must be made with projection='3d'; got {axes!r}")
-        across, along = np.meshgrid(np.arange(1.0, n + 1.0), self.times)
+        shown = np.unique(np.append(np.arange(0, k, math.ceil(k / _POINTS)), k - 1))
+        across, along = np.meshgrid(np.arange(1.0, n + 1.0), self.times[shown])
         axes.plot_surface(
             along,
             across,
-            self.displacements,
+            self.displacements[shown],
             rcount=_LINES,
             ccount=n,
             color="white",
             edgecolor="black",
             linewidth=0.2,
             shade=False,
+            clip_on=False,
         )
+        axes.set_xlim(self.times[0], self.times[-1], view_margin=0.0)
+        axes.set_ylim(1.0, n, view_margin=0.0)
         axes.set_xlabel("time $t$")
         axes.set_ylabel("mass $j$")
         axes.set_zlabel("displacement $x_j$")
-        shown: Axes3D = axes
-        return shown
+        drawn: Axes3D = axes
+        return drawn
 
 
-def _new_axes() -> Any:
+def new_surfaces(rows: int = 1) -> tuple[Figure, list[Any]]:
+    """Return a new figure two columns wide, and axes for surfaces, one under the other.
+
+    As with `new_figure`, pyplot does not know it.
+    """
+    from matplotlib.figure import Figure
+
+    with print_style():
+        figure = Figure(figsize=(2.0 * COLUMN_WIDTH, _HEIGHT * rows))
+        return figure, _add_axes(figure, rows)
+
+
+def _shown_surface() -> Any:
     from matplotlib import pyplot as plt
 
     with print_style():
-        axes: Any = plt.subplots(
-            figsize=(2.0 * COLUMN_WIDTH, 3.2), subplot_kw={"projection": "3d"}
-        )[1]
-    axes.set_box_aspect((3.2, 1.3, 0.9), zoom=1.3)
-    axes.view_init(elev=38.0, azim=-70.0)
-    axes.grid(visible=False)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.pane.fill = False
-    # along the axis, which is longer than the others
-    axes.xaxis.labelpad = 8.0
-    return axes
+        figure = plt.figure(figsize=(2.0 * COLUMN_WIDTH, _HEIGHT))
+        return _add_axes(figure, 1)[0]
+
+
+def _add_axes(figure: Figure, rows: int) -> list[Any]:
+    # constrained layout leaves room around boxes that are flat; it holds on to its engine
+    figure.set_layout_engine("none")
+    all_axes: list[Any] = []
+    for row in range(rows):
+        place = (-0.065, 1.0 - (row + 0.98) / rows, 1.0, 1.0 / rows)
+        axes: Any = figure.add_axes(place, projection="3d", proj_type="ortho")
+        axes.set_box_aspect((4.6, 1.7, 1.0), zoom=1.68)
+        axes.view_init(elev=32.0, azim=-72.0)
+        axes.grid(visible=False)
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.pane.fill = False
+            axis.pane.set_edgecolor("0.8")
+        axes.tick_params(pad=-1.0)
+        axes.zaxis.get_major_locator().set_params(nbins=5)
+        axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4.0, 0.0, -2.0
+        all_axes.append(axes)
+    return all_axes

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.analysis.figures import shown_axes
+from dynkit.analysis.figures import DOTS, shown_axes
 from dynkit.analysis.series import (
     TWO_PI,
     checked_coordinate,
@@ -17,6 +17,7 @@ from dynkit.analysis.series import (
     forcing_frequency,
 )
 from dynkit.attractors import Attractor
+from dynkit.harmonics import Harmonics, harmonics_of
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, non_negative, positive, positive_integer
 
@@ -221,6 +222,24 @@ class PowerSpectrum:
         count = math.floor(self.nyquist / self.table_frequency * (1.0 + 2.0**-40))
         return self.table_frequency * np.arange(1.0, count + 1.0)
 
+    @cached_property
+    def lines(self) -> Harmonics | None:
+        """Lines of a periodic motion, whose power is in harmonics of 1/m of the table's frequency.
+
+        They follow from one period, from the last skipped state on, sampled as finely as the
+        density. None where the attractor's label is not that of a periodic motion of m table
+        periods, and for an array.
+        """
+        if self._source is None or self.table_frequency is None:
+            return None
+        periods = self._source.label.periods
+        if periods is None:
+            return None
+        frequency = self.table_frequency / periods
+        samples = math.ceil(TWO_PI / (frequency * self._step))
+        times = np.linspace(0.0, TWO_PI / frequency, samples + 1)
+        return harmonics_of(self._source.time_series(times)[:, self._coordinate], frequency)
+
     def power(self, low: float, high: float) -> float:
         """Return the part of the variance between two angular frequencies.
 
@@ -243,8 +262,9 @@ class PowerSpectrum:
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the density, logarithmic, against the angular frequency, with the table's harmonics.
 
-        Harmonics are grey lines, the table's frequency a darker one. The axis shows twelve decades
-        at most.
+        Harmonics are grey lines, the table's frequency a darker one. Dots are the `lines` of a
+        periodic motion, as high as a line of their power is where it meets a frequency of the
+        density. The axis shows twelve decades at most.
 
         Parameters
         ----------
@@ -259,6 +279,11 @@ class PowerSpectrum:
         for k, harmonic in enumerate(self.harmonics.tolist()):
             axes.axvline(harmonic, color="0.8" if k else "0.5", linewidth=0.6, zorder=0)
         axes.plot(self.frequencies[1:], self.density[1:], color="black", linewidth=0.5)
+        lines = self.lines
+        if lines is not None:
+            on = lines.frequencies <= self.nyquist
+            heights = lines.power[on] / self.resolution
+            axes.plot(lines.frequencies[on], heights, markersize=2.2, **DOTS)
         axes.set_yscale("log")
         highest = float(self.density.max())
         if highest > 0.0:

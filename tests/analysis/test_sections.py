@@ -189,3 +189,29 @@ def test_array_is_drawn() -> None:
     _, (axes,) = new_figure()
     StroboscopicSection(np.arange(6.0).reshape(2, 3)).plot(axes)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("coordinate 0", "coordinate 1")
+
+
+def test_velocity_after_impact_is_drawn_against_phase() -> None:
+    attractor = ImpactChain(frequency=0.35).attractor()
+    section = ImpactSection(attractor)
+    _, (axes,) = new_figure()
+    section.plot_velocity(axes)
+    points = np.asarray(axes.lines[0].get_xydata())
+    assert points[:, 0] == pytest.approx(attractor.record.phase)
+    # the record knows the velocity of the mass, the section that relative to the table
+    assert points[:, 1] == pytest.approx(attractor.record.velocity[:, 9], rel=1e-10)
+    assert axes.get_ylabel() == "velocity $v_{10}$ after impact"
+
+
+def test_velocity_of_the_table_is_dashed() -> None:
+    _, (axes,) = new_figure()
+    ImpactSection(ImpactChain(frequency=0.35).attractor()).plot_velocity(axes)
+    table = axes.lines[1]
+    phase, velocity = np.asarray(table.get_xydata()).T
+    assert table.get_linestyle() == "--"
+    assert velocity == pytest.approx(0.1 * 0.35 * np.cos(phase), abs=1e-15)
+
+
+def test_velocity_of_an_array_is_not_drawn() -> None:
+    with pytest.raises(ValueError, match="source must be an attractor to draw velocities"):
+        ImpactSection([[0.1, 2.0]]).plot_velocity()

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from dynkit.analysis import SpaceTime
 from dynkit.analysis.figures import new_figure
+from dynkit.analysis.space_time import new_surfaces
 from dynkit.attractors import MapAttractor
 from dynkit.systems import Henon, ImpactChain
 
@@ -87,3 +88,27 @@ def test_surface_gets_a_figure_of_its_own() -> None:
     axes = SpaceTime(np.eye(3), [0.0, 1.0, 2.0]).plot()
     assert axes.name == "3d"
     plt.close(axes.figure)
+
+
+def test_surfaces_stand_one_under_the_other() -> None:
+    figure, axes = new_surfaces(2)
+    assert [each.name for each in axes] == ["3d", "3d"]
+    assert figure.axes == axes
+    assert axes[0].get_position().y0 > axes[1].get_position().y0
+
+
+@pytest.mark.parametrize("count", [2, 501, 2001])
+def test_surface_reaches_from_the_first_to_the_last_time(count: int) -> None:
+    _, (axes,) = new_surfaces()
+    times = 0.1 * np.arange(count, dtype=np.float64)
+    SpaceTime(np.zeros((count, 3)), times).plot(axes)
+    assert axes.get_xlim() == (0.0, times[-1])
+    assert (axes.xy_dataLim.xmin, axes.xy_dataLim.xmax) == (0.0, times[-1])
+
+
+def test_surface_of_many_samples_has_few_lines() -> None:
+    _, (axes,) = new_surfaces()
+    SpaceTime(np.zeros((3000, 3)), np.arange(3000.0)).plot(axes)
+    (surface,) = axes.collections
+    axes.get_figure().draw_without_rendering()
+    assert len(surface.get_paths()) <= 2 * 100

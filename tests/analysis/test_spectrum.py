@@ -219,9 +219,12 @@ def test_density_and_harmonics_are_drawn() -> None:
     spectrum = PowerSpectrum(attractor_of())
     _, (axes,) = new_figure()
     assert spectrum.plot(axes) is axes
-    *marks, density = axes.lines
+    *marks, density, lines = axes.lines
     assert [np.asarray(line.get_xdata())[0] for line in marks] == spectrum.harmonics.tolist()
     assert np.array_equal(density.get_ydata(), spectrum.density[1:])
+    assert spectrum.lines is not None
+    at = np.asarray(lines.get_xdata())
+    assert np.array_equal(at, spectrum.lines.frequencies[: len(at)])
     assert axes.get_yscale() == "log"
     assert axes.get_xlabel() == r"angular frequency $\omega$"
 
@@ -232,3 +235,49 @@ def test_at_most_twelve_decades_are_drawn() -> None:
     spectrum = PowerSpectrum(np.sin(2.0 * np.pi * t), interval=0.1, segments=1)
     spectrum.plot(axes)
     assert axes.get_ylim()[0] == pytest.approx(1e-12 * spectrum.density.max(), rel=1e-9)
+
+
+# --- lines ----------------------------------------------------------------------------------------
+
+
+def test_lines_are_harmonics_of_a_part_of_the_table_frequency() -> None:
+    lines = PowerSpectrum(attractor_of(0.87)).lines  # P(1,3)
+    assert lines is not None
+    assert lines.frequency == pytest.approx(0.29, rel=1e-15)
+
+
+def test_lines_hold_the_variance_of_a_periodic_motion() -> None:
+    spectrum = PowerSpectrum(ImpactChain(frequency=0.87).attractor(transient=5000))
+    assert spectrum.lines is not None
+    assert spectrum.lines.variance == pytest.approx(spectrum.variance, rel=1e-3)
+
+
+def test_lines_of_a_velocity_are_those_of_the_displacement_times_frequency() -> None:
+    attractor = ImpactChain(frequency=0.40816).attractor(transient=8000)  # P(inf,2)
+    moved, moves = (PowerSpectrum(attractor, coordinate=k).lines for k in (3, 13))
+    assert moved is not None
+    assert moves is not None
+    few = slice(0, 12)
+    exact = moved.frequencies[few] * abs(moved.coefficients[few])
+    assert abs(moves.coefficients[few]) == pytest.approx(exact, rel=1e-3)
+
+
+def test_chaos_has_no_lines() -> None:
+    assert PowerSpectrum(attractor_of(1.346)).lines is None
+
+
+def test_array_has_no_lines() -> None:
+    assert PowerSpectrum(np.arange(100.0), interval=0.2).lines is None
+
+
+def test_lines_stand_on_the_peaks_of_the_density() -> None:
+    period = 3 * 16  # samples in a period of P(1,3)
+    interval = 2.0 * np.pi / (0.87 * 16)
+    attractor = ImpactChain(frequency=0.87).attractor(transient=5000)
+    spectrum = PowerSpectrum(attractor, interval, samples=20 * period, segments=1)
+    _, (axes,) = new_figure()
+    spectrum.plot(axes)
+    dots = next(line for line in axes.lines if line.get_marker() == "o")
+    at, heights = np.asarray(dots.get_xydata()).T
+    peaks = np.interp(at, spectrum.frequencies, spectrum.density)
+    assert heights[:10] == pytest.approx(peaks[:10], rel=2e-2)
