@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
 
+from dynkit.analysis.averages import amplitudes, standard_errors
 from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, in_interval, positive, positive_integer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# A correlation of successive batches is not believed beyond this: the error would be infinite.
-_LARGEST_CORRELATION = 0.9
 
 
 @final
@@ -191,27 +189,23 @@ class POD:
 
     @cached_property
     def standard_errors(self) -> Array:
-        """Standard errors of the powers, (N,), by the method of batch means.
+        """Errors of the powers, (N,), as averages over an endless motion.
 
-        The motion is divided into at most 32 batches of successive impacts or samples, whose means
-        are taken as independent draws; where successive ones are correlated the errors are enlarged
-        by sqrt((1 + r) / (1 - r)), r their correlation. Estimates from b batches have b - 1 degrees
-        of freedom (Student's t); with fewer than two batches they are infinite. They are too small
-        where a batch is not many times as long as the motion remembers its past, or where the
-        motion has not yet reached its attractor, and too large for a periodic one, whose batches
-        differ only where periods are cut.
-
-        References
-        ----------
-        G. S. Fishman, Discrete-Event Simulation (2001), section 6.6.
+        Twice an error is the half-width of a 95 % interval (Student's t), from the amplitudes of
+        the slow waves in the batches: see `dynkit.analysis.averages`. The motion is divided into at
+        most 32 batches of successive impacts or samples; with fewer than two the errors are
+        infinite. They are too small where the motion remembers for longer than a sixth of its
+        length, or has not yet reached its attractor, and too large for a periodic one, where they
+        tell where periods are cut.
         """
-        return batch_means_errors(self._deviations)
+        return standard_errors(amplitudes(self._deviations))
 
     @cached_property
     def cumulative_errors(self) -> Array:
-        """Standard errors, (N,), of the shares in `cumulative`, in the same way."""
+        """Errors, (N,), of the shares in `cumulative`, in the same way."""
         running = np.cumsum(self._deviations, axis=1)
-        return batch_means_errors((running - self.cumulative * running[:, -1:]) / self.power.sum())
+        shares = (running - self.cumulative * running[:, -1:]) / self.power.sum()
+        return standard_errors(amplitudes(shares))
 
     # --- normal modes -----------------------------------------------------------------------------
 
@@ -304,14 +298,3 @@ class POD:
 def _read_only(array: Array) -> Array:
     array.setflags(write=False)
     return array
-
-
-def batch_means_errors(deviations: Array) -> Array:
-    """Standard errors (m,) of sums over batches, from what each batch (b, m) deviates."""
-    count = len(deviations)
-    if count < 2:
-        return np.full(deviations.shape[1], np.inf)
-    squares = (deviations**2).sum(axis=0)
-    following = (deviations[1:] * deviations[:-1]).sum(axis=0)
-    r = np.clip(following / np.where(squares > 0.0, squares, 1.0), 0.0, _LARGEST_CORRELATION)
-    return np.asarray(np.sqrt(squares * count / (count - 1) * (1.0 + r) / (1.0 - r)))

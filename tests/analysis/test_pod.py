@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import signal, stats
+from scipy import signal
 
 from dynkit.analysis import POD
 from dynkit.analysis.figures import new_figure
@@ -162,7 +162,7 @@ def test_record_knows_its_normal_modes() -> None:
 
 # --- what a decomposition is ----------------------------------------------------------------------
 
-samples = arrays(np.float64, (12, 4), elements=st.floats(-1.0, 1.0).filter(lambda x: x != 0.0))
+samples = arrays(np.float64, (12, 4), elements=st.floats(-1.0, 1.0, width=16)).filter(np.any)
 
 
 @given(samples)
@@ -218,29 +218,27 @@ def autoregressive(seed: int, correlation: float, count: int) -> Array:
     return np.asarray(signal.lfilter([1.0], [1.0, -correlation], noise, axis=0) * [2.0, 1.0])
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.98])
-def test_intervals_of_student_cover_the_powers_as_often_as_they_should(correlation: float) -> None:
-    trials = 300
-    # squares are correlated over (1 + c^2) / (1 - c^2) samples; batches last twenty times as long
-    count = int(20 * 32 * (1.0 + correlation**2) / (1.0 - correlation**2))
+@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.98, -0.9])
+def test_twice_the_error_covers_the_powers_as_often_as_it_should(correlation: float) -> None:
+    trials = 200
+    # squares are correlated over (1 + c^2) / (1 - c^2) samples; batches last five times as long
+    count = int(5 * 32 * (1.0 + correlation**2) / (1.0 - correlation**2))
     hits = 0
     for seed in range(trials):
         pod = POD(autoregressive(seed, correlation, count))
-        factor = stats.t.ppf(0.975, pod.batches - 1)
-        hits += int((abs(pod.power - [4.0, 1.0]) < factor * pod.standard_errors).sum())
-    # 95% of 2 * 300, less four standard deviations of that binomial count
-    assert hits >= 0.95 * 2 * trials - 4.0 * np.sqrt(0.95 * 0.05 * 2 * trials)
+        hits += int((abs(pod.power - [4.0, 1.0]) < 2.0 * pod.standard_errors).sum())
+    # 95% of 2 * 200, less three standard deviations of that binomial count
+    assert hits >= 0.95 * 2 * trials - 3.0 * np.sqrt(0.95 * 0.05 * 2 * trials)
 
 
 def test_standard_error_of_independent_samples_is_that_of_a_mean() -> None:
-    x = autoregressive(7, 0.0, 64_000)
-    expected = (x**2).std(axis=0) / np.sqrt(len(x))
-    # an estimate from 32 batches scatters by 1 / sqrt(2 * 31); four times that, and the factor for
-    # correlation, which chance keeps below sqrt((1 + 4 / sqrt(32)) / (1 - 4 / sqrt(32)))
-    scatter = 4.0 / np.sqrt(62.0)
-    ratio = POD(x).standard_errors / expected
-    assert (ratio > 1.0 - scatter).all()
-    assert (ratio < (1.0 + scatter) * 2.42).all()
+    ratios = []
+    for seed in range(100):
+        x = autoregressive(seed, 0.0, 3200)
+        ratios.append(POD(x).standard_errors / ((x**2).std(axis=0) / np.sqrt(len(x))))
+    # from 12 waves, or 6 where these are larger: 1.25 times, as Student's t has it
+    mean = float(np.sqrt(np.mean(np.square(ratios))))
+    assert 1.0 < mean < 1.5
 
 
 def test_one_batch_has_no_finite_standard_error() -> None:
