@@ -150,7 +150,7 @@ def _joined(
 def _bifurcation(
     problem: Problem, parameter: str, place: float, found: Located, tangent: Array
 ) -> Bifurcation:
-    kind, event = found.crossing
+    kind, event, _ = found.crossing
     touching = {}
     if event >= 0 and len(found.history) > 1:
         touching = dict(problem.touching(event, found.x, found.own, found.p))

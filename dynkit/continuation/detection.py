@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 
 from dynkit.continuation.arclength import Point
-from dynkit.continuation.problem import Problem
+from dynkit.continuation.problem import Event, Problem
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -22,10 +22,11 @@ _HUGE = 1e150
 
 @final
 class Crossing(NamedTuple):
-    """What happens within a step: the kind, and which event for GR and CB."""
+    """What happens within a step: the kind, the event of GR and CB, and whether it is the end."""
 
     kind: str
     event: int = -1
+    ends: bool = False
 
 
 @final
@@ -39,8 +40,7 @@ class Seen:
 
     multipliers: Any
     admissible: bool
-    events: tuple[float, ...]
-    kinds: tuple[str, ...]
+    events: tuple[Event, ...]
     flip: bool
     pairs: int
     inside: int
@@ -53,14 +53,12 @@ def examine(problem: Problem, point: Point) -> Seen:
     """Return what is to be known of a point's orbit."""
     x, p = point.y[:-1], point.y[-1:]
     multipliers = np.asarray(problem.multipliers(x, p))
-    events = problem.events(x, p)
+    events = tuple(problem.events(x, p))
     # not from the multipliers, which may change their sign through infinity
     flip = bool(np.linalg.slogdet(problem.linearization(x, p, -1.0))[0] < 0.0)
     upper = multipliers[(multipliers.imag > 0.0) & ~are_real(multipliers)]
     inside = int(np.count_nonzero(abs(upper) ** 2 <= _INSIDE))
-    values = tuple(event.value for event in events)
-    kinds = tuple(event.kind for event in events)
-    return Seen(multipliers, problem.admissible(x, p), values, kinds, flip, len(upper), inside)
+    return Seen(multipliers, problem.admissible(x, p), events, flip, len(upper), inside)
 
 
 def are_real(multipliers: Any) -> Any:
@@ -81,9 +79,10 @@ def crossings(before: Point, after: Point) -> tuple[Crossing, ...]:
     if a.flip != b.flip:
         found.append(Crossing("PD"))
     found += [Crossing("NS")] * _tori(a, b)
-    for i, (kind, u, v) in enumerate(zip(a.kinds, a.events, b.events, strict=True)):
+    for i, (here, there) in enumerate(zip(a.events, b.events, strict=True)):
+        u, v = here.value, there.value
         if (u < 0.0) != (v < 0.0) and u == u and v == v:  # not where one of them tells nothing
-            found.append(Crossing(kind, i))
+            found.append(Crossing(here.kind, i, here.ends))
     return tuple(found)
 
 

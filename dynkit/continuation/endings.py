@@ -17,6 +17,7 @@ class Reason(Enum):
     NO_CONVERGENCE = "Newton's method does not converge"
     NO_SOLUTION = "the equations are not defined beyond"
     RESONANCE = "a strong resonance is near"
+    BORDER = "beyond, there is no such orbit"
     INADMISSIBLE = "beyond, it is no motion of the system"
 
 

@@ -122,7 +122,7 @@ def _on_the_circle(problem: Problem, x: Array, p: Array) -> int:
 
 def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
     """Return what Newton's method finds between two points, if it is there."""
-    kind, event = crossing
+    kind, event, _ = crossing
     guess = interpolated(before, after, _part(before, after, crossing))
     own = np.empty(0)
     if kind == "NS":
@@ -162,7 +162,7 @@ def _part(before: Point, after: Point, crossing: Crossing) -> float:
     if crossing.kind == "SN":
         a, b = float(before.tangent[-1]), float(after.tangent[-1])
     elif crossing.event >= 0:
-        a, b = before.seen.events[crossing.event], after.seen.events[crossing.event]
+        a, b = (point.seen.events[crossing.event].value for point in (before, after))
     else:
         a, b = _distance(before, crossing.kind), -_distance(after, crossing.kind)
     if not np.isfinite(a) or not np.isfinite(b) or a == b:

@@ -34,11 +34,14 @@ class Event:
     value : float
         Positive on the admissible side, zero on the border; infinite where there is nothing to
         watch, NaN where its sign would tell nothing.
+    ends : bool
+        Whether there are no such orbits beyond, admissible or not.
     """
 
     kind: str
     part: int
     value: float
+    ends: bool = False
 
 
 class Condition(ABC):

@@ -54,6 +54,9 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
         index, way = len(found.points) - 1, point.y - before.y
         here = _between(problem, follower, before, point)
         found.located += [(index + part, located, way) for part, located in here]
+        if any(located.crossing.ends for _, located in here):
+            follower.ending = _ends(Reason.BORDER, point)
+            break
         if not inadmissible and not point.seen.admissible:
             follower.ending = _ends(Reason.INADMISSIBLE, point)
             break

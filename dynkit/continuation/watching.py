@@ -65,7 +65,7 @@ class Watch:
 
 def _appears(before: Seen, after: Seen) -> bool:
     """Whether an event is beyond its border right where there is something to watch."""
-    for a, b in zip(before.events, after.events, strict=True):
+    for a, b in _values(before, after):
         if (a == np.inf and b < 0.0) or (b == np.inf and a < 0.0):
             return True
     return False
@@ -73,5 +73,9 @@ def _appears(before: Seen, after: Seen) -> bool:
 
 def _clears(before: Seen, after: Seen) -> bool:
     """Whether an event tells something on one side only."""
+    return any(np.isnan(a) != np.isnan(b) for a, b in _values(before, after))
+
+
+def _values(before: Seen, after: Seen) -> list[tuple[float, float]]:
     pairs = zip(before.events, after.events, strict=True)
-    return any(np.isnan(a) != np.isnan(b) for a, b in pairs)
+    return [(a.value, b.value) for a, b in pairs]

@@ -129,22 +129,26 @@ class ImpactAttractor(Attractor):
 
         Returns
         -------
-        ImpactOrbit, or a MapOrbit where parts of the system are held by no spring
+        ImpactOrbit; a StickingOrbit where it sticks; a MapOrbit where it does not, and parts of the
+        system are held by no spring
 
         Raises
         ------
         ValueError
-            When the attractor is not P(n,m) with a finite n.
+            When the attractor is neither P(n,m) nor P(inf,m).
         NoConvergence
             When its motion is still too far from it.
         """
         from dynkit.map_orbits import periodic_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion
         from dynkit.systems.impact.orbits.responses import free_motion
+        from dynkit.systems.impact.sticking.finding import sticking_orbit_of
 
         n, m = self.label.impacts, self.label.periods
-        if n is None or m is None:
-            raise ValueError(f"attractor must be P(n,m) with finite n; it is {self.label}")
+        if m is None:
+            raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
+        if n is None:
+            return sticking_orbit_of(self.final, m)
         record = self._system.simulate(impacts=n, start=self.final)
         if free_motion(self._system._structure).rigid:
             return periodic_orbit(self._system, record.states, period=n)

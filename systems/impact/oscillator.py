@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from dynkit.validation import (
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+    from dynkit.systems.impact.sticking.orbit import StickingOrbit
 
 TWO_PI = 2.0 * math.pi
 
@@ -241,6 +242,7 @@ class ImpactOscillator(DrivenStructure, Map):
             self, 0, ImpactRecord(self, self._run(state, count, store=True)), None
         )
 
+    @overload
     def periodic_orbit(
         self,
         *,
@@ -248,44 +250,98 @@ class ImpactOscillator(DrivenStructure, Map):
         periods: int = 1,
         phases: object = None,
         sides: object = None,
-    ) -> ImpactOrbit:
-        """Return a periodic orbit P(n,m), stable or not.
+        sticking: Literal[False] = False,
+    ) -> ImpactOrbit: ...
+
+    @overload
+    def periodic_orbit(self, *, periods: int = 1, sticking: Literal[True]) -> StickingOrbit: ...
+
+    def periodic_orbit(
+        self,
+        *,
+        impacts: int | None = None,
+        periods: int = 1,
+        phases: object = None,
+        sides: object = None,
+        sticking: bool = False,
+    ) -> ImpactOrbit | StickingOrbit:
+        """Return a periodic orbit P(n,m), or P(inf,m) that sticks, stable or not.
 
         Parameters
         ----------
         impacts, periods : int
-            n and m.
+            n and m, one by default.
         phases : (n,) array_like, optional
             Guess of the phases of the forcing at the impacts, ascending, within 2 pi m; n is their
             number. Without it the first of `periodic_orbits` is returned.
         sides : (n,) array_like of int, optional
             With the phases: 0 for the table, the default, and 1 for the far stop of a play.
+        sticking : bool
+            P(inf,m), found as `periodic_orbits` says; without impacts, phases and sides.
 
         Raises
         ------
         ValueError
-            When there is none, or nothing drives the system, or nothing holds a part of it.
+            When there is none, or nothing drives the system, or nothing holds a part of it and it
+            does not stick.
         NoConvergence
             When Newton's method finds none from the guess.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> orbit = ImpactChain(frequency=0.408).periodic_orbit(sticking=True, periods=2)
+        >>> orbit.label, orbit.stable, round(float(abs(orbit.multipliers[0])), 6)
+        ('P(inf,2)', True, 0.864601)
         """
         from dynkit.systems.impact.orbits.finding import orbit_at
 
-        if phases is not None:
+        if sticking:
+            for name, given in (("impacts", impacts), ("phases", phases), ("sides", sides)):
+                if given is not None:
+                    raise ValueError(f"{name} must not be given with sticking; got {given!r}")
+            orbits: Sequence[ImpactOrbit | StickingOrbit]
+            orbits = self.periodic_orbits(periods=periods, sticking=True)
+            label = f"P(inf,{periods})"
+        elif phases is not None:
             return orbit_at(self, periods, phases, sides)
-        found = self.periodic_orbits(impacts=impacts, periods=periods)
-        if not found:
-            raise ValueError(f"no orbit P({impacts},{periods}) was found for {self!r}")
-        return found[0]
+        else:
+            impacts = 1 if impacts is None else impacts
+            orbits = self.periodic_orbits(impacts=impacts, periods=periods)
+            label = f"P({impacts},{periods})"
+        if not orbits:
+            raise ValueError(f"no orbit {label} was found for {self!r}")
+        return orbits[0]
 
-    def periodic_orbits(self, *, impacts: int = 1, periods: int = 1) -> list[ImpactOrbit]:
-        """Return the periodic orbits P(n,m) that are found, stable or not.
+    @overload
+    def periodic_orbits(
+        self, *, impacts: int = 1, periods: int = 1, sticking: Literal[False] = False
+    ) -> list[ImpactOrbit]: ...
+
+    @overload
+    def periodic_orbits(
+        self, *, periods: int = 1, sticking: Literal[True]
+    ) -> list[StickingOrbit]: ...
+
+    def periodic_orbits(
+        self, *, impacts: int | None = None, periods: int = 1, sticking: bool = False
+    ) -> list[ImpactOrbit] | list[StickingOrbit]:
+        """Return the periodic orbits P(n,m), or P(inf,m), that are found, stable or not.
 
         For n = 1 all there are, from their closed form; for more impacts what Newton's method finds
         from 200 guesses, always the same. Admissible ones come first, then larger impulses.
+
+        Those that stick are sought from releases of some motions, always the same: of structures at
+        rest on the table, of random ones there, and of the motion from the default start.
         """
         from dynkit.systems.impact.orbits.finding import find_orbits
+        from dynkit.systems.impact.sticking.finding import find_sticking
 
-        return find_orbits(self, impacts, periods)
+        if not sticking:
+            return find_orbits(self, 1 if impacts is None else impacts, periods)
+        if impacts is not None:
+            raise ValueError(f"impacts must not be given with sticking; got {impacts!r}")
+        return find_sticking(self, periods)
 
     def _run(
         self, start: ImpactState, count: int, *, store: bool, noise: float = 0.0, seed: int = 1

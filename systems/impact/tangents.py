@@ -163,6 +163,8 @@ def carried(motion: FreeMotion, durations: Array, jumps: Array, disturbances: Ar
 
 def chatter_carried(oscillator: ImpactOscillator, run: Run, disturbances: Array) -> Array:
     """What becomes of disturbances (2N, k) of the start of a run that has no contact."""
+    if not run.impacts:
+        return disturbances
     motion = free_motion(oscillator._structure)
     flights = np.diff(run.states[:, -1], prepend=0.0)
     jumps, _ = _jumps(oscillator, run, flights, np.empty(0))
@@ -176,7 +178,7 @@ def _jumps(
     r, free = oscillator.restitution, oscillator._free
     speeds = run.states[:, -2]
     sides = np.signbit(speeds).astype(np.intp)
-    states = _free_states(oscillator, run)
+    states = free_states(oscillator, run)
     kick = np.zeros((2, free.layout.slots))
     kick[:, free.layout.modes] = oscillator._structure.kick[:2]
     if r == 0.0:  # the states after impacts do not tell how fast they were
@@ -214,7 +216,7 @@ def _contacts_of(run: Run) -> tuple[Any, Any]:
     return before, np.signbit(speeds[before]).astype(np.intp)
 
 
-def _free_states(oscillator: ImpactOscillator, run: Run) -> Array:
+def free_states(oscillator: ImpactOscillator, run: Run) -> Array:
     """States (impacts + 1, 2, slots): the start, and after each impact."""
     n, rows = oscillator.degrees_of_freedom, run.states
     q = np.concatenate([run.start._coordinates[None], rows[:, : 2 * n].reshape(-1, 2, n)])
@@ -236,7 +238,7 @@ def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) 
         return out
     before, sides = _contacts_of(run)
     speeds = abs(np.append(run.start.relative_velocity, run.states[:, -2]))[before]
-    states = _free_states(oscillator, run)[before]
+    states = free_states(oscillator, run)[before]
     for side in np.unique(sides).tolist():
         here = np.flatnonzero(sides == side)
         moved = held(oscillator, side, durations[here])
@@ -280,8 +282,8 @@ def onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) 
     modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
     free_modes, n = oscillator._free.layout.modes, oscillator.degrees_of_freedom
     down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
-    rates = _rates(gap, states).reshape(len(states), -1)
-    stuck = _rates(contact.force, transformed(contact.to_stuck, states))
+    rates = rates_of(gap, states).reshape(len(states), -1)
+    stuck = rates_of(contact.force, transformed(contact.to_stuck, states))
     change = (rates @ contact.to_stuck[:, :-1].T).reshape(-1, 2, slots) - stuck
     change = change[..., modes].reshape(len(states), 2 * len(modes))
     place = np.zeros((2, oscillator._free.layout.slots))
@@ -294,7 +296,7 @@ def onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) 
     )
 
 
-def _rates(ladder: Any, states: Array) -> Array:
+def rates_of(ladder: Any, states: Array) -> Array:
     """Rates of change (k, 2, slots) of states of an exponential sum."""
     g = ladder.generator
     y, z = states[:, 0], states[:, 1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, final
 
@@ -17,6 +18,36 @@ LEAST, MOST = 24, 4096
 """Cells of a flight."""
 
 _REFINEMENTS, _CONVERGED = 12, 1e-7
+
+
+def smallest_minimum(
+    curve: Callable[[Array, int], Array], times: Array, values: Array
+) -> tuple[float, float]:
+    """Smallest of the minima of a curve inside an interval, and its time; else infinite and NaN.
+
+    Parameters
+    ----------
+    curve : callable
+        Of times (k,) and a number of orders: values and derivatives (orders, k).
+    times, values : (k,), (3, k)
+        Ends of equal cells that resolve it, and the curve with its first two derivatives there.
+    """
+    gap = values[0]
+    inner = np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])) + 1
+    if not len(inner):
+        return math.inf, math.nan
+    at, step = times[inner], times[1] - times[0]
+    for _ in range(_REFINEMENTS):
+        _, rate, bend = curve(at, 3)
+        move = np.where(bend > 0.0, -rate / np.where(bend > 0.0, bend, 1.0), 0.0)
+        before = at
+        at = np.clip(at + np.clip(move, -step, step), times[inner - 1], times[inner + 1])
+        # Newton's method: the next step would be the square of it.
+        if abs(at - before).max() <= _CONVERGED * step:
+            break
+    lowest = curve(at, 1)[0]
+    k = int(np.argmin(lowest))
+    return float(lowest[k]), float(at[k])
 
 
 @final
@@ -67,22 +98,7 @@ class Flight:
     @cached_property
     def smallest(self) -> tuple[float, float]:
         """Smallest of the minima of the gap inside, and its time; infinite where there is none."""
-        times, (gap, _, _) = self._nodes
-        inner = np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])) + 1
-        if not len(inner):
-            return math.inf, math.nan
-        at, step = times[inner], times[1]
-        for _ in range(_REFINEMENTS):
-            _, rate, bend = self.gap(at, 3)
-            move = np.where(bend > 0.0, -rate / np.where(bend > 0.0, bend, 1.0), 0.0)
-            before = at
-            at = np.clip(at + np.clip(move, -step, step), times[inner - 1], times[inner + 1])
-            # Newton's method: the next step would be the square of it.
-            if abs(at - before).max() <= _CONVERGED * step:
-                break
-        values = self.gap(at, 1)[0]
-        k = int(np.argmin(values))
-        return float(values[k]), float(at[k])
+        return smallest_minimum(self.gap, *self._nodes)
 
     @property
     def _rounding(self) -> float:

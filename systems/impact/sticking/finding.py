@@ -1,0 +1,203 @@
+"""Search for periodic orbits that stick."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.continuation.newton import FixedParameters, correct, solve
+from dynkit.results import Cost
+from dynkit.systems.impact.motion import sample_run
+from dynkit.systems.impact.runs import Run
+from dynkit.systems.impact.state import TWO_PI, ImpactState
+from dynkit.systems.impact.sticking.orbit import StickingOrbit
+from dynkit.systems.impact.sticking.passage import Scene, Word
+from dynkit.systems.impact.sticking.problem import StickingProblem
+from dynkit.systems.impact.tangents import free_states
+from dynkit.validation import Array, positive_integer
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+STARTS = 8
+"""Motions that a search starts from."""
+
+RELEASES = 4
+"""Releases of each of them from which an orbit is sought."""
+
+APART = 1e-6
+"""Two solutions that differ by less, scaled, are the same orbit."""
+
+_MOST = 4096
+"""Impacts within which releases are sought."""
+
+_LEAST = 1e-9
+"""Impacts that are slower, beside the fastest, are rounding."""
+
+_NONE = np.empty(0)
+
+
+def find_sticking(oscillator: ImpactOscillator, periods: object) -> list[StickingOrbit]:
+    """All orbits P(inf,m) that are found, the admissible ones first, then by their first phase.
+
+    From the releases of some motions: what was at rest on the table, the motion from the default
+    start after 1000 impacts, and stuck structures in random motion, always the same.
+    """
+    m = positive_integer("periods", periods)
+    began = time.perf_counter()
+    found: list[tuple[StickingProblem, Array, tuple[float, ...]]] = []
+    seen: list[Array] = []
+    for problem, guess in _guesses(oscillator, m):
+        result = correct(FixedParameters(problem, _NONE), guess, problem.scale(guess), steps=30)
+        if not result.converged:
+            continue
+        once, x = problem.shortest(result.y)
+        if once.periods < m or _touches(once, x):
+            continue
+        mark = once.canonical(x)
+        if all(len(mark) != len(other) or abs(mark - other).max() > APART for other in seen):
+            seen.append(mark)
+            found.append((once, x, result.history))
+    cost = Cost(time.perf_counter() - began, {"orbits": len(found)})
+    orbits = [StickingOrbit(problem, x, history, cost) for problem, x, history in found]
+    return sorted(orbits, key=lambda orbit: (not orbit.admissible, float(orbit.phases[0])))
+
+
+def _touches(problem: StickingProblem, x: Array) -> bool:
+    """Whether an impact is none: without rebound any number of them follows any impact."""
+    rates = [abs(rate) for passage in problem.passages(x, _NONE) for rate in passage.rates]
+    return min(rates) < _LEAST * max(rates)
+
+
+def sticking_orbit_of(state: ImpactState, periods: int) -> StickingOrbit:
+    """The orbit P(inf,m) near the motion from a state.
+
+    Raises
+    ------
+    NoConvergence
+        When the motion is too far from it.
+    ValueError
+        When it does not stick, or not a period later.
+    """
+    began = time.perf_counter()
+    system = state._system
+    for release in _releases(system, state, 1):
+        course = _course(Scene(system), *release, periods)
+        if course is not None:
+            x, history = solve(*course, _NONE)
+            cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
+            return StickingOrbit(*course[0].shortest(x), history, cost)
+    raise ValueError(f"motion must be released by the table, and {periods} periods later again")
+
+
+def _guesses(oscillator: ImpactOscillator, periods: int) -> Iterator[tuple[StickingProblem, Array]]:
+    """Problems and guesses of their unknowns."""
+    scene = Scene(oscillator)
+    for state in _starts(oscillator, scene):
+        for side, places, phase in _releases(oscillator, state, RELEASES):
+            course = _course(scene, side, places, phase, periods)
+            if course is not None:
+                yield course
+
+
+def _starts(oscillator: ImpactOscillator, scene: Scene) -> Iterator[ImpactState]:
+    """States on the table, and after a while."""
+    phases = np.linspace(0.0, TWO_PI, 720, endpoint=False)
+    random = np.random.default_rng(0)
+    half = oscillator.degrees_of_freedom - 1
+    for holding in scene.holdings:
+        regime = holding.regime
+        for k in range(STARTS):
+            q = np.zeros((len(phases), 2, half))
+            steady = regime.states(q, np.sin(phases), np.cos(phases))
+            places = holding.places(steady)
+            if k:
+                size = abs(places).max(axis=0)
+                places = places + size * random.uniform(-1.0, 1.0, places.shape[1])
+            force = np.array(
+                [holding.force(holding.state(z, a)) for z, a in zip(places, phases, strict=True)]
+            )
+            falls = np.flatnonzero((force >= 0.0) & (np.roll(force, -1) < 0.0))
+            if len(falls):
+                yield holding.release(places[falls[0]], float(phases[falls[0]]))
+    attractor = oscillator.attractor(transient=1000, impacts=1)
+    yield attractor.final
+
+
+def _releases(
+    oscillator: ImpactOscillator, state: ImpactState, most: int
+) -> list[tuple[int, Array, float]]:
+    """Side, places and phase of the first releases of a motion."""
+    count = 256
+    while True:
+        run = oscillator._run(state, count, store=True)
+        ended = run.contacts[np.isfinite(run.contacts[:, 2])][:most]
+        if len(ended) >= most or run.impacts < count or count >= _MOST:
+            break
+        count *= 4
+    speeds = np.append(run.start.relative_velocity, run.states[:, -2])
+    sides = np.signbit(speeds[ended[:, 0].astype(int)]).astype(int).tolist()
+    phases = state.phase + oscillator.frequency * ended[:, 2]
+    return list(zip(sides, _places(oscillator, run, ended[:, 2]), phases.tolist(), strict=True))
+
+
+def _places(oscillator: ImpactOscillator, run: Run, times: Array) -> Array:
+    """Positions and velocities (k, 2N - 2) of all coordinates but that in contact."""
+    x, v = sample_run(oscillator, run, times)
+    others = oscillator._structure.others
+    return np.concatenate([x[:, others], v[:, others]], axis=1)
+
+
+def _course(
+    scene: Scene, side: int, places: Array, phase: float, periods: int
+) -> tuple[StickingProblem, Array] | None:
+    """Problem and unknowns of the motion from a release, if it is released m periods later."""
+    system = scene.system
+    period = TWO_PI / system.frequency
+    state = scene.holdings[side].release(places, phase)
+    count, wanted = 128, (periods + 0.25) * period
+    while True:
+        run = system._run(state, count, store=True)
+        if run.impacts < count or run.states[-1, -1] > wanted or count >= _MOST:
+            break
+        count *= 2
+    ends = run.contacts[:, 2]
+    near = np.flatnonzero(abs(ends - periods * period) < 0.25 * period)
+    if not len(near):
+        return None
+    last = int(near[np.argmin(abs(ends[near] - periods * period))])
+    before = run.contacts[: last + 1, 0].astype(int)
+    if before[0] == 0 or (np.diff(before) == 0).any():
+        return None
+    begins = np.append(0, before[:-1])
+    sides = np.signbit(run.states[:, -2]).astype(int)
+    starts = np.append(side, sides[before - 1])
+    held = np.concatenate([places[None], _places(system, run, ends[:last])])
+    begun = phase + system.frequency * np.append(0.0, ends[:last])
+    words, parts = [], []
+    states = free_states(system, run)
+    for k, (a, b) in enumerate(zip(begins.tolist(), before.tolist(), strict=True)):
+        n = _before_chatter(scene, states[a + 1 : b + 1], run.states[a:b, -1], sides[a:b])
+        words.append(Word(int(starts[k]), tuple(sides[a : a + n].tolist())))
+        phases = phase + system.frequency * run.states[a : a + n, -1]
+        parts.append(np.concatenate([held[k], [begun[k]], phases]))
+    q, sine, cosine = system._free.parts(states[: before[-1] + 1])
+    x = system._free.forced.positions(q, sine, cosine)
+    v = system._free.forced.velocities(q, sine, cosine)
+    sizes = float(abs(x).max()), float(abs(v).max())
+    return StickingProblem(system, (), periods, tuple(words), sizes), np.concatenate(parts)
+
+
+def _before_chatter(scene: Scene, states: Array, times: Array, sides: Array) -> int:
+    """Number of impacts before those between which the gap is concave, and shrinks, to the end."""
+    side = int(sides[-1])
+    pressing = -scene.gap(states, side, 2)
+    flights = np.diff(times)
+    change = abs(np.diff(pressing))
+    smooth = (np.minimum(pressing[:-1], pressing[1:]) > 2.0 * change) & (sides[:-1] == side)
+    smooth[1:] &= flights[1:] < flights[:-1]
+    rough = np.flatnonzero(~smooth)
+    return 1 if not len(rough) else int(rough[-1]) + 2

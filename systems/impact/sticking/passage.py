@@ -1,0 +1,286 @@
+"""From one release to the next: impacts, chatter, contact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.continuation.problem import NoSolution
+from dynkit.systems.impact.motion import evolve
+from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
+from dynkit.systems.impact.runs import Run
+from dynkit.systems.impact.state import Motion, state_of
+from dynkit.systems.impact.sticking.holding import Holding
+from dynkit.systems.impact.tangents import carried, chatter_carried, held, off, onto, rates_of
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+
+CHUNK, MOST = 128, 8192
+"""Impacts of a chatter that are simulated at first, and at most."""
+
+_LONGER, _NEARLY = 1.2, 1e-3
+"""A flight so much longer than the one before ends a chatter; it nearly completed where its slowest
+impact was so slow, beside the fastest of the passage."""
+
+
+@final
+@dataclass(frozen=True)
+class Word:
+    """Which impacts happen from one release to the next, but for those of the chatter at the end.
+
+    Attributes
+    ----------
+    start : 0 for the table and 1 for the far stop, from which it is released
+    sides : of which stop each impact is, one at least; the chatter is with that of the last
+    """
+
+    start: int
+    sides: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of phases that are unknown: of the release and of the impacts."""
+        return 1 + len(self.sides)
+
+
+class Scene:
+    """An oscillator as passages see it.
+
+    Attributes
+    ----------
+    system : ImpactOscillator
+    motion : FreeMotion
+    holdings : (stops,) of Holding
+    """
+
+    def __init__(self, system: ImpactOscillator) -> None:
+        self.system = system
+        self.motion: FreeMotion = free_motion(system._structure)
+        self.holdings = tuple(Holding(system, side) for side in range(len(system._stands)))
+        slots = system._free.layout.slots
+        self.kick = np.zeros((2, slots))
+        self.kick[:, system._free.layout.modes] = system._structure.kick[:2]
+
+    def gap(self, states: Array, side: int, order: int) -> Array:
+        """Gaps (...) of free states (..., 2, slots), or a derivative of them in time."""
+        ladder = self.system._gaps[side]
+        row = ladder.rows[2 * order : 2 * order + 2]
+        value = (row * states[..., : row.shape[1]]).sum(axis=(-2, -1))
+        return np.asarray(value + ladder.offset if order == 0 else value)
+
+    def fly(self, state: Array, durations: Array) -> Array:
+        """Free states (k, 2, slots) at durations (k,) after one."""
+        which = np.zeros(len(durations), dtype=np.intp)
+        return evolve(self.system._gaps[0], state[None], which, durations)
+
+    def flat(self, states: Array) -> Array:
+        """Modes (..., 2N) of free states (..., 2, slots), both rows in turn."""
+        modes = states[..., self.system._free.layout.modes]
+        return np.asarray(modes.reshape(*modes.shape[:-2], -1))
+
+
+@final
+class Passage:
+    """A motion from places and phase at a release, with impacts at given phases, to the next one.
+
+    That the gap is zero at the impacts, or the contact force at the release, is not asked for here.
+
+    Parameters
+    ----------
+    scene : Scene
+    word : Word
+    places : (2N - 2,)
+    phases : (len(word.sides) + 2,)
+        Of the release, of the impacts and of the next release, not wrapped.
+
+    Attributes
+    ----------
+    states : list of (2, slots)
+        Free states just after the release and after each impact.
+    before : list of (2, slots)
+        Free states just before each impact.
+    rates : list of float
+        Rates of the gap just before each impact.
+
+    Raises
+    ------
+    NoSolution
+        When the phases do not ascend, or contact does not follow.
+    """
+
+    def __init__(self, scene: Scene, word: Word, places: Array, phases: Array) -> None:
+        self.scene, self.word, self.places, self.phases = scene, word, places, phases
+        system = scene.system
+        self.w, self.r = system.frequency, system.restitution
+        self.durations = np.diff(phases[:-1]) / self.w
+        if not (self.durations > 0.0).all():
+            raise NoSolution("impacts must come one after the other")
+        self.start = scene.holdings[word.start].state(places, float(phases[0]))
+        state = scene.holdings[word.start].released(self.start)
+        self.states, self.before, self.rates = [state], [], []
+        for side, lasts, phase in zip(word.sides, self.durations, phases[1:-1], strict=True):
+            state = scene.fly(state, np.array([lasts]))[0]
+            self._turn(state, float(phase))
+            rate = float(scene.gap(state, side, 1))
+            self.before.append(state)
+            self.rates.append(rate)
+            sign = system._stands[side].sign
+            state = state - (1.0 + self.r) * rate * sign * scene.kick
+            self.states.append(state)
+        self._chatter()
+
+    def _turn(self, state: Array, phase: float) -> None:
+        """The table in a free state is where it is at this phase; modified in place."""
+        state[:, self.scene.system._free.layout.table] = math.sin(phase), math.cos(phase)
+
+    def _chatter(self) -> None:
+        """The chatter, contact, and the end."""
+        scene, side = self.scene, self.word.sides[-1]
+        free, holding = scene.system._free, scene.holdings[side]
+        if self.rates[-1] > 0.0:
+            raise NoSolution("the chatter must begin with an impact that pushes")
+        q, sine, cosine = free.parts(self.states[-1])
+        u = math.copysign(self.r * self.rates[-1], 0.5 - side)
+        turn = np.array([float(sine), float(cosine)])
+        self.run = self._to_contact(state_of(scene.system, q, turn, u, Motion.TABLE))
+        self.last = self.states[-1]
+        lasts = 0.0
+        if self.run.impacts:
+            n, row = scene.system.degrees_of_freedom, self.run.states[-1]
+            self.last = free.states(row[: 2 * n].reshape(2, n), row[2 * n], row[2 * n + 1])
+            lasts = float(row[-1])
+        self.contact_phase = float(self.phases[-2]) + self.w * lasts
+        self.lasts = (float(self.phases[-1]) - self.contact_phase) / self.w
+        if self.lasts < 0.0:
+            raise NoSolution("the chatter must be complete before the release")
+        self.caught = holding.caught(self.last)
+        self.end = holding.after(self.caught, np.array([self.lasts]))[0]
+        table = holding.regime.layout.table
+        self.end[:, table] = math.sin(self.phases[-1]), math.cos(self.phases[-1])
+
+    def _to_contact(self, start: Any) -> Run:
+        """The impacts until contact, without it.
+
+        Where the chatter does not complete, only just, they are cut where they are slowest.
+        """
+        system, count = self.scene.system, CHUNK
+        while True:
+            run = system._run(start, count, store=True)
+            k = int(run.contacts[0, 0]) if len(run.contacts) else run.impacts
+            flights = np.diff(run.states[:k, -1], prepend=0.0)
+            away = np.signbit(run.states[:k, -2]) != bool(self.word.sides[-1])
+            away[1:] |= flights[1:] > _LONGER * flights[:-1]
+            if k < count or away.any() or count >= MOST:
+                break
+            count *= 4
+        self.complete = len(run.contacts) > 0 and not away.any()
+        if not self.complete:
+            speeds = np.append(abs(start.relative_velocity), abs(run.states[:k, -2]))
+            most = int(np.argmax(away)) if away.any() else k
+            k = int(np.argmin(speeds[: most + 1]))
+            if speeds[k] > _NEARLY * max(abs(rate) for rate in self.rates):
+                raise NoSolution("the chatter must be complete")
+        return replace(run, states=run.states[:k], contacts=run.contacts[:0], impacts=k)
+
+    @property
+    def pressing(self) -> float:
+        """Contact force where contact begins; negative where the chatter does not complete."""
+        holding = self.scene.holdings[self.word.sides[-1]]
+        if self.complete or self.r == 0.0:
+            return float(holding.force(self.caught))
+        # What is left of the velocity is about the square of the force that is missing.
+        return -math.sqrt(self.speed * abs(float(holding.force(self.caught, 1))))
+
+    @property
+    def speed(self) -> float:
+        """Relative velocity after the last impact before contact."""
+        if self.run.impacts:
+            return abs(float(self.run.states[-1, -2]))
+        return -self.r * self.rates[-1]
+
+    # --- derivatives ------------------------------------------------------------------------------
+    # Disturbances are those of the free or stuck modes at one time; that of a phase moves an event.
+
+    @cached_property
+    def gaps(self) -> Array:
+        """Gaps (n,) at the impacts."""
+        scene, sides = self.scene, self.word.sides
+        return np.array([scene.gap(y, s, 0) for y, s in zip(self.before, sides, strict=True)])
+
+    @cached_property
+    def linear(self) -> tuple[Array, Array]:
+        """Derivatives of the gaps (n, m) and of the places at the end (2N - 2, m).
+
+        By the places and phases, m = 2N - 2 + n + 2.
+        """
+        scene, word, w = self.scene, self.word, self.w
+        holding = scene.holdings[word.start]
+        n, d = len(word.sides), len(holding.inward)
+        motion, rows = scene.motion, scene.motion.vectors
+        moved = np.zeros((d, d + n + 2))
+        moved[:, :d] = holding.inward
+        moved[:, d] = self._stuck_modes(holding, holding.turned(float(self.phases[0])))
+        moved[:, d] -= self._stuck_modes(holding, self._rate(holding, self.start)) / w
+        moved = off(scene.system, word.start) @ moved
+        flights = motion.transitions(self.durations).matrices(motion.regime.layout.modes)
+        gaps = np.empty((n, d + n + 2))
+        for k, side in enumerate(word.sides):
+            sign = scene.system._stands[side].sign
+            moved = flights[k] @ moved
+            gaps[k] = sign * (rows[2] @ moved)
+            gaps[k, d + 1 + k] += self.rates[k] / w
+            rate = sign * (rows[3] @ moved)
+            rate[d + 1 + k] += float(scene.gap(self.before[k], side, 2)) / w
+            moved = moved - (1.0 + self.r) * sign * np.outer(rows[0], rate)
+            moved[:, d + 1 + k] += (1.0 + self.r) * sign * self.rates[k] / w * rows[1]
+        return gaps, self._ended(moved, self.lasts, d + n + 1)
+
+    def _ended(self, moved: Array, lasts: float, last: int | None) -> Array:
+        """Changes of the places at the end by disturbances (2N, m) after the last impact.
+
+        Column number `last` is that of the phase at the end.
+        """
+        system, side = self.scene.system, self.word.sides[-1]
+        holding = self.scene.holdings[side]
+        moved = chatter_carried(system, self.run, moved)
+        moved = onto(system, side, self.last[None], np.array([self.speed]))[0] @ moved
+        ended = holding.outward @ (held(system, side, np.array([lasts]))[0] @ moved)
+        if last is not None:
+            ended[:, last] += holding.change(self._rate(holding, self.end)) / self.w
+        return np.asarray(ended)
+
+    @staticmethod
+    def _stuck_modes(holding: Holding, change: Array) -> Array:
+        return np.asarray(change[:, holding.regime.layout.modes].ravel())
+
+    @staticmethod
+    def _rate(holding: Holding, state: Array) -> Array:
+        return np.asarray(rates_of(holding.contact.force, state[None])[0])
+
+    @cached_property
+    def derivative(self) -> Array:
+        """Derivative (2N - 2, 2N - 2) of the places at the end by those at the release.
+
+        The phases of the impacts follow; those of the releases stay, and as the contact force is
+        zero there it makes no difference.
+        """
+        scene, word = self.scene, self.word
+        moved = off(scene.system, word.start) @ scene.holdings[word.start].inward
+        rates = np.array(self.rates)
+        bends = [scene.gap(y, s, 2) for y, s in zip(self.before, word.sides, strict=True)]
+        bend = (1.0 + self.r) * np.array(bends) / rates
+        jumps = np.stack([bend, np.full(len(rates), -(1.0 + self.r))], axis=1)
+        return self._ended(carried(scene.motion, self.durations, jumps, moved), self.lasts, None)
+
+    @cached_property
+    def release(self) -> tuple[float, Array, float]:
+        """Contact force at the release, its derivative by the places, and by the phase."""
+        holding = self.scene.holdings[self.word.start]
+        slope = holding.force_slope(holding.turned(float(self.phases[0])))
+        return float(holding.force(self.start)), holding.force_row, slope
