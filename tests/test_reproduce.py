@@ -14,7 +14,10 @@ from dynkit.cli.reproduce.settling import impacts_until_settled
 from dynkit.cli.reproduce.workshop import SteadyTableChain
 from dynkit.systems import ImpactChain
 
-LONG = ("figure-4-branches", "figure-5")
+PICTURES = tuple(f"figure-{number}" for number in (7, 8, 9, 10, 11, 12, 13, 16, 17))
+"""Items that show single motions; they have tests of their own."""
+
+LONG = ("figure-4-branches", "figure-5", *PICTURES)
 """Items that take as long as all others; the first has tests of its own."""
 
 

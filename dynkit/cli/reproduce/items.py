@@ -10,7 +10,16 @@ from dynkit.cli.reproduce.diagrams import figure_4, figure_5
 from dynkit.cli.reproduce.differences import differences
 from dynkit.cli.reproduce.energies import figure_6a, figure_6b
 from dynkit.cli.reproduce.frequencies import table_a1
+from dynkit.cli.reproduce.orbits import (
+    figure_7,
+    figure_8,
+    figure_9,
+    figure_10,
+    figure_11,
+    figure_12,
+)
 from dynkit.cli.reproduce.section import Section
+from dynkit.cli.reproduce.surfaces import figure_13, figure_16, figure_17
 from dynkit.cli.reproduce.workshop import Workshop
 
 MAKERS: Mapping[str, Callable[[Workshop], Section]] = {
@@ -21,6 +30,15 @@ MAKERS: Mapping[str, Callable[[Workshop], Section]] = {
     "figure-5": figure_5,
     "figure-6a": figure_6a,
     "figure-6b": figure_6b,
+    "figure-7": figure_7,
+    "figure-8": figure_8,
+    "figure-9": figure_9,
+    "figure-10": figure_10,
+    "figure-11": figure_11,
+    "figure-12": figure_12,
+    "figure-13": figure_13,
+    "figure-16": figure_16,
+    "figure-17": figure_17,
     "differences": differences,
 }
 """What makes each item, and writes its figures."""

@@ -4,6 +4,8 @@ J. P. Cusumano, B.-Y. Bai, "Period-infinity periodic motions, chaos, and spatial
 degree of freedom impact oscillator", Chaos, Solitons & Fractals 3 (1993) 515-535.
 """
 
+from typing import NamedTuple
+
 ITEMS = (
     "table-a1",
     "figure-3",
@@ -12,6 +14,15 @@ ITEMS = (
     "figure-5",
     "figure-6a",
     "figure-6b",
+    "figure-7",
+    "figure-8",
+    "figure-9",
+    "figure-10",
+    "figure-11",
+    "figure-12",
+    "figure-13",
+    "figure-16",
+    "figure-17",
     "differences",
 )
 """What `dynkit reproduce` makes, in the order of the report."""
@@ -63,3 +74,52 @@ STICKING = (0.40816, "P(inf,4)")
 LONG_PERIOD = (0.36, "P(.,32)")
 TABLE_1_CHAOS, TEXT_CHAOS = 1.336, 1.346
 CHAOS = 0.35
+
+
+class Shown(NamedTuple):
+    """A motion of figures 7 to 12: table periods in a period of it, and what the figures show."""
+
+    frequency: float
+    periods: int | None
+    end: float
+    spectrum: str
+    impacts: str
+    stroboscopic: str
+    parting: str
+
+
+# By the figure that shows the series; `end` is that of its time axis.
+SHOWN = {
+    7: Shown(0.870, 3, 100.0, "lines of period 3", "1 point", "3 points", "no change"),
+    9: Shown(
+        STICKING[0],
+        4,
+        140.0,
+        "lines of period 4",
+        "points that run up to the table's velocity",
+        "4 points",
+        "no change",
+    ),
+    11: Shown(
+        CHAOS,
+        None,
+        140.0,
+        "broad-band",
+        "a complicated attractor",
+        "a complicated attractor",
+        "diverge after about 100 impacts",
+    ),
+}
+SPECTRUM_AXIS = 6.0
+
+# Section 4: what differs at first between two motions.
+DISTANCE = 1e-8
+
+# Figures 13, 16 and 17: frequency, damping, and interval of the 2000 time steps.
+SURFACES = {
+    "13": (STICKING[0], 0.1, 0.2),
+    "16a": (CHAOS, 0.1, 0.2),
+    "16b": (0.36, 0.01, 0.2),
+    "17": (0.870, 0.1, 0.1),
+}
+STEPS = 2000
