@@ -229,7 +229,14 @@ def _sections(workshop: Workshop, number: int, motion: paper.Shown) -> Section:
         if motion.periods not in (label.periods, None):
             early = _early(workshop, motion)
     with watch.time("drawing"), print_style():
-        _draw_sections(workshop, number, impacts, stroboscopic, early)
+        figure, (above, below) = new_figure(height=4.6, rows=2)
+        impacts.plot_velocity(above)
+        if label.kind is OrbitKind.STICKING:
+            _mark_contact(above, impacts)
+        stroboscopic.plot(below)
+        if early is not None:
+            _mark_early(below, early)
+        save_figure(figure, workshop.folder / f"figure-{number}")
     seen = _impacts_seen(attractor, impacts)
     points = f"{_distinct(_tip(stroboscopic))} points in {len(stroboscopic.states)} periods"
     parted = _parted(distances)
@@ -336,24 +343,13 @@ def _about_early(motion: paper.Shown, early: Array) -> str:
     )
 
 
-def _draw_sections(
-    workshop: Workshop,
-    number: int,
-    impacts: ImpactSection,
-    stroboscopic: StroboscopicSection,
-    early: Array | None,
-) -> None:
-    figure, (above, below) = new_figure(height=4.6, rows=2)
-    impacts.plot_velocity(above)
-    stroboscopic.plot(below)
-    if early is not None:
-        _mark_contact(above, impacts)
-        below.lines[0].set_label("settled")
-        circles = {**DOTS, "color": "none", "markeredgecolor": "black", "markeredgewidth": 0.5}
-        name = f"after {paper.TRANSIENT} impacts"
-        below.plot(early[:, 0], early[:, 1], markersize=4.5, label=name, **circles)
-        below.legend(loc="upper center")
-    save_figure(figure, workshop.folder / f"figure-{number}")
+def _mark_early(axes: Axes, early: Array) -> None:
+    """Draw states that have not settled, as open circles."""
+    axes.lines[0].set_label("settled")
+    circles = {**DOTS, "color": "none", "markeredgecolor": "black", "markeredgewidth": 0.5}
+    name = f"after {paper.TRANSIENT} impacts"
+    axes.plot(early[:, 0], early[:, 1], markersize=4.5, label=name, **circles)
+    axes.legend(loc="upper center")
 
 
 def _mark_contact(axes: Axes, impacts: ImpactSection) -> None:
