@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     from dynkit.analysis.pod import POD
 
+# By these curves are told from one another in black and white.
+_STYLES, _MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D")
+
 
 def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: str | None) -> Axes:
     """Draw as `POD.plot` says."""
@@ -22,9 +25,11 @@ def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: s
 
     axes = shown_axes(ax)
     numbers = np.arange(1, len(pod.power) + 1)
+    drawn = sum(line.get_marker() in _MARKERS for line in axes.lines)
     (line,) = axes.plot(
-        numbers, pod.cumulative, color="black", marker="o", markersize=2.4, linewidth=0.8,
-        label=label, linestyle=_next_style(axes),
+        numbers, pod.cumulative, color="black", marker=_MARKERS[drawn % len(_MARKERS)],
+        markersize=2.8, markerfacecolor="black" if drawn % 2 == 0 else "white",
+        markeredgewidth=0.6, linewidth=0.8, label=label, linestyle=_STYLES[drawn % len(_STYLES)],
     )  # fmt: skip
     axes.annotate(
         "",
@@ -33,18 +38,26 @@ def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: s
         textcoords="offset points",
         arrowprops={"arrowstyle": "->", "linewidth": 0.6, "color": line.get_color()},
     )
-    axes.axhline(share, color="0.7", linewidth=0.5, zorder=0)
+    if not drawn:
+        _mark_share(axes, share)
     axes.set_xlabel("number of modes")
     axes.set_ylabel("cumulative power")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     return axes
 
 
-def _next_style(axes: Axes) -> str:
-    """A line style that tells this curve from those that are drawn already, in black and white."""
-    styles = ("-", "--", ":", "-.")
-    drawn = [line for line in axes.lines if line.get_marker() == "o"]
-    return styles[len(drawn) % len(styles)]
+def _mark_share(axes: Axes, share: float) -> None:
+    axes.axhline(share, color="0.7", linewidth=0.5, zorder=0)
+    axes.annotate(
+        f"{100.0 * share:g} %",
+        xy=(1.0, share),
+        xycoords=axes.get_yaxis_transform(),
+        xytext=(-3.0, -3.0),
+        textcoords="offset points",
+        ha="right",
+        va="top",
+        fontsize=7.0,
+    )
 
 
 def draw_modes(pod: POD, ax: Sequence[Axes] | None, count: int, others: Array) -> list[Axes]:

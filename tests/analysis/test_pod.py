@@ -348,8 +348,9 @@ def test_curves_of_one_picture_differ_without_colour() -> None:
     _, (axes,) = new_figure()
     for _ in range(3):
         POD(np.eye(3)).plot(axes)
-    drawn = [line.get_linestyle() for line in axes.lines if line.get_marker() == "o"]
-    assert len(set(drawn)) == 3
+    drawn = [line for line in axes.lines if len(np.asarray(line.get_xdata())) == 3]
+    assert len({line.get_linestyle() for line in drawn}) == 3
+    assert len({line.get_marker() for line in drawn}) == 3
 
 
 def test_modes_are_drawn_beside_the_nearest_normal_ones() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi
 
 import numpy as np
 
@@ -17,31 +16,17 @@ from dynkit.cli.reproduce.settling import (
     RECURS,
     Settling,
     impacts_until_parted,
-    impacts_until_settled,
     settling_of,
 )
+from dynkit.cli.reproduce.starts import named, starts
+from dynkit.cli.reproduce.transient import VERY_LONG
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
 from dynkit.labels import OrbitLabel
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.state import ImpactState
 
-# Starts at rest: amplitudes of the first two modes, and phase of the table over 2 pi.
-_STARTS = (
-    (1.0, 0.0, 0.0),
-    (0.5, 0.0, 0.0),
-    (0.1, 0.0, 0.0),
-    (1.0, 0.0, 0.25),
-    (0.7, 0.1, 0.0),
-    (0.4, 0.2, 0.5),
-    (0.8, -0.2, 0.6),
-    (0.3, 0.0, 0.75),
-    (1.5, 0.3, 0.9),
-)
 # Cuts of the chatter: the change of the state that it may make.
 _CUTS = (1e-16, 1e-12, 1e-8)
-# Impacts after which a settled motion is looked at, and those of one run in the search for a
-# motion that settles late.
-_LONG, _VERY_LONG = 5000, 60000
+# Impacts after which a settled motion is looked at.
+_LONG = 5000
 
 
 @dataclass(frozen=True)
@@ -88,21 +73,6 @@ def _first_frequency(workshop: Workshop) -> tuple[str, Finding]:
     return text, Finding("first natural frequency", f"{theirs:.3f}", f"{ours:.5f}", f"{error:.0e}")
 
 
-def _starts(chain: ImpactChain, count: int) -> list[ImpactState]:
-    """Starts at rest, some of them the paper's."""
-    modes = chain.modal_matrix
-    return [
-        chain.state(first * modes[:, 0] + second * modes[:, 1], phase=2.0 * pi * turn)
-        for first, second, turn in _STARTS[:count]
-    ]
-
-
-def _named(number: int) -> str:
-    first, second, turn = _STARTS[number]
-    parts = f"{first:g}" if not second else f"{first:g} and {second:g}"
-    return f"mode amplitude {parts}, phase {turn:g} of a turn"
-
-
 def _run_table(heads: Sequence[str], runs: Sequence[_Run]) -> str:
     return table(
         [*heads, "label", "recurrence", "impacts"],
@@ -126,10 +96,10 @@ def _sticking(workshop: Workshop) -> tuple[str, Finding]:
     chain = workshop.chain(frequency)
     runs = [
         _Run(
-            (_named(number), f"{cut:.0e}"),
+            (named(number), f"{cut:.0e}"),
             chain.replace(chatter_tolerance=cut).attractor(start=start).label,
         )
-        for number, start in enumerate(_starts(chain, 5))
+        for number, start in enumerate(starts(chain, 5))
         for cut in (_CUTS if number == 0 else _CUTS[:1])
     ]
     # a single state of a sweep that the paper made in the same way
@@ -174,10 +144,10 @@ def _long_period(workshop: Workshop) -> tuple[str, Finding]:
     chain = workshop.chain(frequency)
     runs = [
         _Run(
-            (_named(number), str(transient)),
+            (named(number), str(transient)),
             chain.attractor(transient=transient, start=start).label,
         )
-        for number, start in enumerate(_starts(chain, 3))
+        for number, start in enumerate(starts(chain, 3))
         for transient in (paper.TRANSIENT, _LONG)
     ]
     text = (
@@ -191,10 +161,10 @@ def _chaos_of_table_1(workshop: Workshop) -> tuple[str, Finding]:
     listed, written = (
         [
             _Run(
-                (f"{frequency}", _named(number)),
+                (f"{frequency}", named(number)),
                 workshop.chain(frequency).attractor(transient=_LONG, start=start).label,
             )
-            for number, start in enumerate(_starts(workshop.chain(frequency), 3))
+            for number, start in enumerate(starts(workshop.chain(frequency), 3))
         ]
         for frequency in (paper.TABLE_1_CHAOS, paper.TEXT_CHAOS)
     )
@@ -214,33 +184,26 @@ def _chaos_of_table_1(workshop: Workshop) -> tuple[str, Finding]:
 
 def _transient_chaos(workshop: Workshop) -> tuple[str, Finding]:
     chain = workshop.chain(paper.CHAOS)
-    early: list[_Run] = []
     runs: list[_Run] = []
     waits: list[int] = []
-    for number, start in enumerate(_starts(chain, len(_STARTS))):
-        attractor = chain.attractor(start=start)
-        early.append(_Run((), attractor.label))
+    for number, long in enumerate(workshop.long_runs):
+        attractor = chain.attractor(transient=0, start=chain.impact_state(long.state))
         parted = impacts_until_parted(chain, attractor.final)
-        label = chain.attractor(transient=_VERY_LONG, start=start).label
-        wait = None
-        if label.impacts is not None:
-            record = chain.simulate(impacts=_VERY_LONG, start=start)
-            wait = impacts_until_settled(record, label.impacts)
-        if wait is not None:
-            waits.append(wait)
+        if long.settled is not None:
+            waits.append(long.settled)
         cells = (
-            _named(number),
+            named(number),
             str(attractor.label),
             "never" if parted is None else str(parted),
-            "not settled" if wait is None else str(wait),
+            "not settled" if long.settled is None else str(long.settled),
         )
-        runs.append(_Run(cells, label))
+        runs.append(_Run(cells, long.label))
     periodic = [run for run in runs if run.label.impacts is not None]
     found = _found(periodic) or "nothing periodic"
     span = f"{min(waits)} to {max(waits)}" if waits else "none"
     text = (
         f"### Frequency {paper.CHAOS}: the paper chaos, found {found} in the end\n\n"
-        f"Of {len(runs)} runs of {_VERY_LONG} impacts {len(waits)} settled, on {found}, after "
+        f"Of {len(runs)} runs of {VERY_LONG} impacts {len(waits)} settled, on {found}, after "
         f"{span} impacts. Before that nearby motions part: the "
         f"third column says how many impacts after the first {paper.TRANSIENT + paper.KEPT} two "
         f"motions that begin {NEAR:g} apart need to be {FAR:g} apart. The label after "

@@ -10,6 +10,7 @@ from dynkit.cli.reproduce.diagrams import figure_4, figure_5
 from dynkit.cli.reproduce.differences import differences
 from dynkit.cli.reproduce.energies import figure_6a, figure_6b
 from dynkit.cli.reproduce.frequencies import table_a1
+from dynkit.cli.reproduce.modes import figure_14, figure_15
 from dynkit.cli.reproduce.orbits import (
     figure_7,
     figure_8,
@@ -20,6 +21,7 @@ from dynkit.cli.reproduce.orbits import (
 )
 from dynkit.cli.reproduce.section import Section
 from dynkit.cli.reproduce.surfaces import figure_13, figure_16, figure_17
+from dynkit.cli.reproduce.table_1 import table_1
 from dynkit.cli.reproduce.workshop import Workshop
 
 MAKERS: Mapping[str, Callable[[Workshop], Section]] = {
@@ -37,8 +39,11 @@ MAKERS: Mapping[str, Callable[[Workshop], Section]] = {
     "figure-11": figure_11,
     "figure-12": figure_12,
     "figure-13": figure_13,
+    "figure-14": figure_14,
+    "figure-15": figure_15,
     "figure-16": figure_16,
     "figure-17": figure_17,
+    "table-1": table_1,
     "differences": differences,
 }
 """What makes each item, and writes its figures."""

@@ -21,8 +21,11 @@ ITEMS = (
     "figure-11",
     "figure-12",
     "figure-13",
+    "figure-14",
+    "figure-15",
     "figure-16",
     "figure-17",
+    "table-1",
     "differences",
 )
 """What `dynkit reproduce` makes, in the order of the report."""
@@ -74,6 +77,43 @@ STICKING = (0.40816, "P(inf,4)")
 LONG_PERIOD = (0.36, "P(.,32)")
 TABLE_1_CHAOS, TEXT_CHAOS = 1.336, 1.346
 CHAOS = 0.35
+
+
+class Row(NamedTuple):
+    """One row of Table 1 of the paper; what it does not give is None."""
+
+    frequency: float
+    damping: float
+    orbit: str
+    modes: int | None
+    dimension: float | None = None
+    error: float | None = None
+    bounds: str | None = None
+    scaling: float | None = None
+
+
+# Scaling: largest length over the smallest. The text, not the table, has chaos at TEXT_CHAOS.
+TABLE_1 = (
+    Row(0.34, 0.1, "P(5,2)", 3, 1.00, 0.00, "1 to 3", 220.0),
+    Row(CHAOS, 0.1, "chaotic", 3, 2.21, 0.04, "3 to 7", 20.0),
+    Row(0.36, 0.1, "P(.,32)", 3, 1.00, 0.00, "1 to 3", 3.3),
+    Row(0.36, 0.01, "chaotic", 5, 6.2, 0.2, "7 to 15", 2.2),
+    Row(0.36, 0.001, "chaotic", 7, 9.0, 0.8, "9-10 to 19-21", 1.8),
+    Row(STICKING[0], 0.1, STICKING[1], 2, 1.23, 0.01, "2 to 5", 1000.0),
+    Row(0.870, 0.1, "P(1,3)", 5, 1.00, None, "1 to 3"),
+    Row(TABLE_1_CHAOS, 0.1, "chaotic", 4, 2.58, 0.05, "3 to 7", 6.7),
+    Row(1.750, 0.1, "P(1,6)", 5, 1.00, None, "1 to 3"),
+    Row(1.916, 0.1, "chaotic", 3, 2.9, 0.1, "3 to 7", 2.7),
+)
+
+# Section 5: the part of the power that the modes hold; how many of the ten cases have 2N + 1 within
+# the bounds that the dimension gives.
+SHARE, WITHIN = 0.99, 5
+
+# Figure 14: frequency. Figure 15: frequencies and dampings; of the last, the legend's digits are
+# hard to read in print.
+FIGURE_14, MODES_14 = STICKING[0], 4
+FIGURE_15 = ((STICKING[0], 0.1), (CHAOS, 0.1), (0.36, 0.01))
 
 
 class Shown(NamedTuple):

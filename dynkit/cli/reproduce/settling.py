@@ -15,6 +15,9 @@ from dynkit.validation import Array
 # Distances between these, relative, show the decay: below what begins it, above rounding.
 _BEGIN, _END = 1e-2, 1e-10
 
+# Impacts that recur before a motion is said to do so.
+_SHOWN = 20
+
 RECURS = 1e-4
 """A settled motion recurs this well, relative."""
 
@@ -85,17 +88,19 @@ def settling_of(record: ImpactRecord, *, periods: int) -> Settling:
     )
 
 
-def impacts_until_settled(record: ImpactRecord, period: int) -> int | None:
+def impacts_until_settled(
+    record: ImpactRecord, period: int, *, within: float = RECURS
+) -> int | None:
     """Return after how many impacts the motion recurs for good with a period, in impacts.
 
-    None when it does not by the end of the record.
+    None when it does not by the end of the record, for 20 impacts and three periods at least.
     """
     states = record.states[:, :-1]
     scale = float(np.linalg.norm(states, axis=1).max())
     apart = np.linalg.norm(states[period:] - states[:-period], axis=1) / scale
-    unsettled = np.flatnonzero(apart > RECURS)
+    unsettled = np.flatnonzero(apart > within)
     first = int(unsettled[-1]) + 1 if len(unsettled) else 0
-    return first if first < len(apart) else None
+    return first if first + max(_SHOWN, 3 * period) <= len(apart) else None
 
 
 def impacts_until_parted(
