@@ -79,7 +79,7 @@ def locate(
     critical = _CRITICAL.get(crossing.kind)
     if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
         return None
-    error = abs(float(after.y[-1] - before.y[-1])) + 1e-15
+    error = abs(float(after.y[-1] - before.y[-1])) + _blur(follower, after)
     x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
     return Located(
         crossing,
@@ -93,6 +93,13 @@ def locate(
         seconds=time.perf_counter() - began,
         steps=steps,
     )
+
+
+def _blur(follower: Follower, point: Point) -> float:
+    """How far the parameter of a border may be off because its orbit is."""
+    equations, scale = follower.equations, point.scale
+    jacobian, residual = equations.jacobian(point.y), equations.residual(point.y)
+    return float((error_bound(jacobian, residual, scale, point.tangent) / scale).max() * scale[-1])
 
 
 def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:

@@ -299,8 +299,7 @@ def test_where_there_is_no_orbit_an_error_says_so() -> None:
         distant.periodic_orbit(phases=[1.0])
 
 
-@pytest.mark.parametrize(("frequency", "label"), [(0.408, "P\\(inf,2\\)"), (1.346, "chaotic")])
-def test_an_attractor_that_is_no_orbit_is_refused(frequency: float, label: str) -> None:
-    attractor = ImpactChain(frequency=frequency).attractor()
-    with pytest.raises(ValueError, match=f"attractor must be P.n,m. with finite n; it is {label}"):
+def test_an_attractor_that_is_no_orbit_is_refused() -> None:
+    attractor = ImpactChain(frequency=1.346).attractor()
+    with pytest.raises(ValueError, match="attractor must be P.n,m. or P.inf,m.; it is chaotic"):
         attractor.periodic_orbit()

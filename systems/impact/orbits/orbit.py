@@ -2,90 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.orbits import PeriodicOrbit
-from dynkit.results import Cost
+from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
 from dynkit.systems.impact.orbits.watching import section_states
-from dynkit.systems.impact.state import TWO_PI
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.problem import ImpactProblem
     from dynkit.systems.impact.orbits.solution import Solution
-    from dynkit.systems.impact.oscillator import ImpactOscillator
-
-_NONE = np.empty(0)
 
 _ROUNDING = 32.0 * 2.0**-52
 """Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
 
 
-def _named(system: ImpactOscillator) -> str:
-    """The class of an oscillator, with what differs from its defaults and is short."""
-    told = [
-        f"{entry.name}={value:.6g}" if isinstance(value, float) else f"{entry.name}={value!r}"
-        for entry in fields(system)
-        if entry.init
-        and isinstance(value := getattr(system, entry.name), float | int | str)
-        and value != entry.default
-    ]
-    return f"{type(system).__name__}({', '.join(told)})"
-
-
 @final
-class ImpactOrbit(PeriodicOrbit):
+class ImpactOrbit(DrivenOrbit):
     """P(n,m): n impacts in m periods of the forcing.
 
-    From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch.
+    From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. Its unknowns are
+    phases and impulses, (2n,); it is admissible when all impulses push, and no impact is missing.
     """
 
-    def __init__(
-        self, problem: ImpactProblem, x: Array, history: tuple[float, ...], cost: Cost
-    ) -> None:
-        self._problem = problem
-        self._x = x.copy()
-        self._x.setflags(write=False)
-        self._history = history
-        self._cost = cost
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew: copies of arrays could be written to.
-        return ImpactOrbit, (self._problem, self._x, self._history, self._cost)
-
-    def __repr__(self) -> str:
-        kind = "stable" if self.stable else "unstable"
-        if not self.admissible:
-            kind = f"inadmissible, {kind}"
-        largest = abs(self.multipliers[0])
-        return f"<{self.label} of {_named(self.system)}: {kind}, multipliers up to {largest:.4g}>"
+    _problem: ImpactProblem
 
     @property
     def _solution(self) -> Solution:
-        return self._problem.at(self._x, _NONE)
-
-    @property
-    def system(self) -> ImpactOscillator:
-        return self._problem.oscillator
+        return self._problem.at(self._x, NONE)
 
     @property
     def impacts(self) -> int:
         """The number n of impacts."""
         return len(self._problem.sides)
-
-    @property
-    def periods(self) -> int:
-        """The number m of periods of the forcing."""
-        return self._problem.periods
-
-    @property
-    def period(self) -> float:
-        """Time until it repeats."""
-        return self.periods * TWO_PI / self.system.frequency
 
     @property
     def label(self) -> str:
@@ -120,25 +71,6 @@ class ImpactOrbit(PeriodicOrbit):
         return self.states[:, -2]
 
     @cached_property
-    def multipliers(self) -> Any:
-        """Floquet multipliers, (2N,) complex, the largest modulus first.
-
-        Those of the impact map, or of the flow over the whole period: they are the same.
-        """
-        found = self._problem.multipliers(self._x, _NONE)
-        found.setflags(write=False)
-        return found
-
-    @cached_property
-    def admissible(self) -> bool:
-        """Whether all impulses push, and simulation from each impact finds the next in place."""
-        return self._problem.admissible(self._x, _NONE)
-
-    @property
-    def history(self) -> tuple[float, ...]:
-        return self._history
-
-    @cached_property
     def error(self) -> float:
         """Bound of the largest error of a section coordinate, to first order in the rounding.
 
@@ -156,7 +88,7 @@ class ImpactOrbit(PeriodicOrbit):
         equations = np.concatenate([(place + size) * w, speed + w * abs(s.terms.drive)])
         left = _ROUNDING * turned * equations / problem.speed + self.residual
         try:
-            moved = abs(np.linalg.inv(problem.linearization(self._x, _NONE))) @ left
+            moved = abs(np.linalg.inv(problem.linearization(self._x, NONE))) @ left
         except np.linalg.LinAlgError:
             return float("inf")
         moved *= problem.scale(self._x)
@@ -171,33 +103,14 @@ class ImpactOrbit(PeriodicOrbit):
             h = 1e-6 * (1.0 if k < n else self._problem.speed)
             there = x.copy()
             there[k] += h
-            states = section_states(self.system, self._problem.at(there, _NONE))
+            states = section_states(self.system, self._problem.at(there, NONE))
             gap = self.system.difference(states, self.states)
             worst += float(abs(gap).max() / h * moved[k])
         return worst
 
-    @property
-    def cost(self) -> Cost:
-        return self._cost
-
     def problem(self, *names: str) -> ImpactProblem:
-        """Return the equations that it solves, with the named parameters free.
-
-        Raises
-        ------
-        ValueError
-            When the system has no such parameter.
-        """
-        known = self.system.parameters
-        for name in names:
-            if name not in known:
-                raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
-        return self._problem.free(*names)
-
-    @property
-    def unknowns(self) -> Array:
-        """Phases and impulses, (2n,)."""
-        return self._x
+        problem: ImpactProblem = super().problem(*names)
+        return problem
 
     def observable(self, name: str) -> Array:
         """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,)."""

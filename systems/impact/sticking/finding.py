@@ -57,6 +57,8 @@ def find_sticking(oscillator: ImpactOscillator, periods: object) -> list[Stickin
         once, x = problem.shortest(result.y)
         if once.periods < m or _touches(once, x):
             continue
+        if not StickingOrbit(once, x, result.history, Cost(0.0)).error < APART:
+            continue  # not solved for to more than this, where the derivative is all but singular
         mark = once.canonical(x)
         if all(len(mark) != len(other) or abs(mark - other).max() > APART for other in seen):
             seen.append(mark)

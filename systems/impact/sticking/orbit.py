@@ -7,67 +7,37 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.orbits import PeriodicOrbit
-from dynkit.results import Cost
 from dynkit.systems.impact.motion import evolve, sample_run
+from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
 from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.sticking.passage import PASSED
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.sticking.passage import Passage
     from dynkit.systems.impact.sticking.problem import StickingProblem
 
-_NONE = np.empty(0)
 _ROUNDING = 2.0**-52
 _PROBES = 4
 """Evaluations that show how far rounding changes the equations."""
 
 
 @final
-class StickingOrbit(PeriodicOrbit):
+class StickingOrbit(DrivenOrbit):
     """P(inf,m): chatter, contact and release, once or more, in m periods of the forcing.
 
     From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. Its states are those
-    at the releases, where the relative velocity and the contact force are zero.
+    at the releases, where the relative velocity and the contact force are zero. Its multipliers are
+    those of the map from one release to the same one a period later, (2N - 2,), beside two zeros:
+    contact forgets the gap and its rate. They are wrong by rounding relative to the largest. It is
+    admissible when simulation from each release finds the same impacts and the next release.
     """
 
-    def __init__(
-        self, problem: StickingProblem, x: Array, history: tuple[float, ...], cost: Cost
-    ) -> None:
-        self._problem = problem
-        self._x = x.copy()
-        self._x.setflags(write=False)
-        self._history = history
-        self._cost = cost
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew: copies of arrays could be written to.
-        return StickingOrbit, (self._problem, self._x, self._history, self._cost)
-
-    def __repr__(self) -> str:
-        kind = "stable" if self.stable else "unstable"
-        if not self.admissible:
-            kind += ", inadmissible"
-        return f"<{self.label} of {self.system!r}: {kind}>"
+    _problem: StickingProblem
 
     @property
     def _passages(self) -> list[Passage]:
-        return self._problem.passages(self._x, _NONE)
-
-    @property
-    def system(self) -> ImpactOscillator:
-        return self._problem.oscillator
-
-    @property
-    def periods(self) -> int:
-        """The number m of periods of the forcing."""
-        return self._problem.periods
-
-    @property
-    def period(self) -> float:
-        """Time until it repeats."""
-        return self.periods * TWO_PI / self.system.frequency
+        return self._problem.passages(self._x, NONE)
 
     @property
     def label(self) -> str:
@@ -77,7 +47,7 @@ class StickingOrbit(PeriodicOrbit):
     @cached_property
     def phases(self) -> Array:
         """Phases (k,) of the forcing at the releases, ascending, not wrapped."""
-        return np.array([passage.phases[0] for passage in self._passages])
+        return np.array([float(passage.phases[0]) for passage in self._passages])
 
     @cached_property
     def states(self) -> Array:
@@ -101,27 +71,6 @@ class StickingOrbit(PeriodicOrbit):
         return np.array(spans) / self.system.frequency
 
     @cached_property
-    def multipliers(self) -> Any:
-        """Floquet multipliers, (2N,) complex, the largest modulus first; two of them are zero.
-
-        Those of the map from one release to the same release a period later, (2N - 2,), beside the
-        zeros of the impact map: contact forgets the gap and its rate. They are wrong by rounding
-        relative to the largest.
-        """
-        found = self._problem.multipliers(self._x, _NONE)
-        found.setflags(write=False)
-        return found
-
-    @cached_property
-    def admissible(self) -> bool:
-        """Whether simulation from each release finds the same impacts and the next release."""
-        return self._problem.admissible(self._x, _NONE)
-
-    @property
-    def history(self) -> tuple[float, ...]:
-        return self._history
-
-    @cached_property
     def chatter_error(self) -> float:
         """Largest change of a position or velocity that replacing the rest of a chatter makes."""
         return max(passage.run.chatter_error for passage in self._passages)
@@ -136,15 +85,16 @@ class StickingOrbit(PeriodicOrbit):
         is singular.
         """
         problem, x = self._problem, self._x
-        derivative = np.asarray(problem.linearization(x, _NONE))
-        here, scale = problem.residual(x, _NONE), problem.scale(x)
+        derivative = np.asarray(problem.linearization(x, NONE))
+        here, scale = problem.residual(x, NONE), problem.scale(x)
         noise = np.zeros(len(x))
         random = np.random.default_rng(0)
         for _ in range(_PROBES):
             moved = x + 8.0 * _ROUNDING * scale * random.uniform(-1.0, 1.0, len(x))
-            change = problem.residual(moved, _NONE) - here - derivative @ (moved - x)
+            change = problem.residual(moved, NONE) - here - derivative @ (moved - x)
             noise = np.maximum(noise, abs(change))
-        left = 4.0 * noise.max() + abs(here) + self.chatter_error / min(problem.sizes)
+        cut = self.chatter_error / (PASSED * min(problem.sizes))
+        left = 4.0 * (noise.max() + cut) + abs(here)
         try:
             inverse = np.linalg.inv(derivative * scale)
         except np.linalg.LinAlgError:
@@ -152,49 +102,44 @@ class StickingOrbit(PeriodicOrbit):
         moved = scale * (abs(inverse) @ left)
         return float(moved.max() + 4.0 * _ROUNDING * (1.0 + abs(x).max()))
 
-    @property
-    def cost(self) -> Cost:
-        return self._cost
-
-    def problem(self, *names: str) -> StickingProblem:
-        """Return the equations that it solves, with the named parameters free.
-
-        Raises
-        ------
-        ValueError
-            When the system has no such parameter.
-        """
-        known = self.system.parameters
-        for name in names:
-            if name not in known:
-                raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
-        return self._problem.free(*names)
-
-    @property
-    def unknowns(self) -> Array:
-        """Passage by passage, see `StickingProblem`."""
-        return self._x
-
     @cached_property
-    def _impacts(self) -> Array:
-        """Relative velocity after, phase and time (3, n) of all impacts down to the cut."""
+    def bounces(self) -> Array:
+        """Time from the first release, phase in [0, 2 pi), relative velocity after each impact.
+
+        (n, 3), chatter down to the cut included; how many there are depends on the cut.
+        """
         parts = []
         for q in self._passages:
-            signs = np.where(np.array(q.word.sides) == 1, -1.0, 1.0)
-            after = -signs * self.system.restitution * np.array(q.rates)
             chatter = q.run.states[:, -2:]
             phases = np.append(q.phases[1:-1], q.phases[-2] + q.w * chatter[:, 1])
-            parts.append([np.append(after, chatter[:, 0]), phases])
-        found = np.concatenate(parts, axis=1)
-        time = (found[1] - self.phases[0]) / self.system.frequency
-        return np.stack([found[0], found[1] % TWO_PI, time])
+            parts.append([phases, np.append(self._named(q), chatter[:, 0])])
+        phases, speeds = np.concatenate(parts, axis=1)
+        time = (phases - self.phases[0]) / self.system.frequency
+        return np.stack([time, phases % TWO_PI, speeds], axis=1)
+
+    def _named(self, passage: Passage) -> Array:
+        """Relative velocities after the impacts before a chatter."""
+        signs = np.where(np.array(passage.word.sides) == 1, -1.0, 1.0)
+        return np.asarray(-signs * self.system.restitution * np.array(passage.rates))
+
+    def problem(self, *names: str) -> StickingProblem:
+        problem: StickingProblem = super().problem(*names)
+        return problem
 
     def observable(self, name: str) -> Array:
-        """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, down to the cut."""
-        names = ("relative_velocity", "phase", "time")
-        if name not in names:
-            raise ValueError(f"name must be relative_velocity, phase or time; got {name!r}")
-        return np.asarray(self._impacts[names.index(name)])
+        """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts before the chatters.
+
+        They are as many along a whole branch; see `bounces` for all.
+        """
+        passages = self._passages
+        if name == "relative_velocity":
+            return np.concatenate([self._named(q) for q in passages])
+        phases = np.concatenate([q.phases[1:-1] for q in passages])
+        if name == "phase":
+            return np.asarray(phases % TWO_PI)
+        if name == "time":
+            return np.asarray((phases - self.phases[0]) / self.system.frequency)
+        raise ValueError(f"name must be relative_velocity, phase or time; got {name!r}")
 
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times, from the first release.

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 CHUNK, MOST = 128, 8192
 """Impacts of a chatter that are simulated at first, and at most."""
 
+PASSED = 64.0
+"""How much rounding a passage collects, in units of that of its states."""
+
 _LONGER, _NEARLY = 1.2, 1e-3
 """A flight so much longer than the one before ends a chatter; it nearly completed where its slowest
 impact was so slow, beside the fastest of the passage."""

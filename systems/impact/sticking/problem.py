@@ -12,7 +12,7 @@ from dynkit.multipliers import product_eigenvalues
 from dynkit.results import Cost
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.systems.impact.sticking.passage import Passage, Scene, Word
+from dynkit.systems.impact.sticking.passage import PASSED, Passage, Scene, Word
 from dynkit.systems.impact.sticking.watching import condition_of, is_motion, touched, watched
 from dynkit.systems.impact.sticking.words import neighbours_of
 from dynkit.validation import Array
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 _REPEATED = 1e-7
 """Passages that agree so well, in their units, are the same."""
 
-
-_PASSED = 64.0
-"""How much rounding a passage collects, in units of that of its states."""
 
 _STEP = 1e-6
 """Of differences by parameters, relative: curvature and rounding leave about 1e-8."""
@@ -166,7 +163,7 @@ class StickingProblem(Problem):
         gaps = np.full(len(passage.word.sides), self.sizes[0])
         # A short flight ends where its mean velocity is zero; the impact before is no solution.
         gaps[1:] = self.sizes[1] * passage.durations[1:]
-        return _PASSED * np.concatenate([unit, [force], gaps])
+        return PASSED * np.concatenate([unit, [force], gaps])
 
     def residual(self, x: Array, p: Array) -> Array:
         passages = self.passages(x, p)
@@ -256,15 +253,17 @@ class StickingProblem(Problem):
 
     def shortest(self, x: Array) -> tuple[StickingProblem, Array]:
         count, m = len(self.words), self.periods
+        unit, parts = np.repeat(self.sizes, self.half), self.parts(x)
+        places = np.array([place / unit for place, _ in parts])
+        phases = np.array([phase[0] for _, phase in parts])
         for k in (k for k in range(1, count // 2 + 1) if count % k == 0 and m % (count // k) == 0):
-            if self.words[k:] + self.words[:k] != self.words:
-                continue
-            periods, cut = m // (count // k), int(self._begins[k])
-            rolled = np.append(x[cut:], self._later(x)[:cut])
-            expected = x + TWO_PI * periods * self._turning
-            if abs((rolled - expected) / self.scale(x)).max() < _REPEATED:
-                words = self.words[:k]
-                return type(self)(self.oscillator, self._names, periods, words, self.sizes), x[:cut]
+            periods = m // (count // k)
+            later = np.append(phases[k:], phases[:k] + TWO_PI * m) - TWO_PI * periods
+            apart = abs(np.roll(places, -k, axis=0) - places).max(initial=0.0)
+            # The words need not agree: how many impacts they name before a chatter is a choice.
+            if max(apart, abs(later - phases).max()) < _REPEATED:
+                names, words, cut = self._names, self.words[:k], int(self._begins[k])
+                return type(self)(self.oscillator, names, periods, words, self.sizes), x[:cut]
         return self, x
 
     def canonical(self, x: Array) -> Array:
