@@ -153,7 +153,7 @@ class LyapunovSpectrum:
 
     @cached_property
     def _run(self) -> tuple[Array, Array | None, Cost]:
-        """Logs (n, d) and times (n,) that count, in falling order of the exponents."""
+        """Logs (n, d) and times (n,) that count."""
         began = time.perf_counter()
         total = self._iterations + self._iterations // _SETTLING
         with going_on_for(total):
@@ -162,29 +162,40 @@ class LyapunovSpectrum:
         times = None if found.times is None else found.times[-self._iterations :]
         if isinstance(self._system, Flow) and times is not None:
             logs = logs / times[:, None]
-        with np.errstate(invalid="ignore"):
-            means = logs.mean(axis=0)
-        order = np.argsort(np.where(np.isnan(means), np.inf, -means), kind="stable")
         cost = Cost(time.perf_counter() - began, {"iterates": total})
-        return logs[:, order], times, cost
+        return logs, times, cost
 
     @cached_property
-    def _averages(self) -> tuple[TimeAverages, NDArray[np.bool_]]:
-        """Averages of the finite logs, and of the times, the last one; and their exponents."""
+    def _averages(self) -> tuple[TimeAverages, NDArray[np.intp]]:
+        """Averages of the finite logs, and of the times, the last one; and the falling order."""
         logs, times, _ = self._run
-        finite = np.asarray(np.isfinite(logs).all(axis=0))
-        last = np.ones(len(logs)) if times is None or isinstance(self._system, Flow) else times
-        return TimeAverages(np.column_stack([logs[:, finite], last])), finite
+        last = np.ones(len(logs)) if times is None else times
+        averages = TimeAverages(np.column_stack([logs[:, np.isfinite(logs).all(axis=0)], last]))
+        values, _ = averages.estimate(lambda mean: mean[:-1])
+        return averages, np.argsort(-values, kind="stable")
 
-    def _completed(self, estimate: tuple[Array, Array], accuracy: float) -> tuple[Array, Array]:
-        """Values and errors (d,) with those that are not finite."""
-        logs, finite = self._run[0], self._averages[1]
-        values = np.where(np.isnan(logs).any(axis=0), np.nan, -np.inf)
-        errors = np.where(np.isnan(values), np.nan, 0.0)
-        values[finite], errors[finite] = estimate[0], estimate[1] + accuracy
-        for array in (values, errors):
-            array.setflags(write=False)
-        return values, errors
+    def _estimate(self, function: Callable[[Array, Array], Array]) -> tuple[Array, Array]:
+        """A function of the finite exponents in falling order and of the time, and its errors."""
+        averages, order = self._averages
+        return averages.estimate(lambda mean: function(mean[order], mean[-1:]))
+
+    def _completed(self, finite: Array, others: tuple[float, float]) -> Array:
+        """All exponents, or errors, (d,): first the finite, last what rounding hides."""
+        logs = self._run[0]
+        hidden = int(np.isnan(logs).any(axis=0).sum())
+        lost = logs.shape[1] - len(finite) - hidden
+        array = np.concatenate([finite, np.repeat(others, (lost, hidden))])
+        array.setflags(write=False)
+        return array
+
+    def _exponents_of(
+        self, function: Callable[[Array, Array], Array], accuracy: float
+    ) -> tuple[Array, Array]:
+        values, errors = self._estimate(function)
+        return (
+            self._completed(values, (-np.inf, np.nan)),
+            self._completed(errors + accuracy, (0.0, np.nan)),
+        )
 
     @cached_property
     def _accuracy(self) -> float:
@@ -196,8 +207,7 @@ class LyapunovSpectrum:
 
     @cached_property
     def _exponents(self) -> tuple[Array, Array]:
-        averages, _ = self._averages
-        return self._completed(averages.estimate(lambda mean: mean[:-1]), self._accuracy)
+        return self._exponents_of(lambda exponents, _: exponents, self._accuracy)
 
     @property
     def exponents(self) -> Array:
@@ -213,10 +223,12 @@ class LyapunovSpectrum:
     def _per_time(self) -> tuple[Array, Array]:
         if self._run[1] is None:
             raise ValueError(f"system must have return times; got {self._system!r}")
-        averages, _ = self._averages
-        estimate = averages.estimate(lambda mean: mean[:-1] / mean[-1])
-        duration = float(averages.estimate(lambda mean: mean[-1:])[0][0])
-        return self._completed(estimate, self._accuracy / duration)
+        if isinstance(self._system, Flow):
+            return self._exponents
+        (duration,), _ = self._estimate(lambda _, duration: duration)
+        return self._exponents_of(
+            lambda exponents, duration: exponents / duration, self._accuracy / float(duration)
+        )
 
     @property
     def per_time(self) -> Array:
@@ -236,13 +248,12 @@ class LyapunovSpectrum:
 
     @cached_property
     def _sum(self) -> tuple[float, float]:
-        averages, finite = self._averages
-        if np.isneginf(self.exponents).any():  # what rounding hides beside it is not infinite
+        if np.isneginf(self.exponents).any():  # whatever rounding hides beside it
             return -np.inf, 0.0
-        if not finite.all():
+        if np.isnan(self.exponents).any():
             return np.nan, np.nan
-        value, error = averages.estimate(lambda mean: mean[:-1].sum(keepdims=True))
-        return float(value[0]), float(error[0]) + len(finite) * self._accuracy
+        value, error = self._estimate(lambda exponents, _: exponents.sum(keepdims=True))
+        return float(value[0]), float(error[0]) + len(self.exponents) * self._accuracy
 
     @property
     def sum(self) -> float:
@@ -259,17 +270,16 @@ class LyapunovSpectrum:
 
     @cached_property
     def _dimension(self) -> tuple[float, float]:
-        averages, finite = self._averages
         values, errors = self._exponents
+        count = int(np.isfinite(values).sum())
         # What is zero within its error is taken for zero: tori, and cycles of flows, hinge on it.
-        zero = (abs(values) <= 2.0 * errors)[finite]
+        zero = (abs(values) <= 2.0 * errors)[:count]
 
-        def dimension(mean: Array) -> Array:
-            exponents = values.copy()
-            exponents[finite] = np.where(zero, 0.0, mean[:-1])
-            return np.array([kaplan_yorke(exponents)])
+        def dimension(exponents: Array, _: Array) -> Array:
+            known = np.where(zero, 0.0, exponents)
+            return np.array([kaplan_yorke(np.append(known, values[count:]))])
 
-        value, error = averages.estimate(dimension)
+        value, error = self._estimate(dimension)
         return float(value[0]), float(error[0])
 
     @property
@@ -289,8 +299,9 @@ class LyapunovSpectrum:
     def resolved(self) -> bool:
         """Whether the run is long enough for its errors.
 
-        False when one of 32 blocks still tells the next one: the motion remembers for longer than
-        a block, or has not settled. The errors are too small then.
+        False when the slowest waves of the logarithms are much larger than others: the motion
+        remembers for longer than a tenth of the run or so, or has not settled. The errors are too
+        small then.
         """
         return self._averages[0].resolved
 
@@ -320,7 +331,8 @@ class LyapunovSpectrum:
             Where to draw; by default a new figure of column width.
         """
         axes = shown_axes(ax)
-        logs = self._run[0][:, self._averages[1]]
+        logs = self._run[0]
+        logs = logs[:, np.isfinite(logs).all(axis=0)]
         counts = np.unique(np.geomspace(1, len(logs), _POINTS).astype(np.intp))
         means = np.cumsum(logs, axis=0)[counts - 1] / counts[:, None]
         axes.plot(counts, means, color="black", linewidth=0.5)

@@ -198,14 +198,18 @@ class POD:
         length, or has not yet reached its attractor, and too large for a periodic one, where they
         tell where periods are cut.
         """
-        return standard_errors(amplitudes(self._deviations))
+        return self._errors(self._deviations)
 
     @cached_property
     def cumulative_errors(self) -> Array:
         """Errors, (N,), of the shares in `cumulative`, in the same way."""
         running = np.cumsum(self._deviations, axis=1)
         shares = (running - self.cumulative * running[:, -1:]) / self.power.sum()
-        return standard_errors(amplitudes(shares))
+        return self._errors(shares)
+
+    def _errors(self, deviations: Array) -> Array:
+        durations = self._averages.durations
+        return standard_errors(amplitudes(deviations, durations / durations.sum()))
 
     # --- normal modes -----------------------------------------------------------------------------
 

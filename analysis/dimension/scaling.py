@@ -158,9 +158,11 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
 
     Distances count by the bins that they fell in, and those below `low` only as below it: the
     likelihood is that of these counts, so nothing is interpolated. The error is that of bootstrap
-    over blocks of time, and what the estimate changes by when it takes the lower three quarters of
-    the region instead, beyond what chance explains: the pairs at the largest radii are the most,
-    and a curve that bends there shifts the estimate.
+    over blocks of time, and the most that the estimate changes by, beyond what chance explains,
+    when only pairs below a smaller radius are taken, down to the middle of the region in ln r: the
+    pairs at the largest radii are the most, and a curve that bends there, or that waves about a
+    line, shifts the estimate. It is enlarged by what a shift in proportion to the radius, as the
+    borders of a set cause it, has left at the middle.
 
     References
     ----------
@@ -169,25 +171,29 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     """
     inside = (sums.radii >= region.low) & (sums.radii <= region.high) & (sums.pairs > 0)
     pairs, shares = sums.pairs[inside], sums.shares[:, inside]
-    end = len(pairs) - (len(pairs) - 1) // _PARTS
-    found, lower = _likeliest(pairs, shares), _likeliest(pairs[:end], shares[:, :end])
-    # the lower pairs are part of all: what they add to the variance is the difference's
-    expected = (1.0 + np.sqrt(2.0)) * max(lower.error**2 - found.error**2, 0.0)
-    apart = (lower.value - found.value) ** 2 - expected
-    return Estimate(found.value, float(np.hypot(found.error, np.sqrt(max(apart, 0.0)))))
+    values, weights = _likeliest(pairs, (len(pairs) + 1) // 2)
+    statistical, *errors = standard_errors(
+        pairs, shares, np.vstack([weights[-1], weights - weights[-1]])
+    )
+    expected = (1.0 + np.sqrt(2.0)) * np.square(errors)  # and the standard error of one square
+    square = float(((values - values[-1]) ** 2 - expected).max())
+    shift = np.sqrt(max(square, 0.0)) / (1.0 - region.ratio**-0.5)
+    return Estimate(float(values[-1]), float(np.hypot(statistical, shift)))
 
 
-def _likeliest(pairs: Counts, shares: Counts) -> Estimate:
-    """Takens' estimate from counts at successive radii, with its statistical error."""
-    later = float(pairs[1:].sum())
-    part = float(pairs[-1] - pairs[0]) / later
-    # derivative by ln pairs
-    weights = np.full(len(pairs), -part)
-    weights[-1] += 1.0
-    weights[0] = -1.0
-    weights *= pairs / later / (1.0 - part) / _PITCH
-    (error,) = standard_errors(pairs, shares, weights[None, :])
-    return Estimate(float(-np.log1p(-part) / _PITCH), float(error))
+def _likeliest(pairs: Counts, fewest: int) -> tuple[Array, Array]:
+    """Takens' estimates (m,) from the first counts, `fewest` or more, and their derivatives (m, k).
+
+    The derivatives are by the logarithms of the counts (k,), at successive radii.
+    """
+    counts = np.arange(max(fewest, 2), len(pairs) + 1)
+    later = np.cumsum(pairs[1:], dtype=np.float64)[counts - 2]
+    parts = (pairs[counts - 1] - pairs[0]) / later
+    weights = np.where(np.arange(len(pairs)) < counts[:, None], -parts[:, None], 0.0)
+    weights[np.arange(len(counts)), counts - 1] += 1.0
+    weights[:, 0] = -1.0
+    weights *= pairs / (later * (1.0 - parts) * _PITCH)[:, None]
+    return -np.log1p(-parts) / _PITCH, weights
 
 
 def _populated(sums: CorrelationSums) -> tuple[Array, Counts, Counts]:

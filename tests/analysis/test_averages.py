@@ -98,7 +98,7 @@ SERIES: dict[str, tuple[Callable[[], Array], float | None, float]] = {
     "Henon": (lambda: henon(1000), 0.41922, 1.5),
     "Lorenz": (lambda: lorenz(600), 0.9056, 2.5),
     "ten masses": (lambda: impacts(500), None, 1.5),
-    "logistic map": (lambda: logistic(2000), np.log(2.0), 3.5),
+    "logistic map": (lambda: logistic(2000), np.log(2.0), 6.0),
 }
 
 
@@ -126,8 +126,8 @@ def test_the_true_value_is_within_three_errors_in_99_of_100_runs(name: str) -> N
 @pytest.mark.parametrize("name", SERIES)
 def test_errors_are_hardly_larger_than_they_need_be(name: str) -> None:
     # An error from 12 waves, or 6 where these are larger, is 1.25 times the deviation, as it is for
-    # Student's t. The logistic map's logarithms telescope, and Lorenz's nearly do: their sums
-    # deviate by what stands at both ends, the waves also by what stands between.
+    # Student's t. The logistic map's logarithms telescope, and Lorenz's nearly do: what is left of
+    # that in their averages is less than in the faster waves.
     off, errors = deviations(name)
     factor = SERIES[name][2]
     assert np.sqrt((errors**2).mean()) < factor * np.sqrt((off**2).mean())

@@ -82,11 +82,6 @@ def test_torus_of_angles_has_the_dimension_of_the_torus() -> None:
     assert abs(found.value - 2.0) < 2.0 * found.error
 
 
-def test_takens_estimate_of_a_lacunar_set_allows_for_its_gaps() -> None:
-    found = CorrelationDimension(cantor(10_000)).takens
-    assert abs(found.value - np.log(2.0) / np.log(3.0)) < 2.0 * found.error
-
-
 def test_noise_of_many_dimensions_has_no_scaling_region() -> None:
     # 4.5e6 pairs: the radius changes by a factor of 4.5e6^(1/9) = 5.5 from one pair to all of them
     found = CorrelationDimension(np.random.default_rng(0).normal(size=(3000, 9)))

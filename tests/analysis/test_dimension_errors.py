@@ -1,13 +1,21 @@
 """Error bars of correlation sums and dimensions: as wide as claimed, over many seeds."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from scipy import signal
 
 from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.errors import standard_errors
 from dynkit.analysis.dimension.scaling import takens
 from dynkit.analysis.dimension.sums import CorrelationSums, correlation_sums
+from dynkit.systems import Henon
 from dynkit.validation import Array
+
+# 1.21 to 1.22: P. Grassberger, I. Procaccia, Phys. Rev. Lett. 50 (1983) 346-349; J. C. Sprott, G.
+# Rowlands, Int. J. Bifurcation Chaos 11 (2001) 1865-1880
+HENON = 1.22
 
 SEEDS = 200
 # three standard errors of a part that is found over so many seeds
@@ -23,10 +31,7 @@ def walk(seed: int, n: int, d: int, step: float) -> Array:
 def drifting(seed: int, n: int = 1280) -> Array:
     """A motion on the line whose states remember some ten states before."""
     noise = np.random.default_rng(seed).normal(size=n)
-    states = np.zeros(n)
-    for i in range(1, n):
-        states[i] = 0.9 * states[i - 1] + noise[i]
-    return states[:, None]
+    return np.asarray(signal.lfilter([1.0], [1.0, -0.9], noise))[:, None]
 
 
 # --- of the dimension ---------------------------------------------------------------------------
@@ -101,6 +106,39 @@ def test_error_is_nan_where_there_is_no_pair() -> None:
 
 
 # --- Takens' estimate ---------------------------------------------------------------------------
+
+CURVES = 30
+"""Seeds of sets whose curves bend or wave, so that the largest radii mislead the estimate."""
+
+
+def cantor(seed: int) -> Array:
+    digits = np.random.default_rng(seed).integers(0, 2, size=(2000, 32))
+    return np.asarray((digits @ (2.0 * 3.0 ** -np.arange(1.0, 33.0)))[:, None])
+
+
+def normal(seed: int) -> Array:
+    return np.random.default_rng(seed).normal(size=(2000, 2))
+
+
+def henon(seed: int) -> Array:
+    start = np.random.default_rng(seed).uniform(-0.1, 0.1, size=2)
+    return Henon().iterate(start, 3000)[100:]
+
+
+@pytest.mark.parametrize(
+    ("states", "known"),
+    [(cantor, np.log(2.0) / np.log(3.0)), (normal, 2.0), (henon, HENON)],
+    ids=["Cantor set", "noise", "Henon"],
+)
+def test_takens_estimate_allows_for_curves_that_bend(
+    states: Callable[[int], Array], known: float
+) -> None:
+    found = [CorrelationDimension(states(k)).takens for k in range(CURVES)]
+    off = np.array([abs(each.value - known) / each.error for each in found])
+    # less three standard errors of a part of so many seeds
+    assert (off < 2.0).mean() >= 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / CURVES)
+    assert (off < 3.0).mean() >= 0.99 - 3.0 * np.sqrt(0.99 * 0.01 / CURVES)
+    assert np.mean([each.error for each in found]) < 0.15 * known
 
 
 def region_and_sums(seed: int) -> tuple[CorrelationDimension, CorrelationSums]:

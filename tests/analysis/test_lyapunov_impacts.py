@@ -1,0 +1,209 @@
+"""Lyapunov exponents of impact oscillators: multipliers, volumes, twins, and what contact takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynkit.analysis.figures import new_figure
+from dynkit.analysis.lyapunov import LyapunovSpectrum
+from dynkit.attractors import Attractor
+from dynkit.maps import Map
+from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
+from dynkit.validation import Array
+from tests.impact.one_mass import periodic_orbits
+
+
+@cache
+def chain(frequency: float, transient: int = 1000) -> Attractor:
+    return ImpactChain(frequency=frequency).attractor(transient=transient)
+
+
+def test_exponents_of_p13_are_logarithms_of_its_multipliers() -> None:
+    attractor = chain(0.87, 5000)
+    spectrum = LyapunovSpectrum(attractor, 20_000)
+    multipliers = attractor.periodic_orbit().multipliers  # type: ignore[attr-defined]
+    gap = abs(spectrum.exponents - np.log(abs(multipliers)))
+    assert gap.max() < 1e-9
+    assert spectrum.error.max() < 1e-8
+
+
+@pytest.mark.parametrize(("frequency", "n"), [(0.8, 2), (0.68, 3)])
+def test_exponents_of_several_impacts_are_means(frequency: float, n: int) -> None:
+    attractor = chain(frequency, 3000)
+    spectrum = LyapunovSpectrum(attractor, 20_000)
+    multipliers = attractor.periodic_orbit().multipliers  # type: ignore[attr-defined]
+    assert attractor.label.impacts == n
+    gap = abs(spectrum.exponents - np.log(abs(multipliers)) / n)
+    assert gap.max() < 1e-8
+
+
+@pytest.mark.parametrize(("frequency", "periods"), [(1.8, 1), (2.1, 1), (2.4, 1)])
+def test_one_mass_against_closed_forms(frequency: float, periods: int) -> None:
+    system = SingleImpactOscillator(
+        frequency=frequency, damping_ratio=0.02, restitution=0.8, stop=0.1
+    )
+    (exact,) = periodic_orbits(system, periods)
+    assert exact.stable
+    spectrum = LyapunovSpectrum.of_map(system, exact.state, iterations=20_000)
+    expected = np.sort(np.log(abs(exact.multipliers)))[::-1]
+    assert spectrum.exponents == pytest.approx(expected, abs=1e-9)
+    period = 2.0 * np.pi * periods / frequency
+    assert spectrum.per_time == pytest.approx(expected / period, abs=1e-9)
+
+
+def test_volumes_shrink_as_restitution_and_damping_say() -> None:
+    # Chaos without contact. 2 log r for an impact, and the trace of the damping, 0.1 (2 * 9 + 1),
+    # times the time.
+    spectrum = LyapunovSpectrum(chain(1.37), 1000)
+    duration = spectrum.sum / float(spectrum.per_time.sum())
+    assert spectrum.sum == pytest.approx(2.0 * np.log(0.85) - 1.9 * duration, abs=1e-10)
+    assert spectrum.exponents[0] > 3.0 * spectrum.error[0]
+
+
+def test_a_bouncing_ball_loses_two_logarithms_of_the_restitution_per_bounce() -> None:
+    ball = BouncingBall(amplitude=1.0, frequency=3.0, restitution=0.95)
+    attractor = ball.attractor(transient=100, impacts=1)
+    spectrum = LyapunovSpectrum(attractor, 2000)
+    assert spectrum.sum == pytest.approx(2.0 * np.log(0.95), abs=1e-9)
+    assert spectrum.exponents[0] > 3.0 * spectrum.error[0]
+
+
+def test_the_largest_exponent_is_the_growth_of_the_distance_of_twins() -> None:
+    # Every 10 impacts the twin is put back to a distance of 1e-8.
+    attractor = chain(1.37)
+    system, state = attractor.system, attractor.states[-1]
+    gap = np.full(system.dimension, 1e-8)
+    logs = []
+    for _ in range(200):
+        here, twin = system.iterate(state, 10)[-1], system.iterate(state + gap, 10)[-1]
+        ahead = system.difference(twin, here)
+        logs.append(np.log(np.linalg.norm(ahead) / np.linalg.norm(gap)) / 10.0)
+        gap = 1e-8 * ahead / np.linalg.norm(ahead)
+        state = here
+    blocks = np.reshape(logs[40:], (32, -1)).mean(axis=1)
+    spectrum = LyapunovSpectrum(attractor, 10_000)
+    error = np.hypot(blocks.std(ddof=1) / np.sqrt(32.0), spectrum.error[0])
+    assert abs(blocks.mean() - spectrum.exponents[0]) < 3.0 * error
+    assert error < 0.03
+
+
+@dataclass(frozen=True)
+class BySection(Map):
+    """An impact oscillator's map in its section coordinates, and nothing else of it."""
+
+    system: ImpactChain
+
+    @property
+    def dimension(self) -> int:
+        return self.system.dimension
+
+    def __call__(self, state: Array) -> Array:
+        return self.system(state)
+
+    def jacobian(self, state: Array) -> Array:
+        return self.system.jacobian(state)
+
+
+def test_the_derivative_in_section_coordinates_has_the_same_exponents() -> None:
+    # Along the same motion for some 30 of its impacts; then both are averages over the attractor.
+    attractor = chain(1.37)
+    system = attractor.system
+    assert isinstance(system, ImpactChain)
+    fast = LyapunovSpectrum(attractor, 400)
+    slow = LyapunovSpectrum.of_map(BySection(system), attractor.states[-1], iterations=400)
+    gap = abs(fast.exponents - slow.exponents)
+    assert (gap < 4.0 * np.hypot(fast.error, slow.error)).all()
+    assert np.hypot(fast.error, slow.error).max() < 0.1
+
+
+def test_sticking_orbits_have_no_dimension() -> None:
+    spectrum = LyapunovSpectrum(chain(0.408), 2000)
+    assert np.isneginf(spectrum.per_time).sum() == 2
+    assert spectrum.exponents[0] < 0.0
+    assert spectrum.dimension == 0.0
+
+
+# Contact in every second period, and once in some hundred or thousand impacts of chaos.
+CONTACTS = [(0.40816, 1000), (1.916, 5000), (1.346, 12_000)]
+
+
+@pytest.mark.parametrize(("frequency", "iterations"), CONTACTS)
+def test_one_contact_takes_two_directions_for_good(frequency: float, iterations: int) -> None:
+    spectrum = LyapunovSpectrum(chain(frequency), iterations)
+    assert np.isneginf(spectrum.exponents).tolist() == 18 * [False] + 2 * [True]
+    assert (spectrum.error[-2:] == 0.0).all()
+    assert (spectrum.sum, spectrum.sum_error) == (-np.inf, 0.0)
+
+
+@pytest.mark.parametrize(("frequency", "iterations"), CONTACTS)
+def test_nothing_is_no_number_where_directions_are_lost(frequency: float, iterations: int) -> None:
+    spectrum = LyapunovSpectrum(chain(frequency), iterations)
+    shown = [spectrum.exponents, spectrum.per_time, spectrum.error, spectrum.per_time_error]
+    numbers = [spectrum.sum, spectrum.sum_error, spectrum.dimension, spectrum.dimension_error]
+    assert not np.isnan(np.concatenate([*shown, numbers])).any()
+    assert np.isfinite(np.concatenate([spectrum.error, spectrum.per_time_error])).all()
+    assert (np.diff(spectrum.exponents[:18]) <= 0.0).all()
+
+
+@pytest.mark.parametrize(("frequency", "iterations"), CONTACTS)
+def test_finite_exponents_are_drawn_where_directions_are_lost(
+    frequency: float, iterations: int
+) -> None:
+    _, (axes,) = new_figure()
+    LyapunovSpectrum(chain(frequency), iterations).plot(axes)
+    assert len(axes.lines) == 18
+
+
+def test_exponents_that_contact_does_not_take_are_those_without_it() -> None:
+    # Every third run of a thousand impacts or so is without contact.
+    attractor = chain(1.346)
+    whole = LyapunovSpectrum(attractor, 12_000)
+    runs = (
+        LyapunovSpectrum.of_map(attractor.system, start, iterations=1000)
+        for start in attractor.states
+    )
+    without = next(run for run in runs if np.isfinite(run.exponents).all())
+    gap = abs(without.exponents - whole.exponents)[:18]
+    assert not np.isfinite(whole.exponents).all()
+    assert (gap < 4.0 * np.hypot(without.error, whole.error)[:18]).all()
+    gap_of_dimensions = abs(without.dimension - whole.dimension)
+    assert gap_of_dimensions < 3.0 * np.hypot(without.dimension_error, whole.dimension_error)
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        ImpactChain(masses=2, restitution=0.4, frequency=0.2),
+        ImpactChain(masses=2, restitution=0.4, frequency=0.2, chatter_tolerance=1e-10),
+        ImpactChain(masses=3, damping=(0.1, 0.4, 0.2), restitution=0.4, frequency=0.2),
+        ImpactChain(masses=3, frequency=0.9, restitution=0.0),
+    ],
+    ids=["two masses", "coarse", "dashpots apart", "dead"],
+)
+def test_exponents_of_sticking_orbits_are_logarithms_of_multipliers(system: ImpactChain) -> None:
+    # By the product of the derivatives of all impacts of a period, whose two zeros are rounding.
+    attractor = system.attractor(transient=4000, impacts=100)
+    assert str(attractor.label) == "P(inf,1)"
+    turns = attractor.record.time * system.frequency / (2.0 * np.pi)
+    n = int(np.searchsorted(turns, turns[0] + 1.0 - 1e-6))
+    product = np.eye(system.dimension)
+    for state in attractor.states[:n]:
+        product = system.jacobian(state) @ product
+    expected = np.sort(abs(np.linalg.eigvals(product)))[:1:-1]
+    spectrum = LyapunovSpectrum(attractor, 20_000)
+    assert np.isneginf(spectrum.exponents[-2:]).all()
+    # errors of the product's entries, of its smallest eigenvalues too
+    worst = 2.0**-52 * n * system.dimension / expected[-1]
+    gap = abs(spectrum.exponents[:-2] - np.log(expected) / n)
+    assert gap.max() < 100.0 * worst + 1e-8
+    assert spectrum.error[:-2].max() < 1e-7
+
+
+def test_a_transient_that_is_not_over_is_told() -> None:
+    # Frequency 0.35: chaos for thousands of impacts, then P(39,15).
+    record = ImpactChain(frequency=0.35).attractor(transient=1000)
+    assert not LyapunovSpectrum(record, 40_000).resolved
