@@ -54,8 +54,10 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
         index, way = len(found.points) - 1, point.y - before.y
         here = _between(problem, follower, before, point)
         found.located += [(index + part, located, way) for part, located in here]
-        if any(located.crossing.ends for _, located in here):
-            follower.ending = _ends(Reason.BORDER, point)
+        borders = [located for _, located in here if located.crossing.ends]
+        if borders:
+            where = f"{borders[0].crossing.kind} at {borders[0].p[0]:.10g}"
+            follower.ending = Ending(Reason.BORDER, f"{Reason.BORDER.value}: {where}")
             break
         if not inadmissible and not point.seen.admissible:
             follower.ending = _ends(Reason.INADMISSIBLE, point)

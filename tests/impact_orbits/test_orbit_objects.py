@@ -301,5 +301,5 @@ def test_where_there_is_no_orbit_an_error_says_so() -> None:
 
 def test_an_attractor_that_is_no_orbit_is_refused() -> None:
     attractor = ImpactChain(frequency=1.346).attractor()
-    with pytest.raises(ValueError, match="attractor must be P.n,m. or P.inf,m.; it is chaotic"):
+    with pytest.raises(ValueError, match=r"attractor must be P\(n,m\) or P.* it is chaotic"):
         attractor.periodic_orbit()

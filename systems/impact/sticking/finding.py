@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,11 +58,12 @@ def find_sticking(oscillator: ImpactOscillator, periods: object) -> list[Stickin
         once, x = problem.shortest(result.y)
         if once.periods < m or _touches(once, x):
             continue
-        if not StickingOrbit(once, x, result.history, Cost(0.0)).error < APART:
-            continue  # not solved for to more than this, where the derivative is all but singular
         mark = once.canonical(x)
-        if all(len(mark) != len(other) or abs(mark - other).max() > APART for other in seen):
-            seen.append(mark)
+        if any(len(mark) == len(other) and abs(mark - other).max() < APART for other in seen):
+            continue
+        seen.append(mark)
+        # Where the derivative is all but singular it is not solved for.
+        if StickingOrbit(once, x, result.history, Cost(0.0)).error < APART:
             found.append((once, x, result.history))
     cost = Cost(time.perf_counter() - began, {"orbits": len(found)})
     orbits = [StickingOrbit(problem, x, history, cost) for problem, x, history in found]
@@ -125,8 +127,8 @@ def _starts(oscillator: ImpactOscillator, scene: Scene) -> Iterator[ImpactState]
             falls = np.flatnonzero((force >= 0.0) & (np.roll(force, -1) < 0.0))
             if len(falls):
                 yield holding.release(places[falls[0]], float(phases[falls[0]]))
-    attractor = oscillator.attractor(transient=1000, impacts=1)
-    yield attractor.final
+    with suppress(ValueError):  # the default start may be beyond a far stop
+        yield oscillator.attractor(transient=1000, impacts=1).final
 
 
 def _releases(
@@ -189,7 +191,8 @@ def _course(
     q, sine, cosine = system._free.parts(states[: before[-1] + 1])
     x = system._free.forced.positions(q, sine, cosine)
     v = system._free.forced.velocities(q, sine, cosine)
-    sizes = float(abs(x).max()), float(abs(v).max())
+    speed = max(float(abs(v).max()), system.amplitude * system.frequency)
+    sizes = max(float(abs(x).max()), system.amplitude, speed / system.frequency), speed
     return StickingProblem(system, (), periods, tuple(words), sizes), np.concatenate(parts)
 
 

@@ -15,7 +15,15 @@ from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import Motion, state_of
 from dynkit.systems.impact.sticking.holding import Holding
-from dynkit.systems.impact.tangents import carried, chatter_carried, held, off, onto, rates_of
+from dynkit.systems.impact.tangents import (
+    carried,
+    chatter_carried,
+    free_states,
+    held,
+    off,
+    onto,
+    rates_of,
+)
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -27,9 +35,8 @@ CHUNK, MOST = 128, 8192
 PASSED = 64.0
 """How much rounding a passage collects, in units of that of its states."""
 
-_LONGER, _NEARLY = 1.2, 1e-3
-"""A flight so much longer than the one before ends a chatter; it nearly completed where its slowest
-impact was so slow, beside the fastest of the passage."""
+_NEARLY = 1e-3
+"""A chatter nearly completes where its slowest impact is so slow, beside the fastest of all."""
 
 
 @final
@@ -176,9 +183,7 @@ class Passage:
         while True:
             run = system._run(start, count, store=True)
             k = int(run.contacts[0, 0]) if len(run.contacts) else run.impacts
-            flights = np.diff(run.states[:k, -1], prepend=0.0)
-            away = np.signbit(run.states[:k, -2]) != bool(self.word.sides[-1])
-            away[1:] |= flights[1:] > _LONGER * flights[:-1]
+            away = self._lifts_off(run, k)
             if k < count or away.any() or count >= MOST:
                 break
             count *= 4
@@ -190,6 +195,16 @@ class Passage:
             if speeds[k] > _NEARLY * max(abs(rate) for rate in self.rates):
                 raise NoSolution("the chatter must be complete")
         return replace(run, states=run.states[:k], contacts=run.contacts[:0], impacts=k)
+
+    def _lifts_off(self, run: Run, count: int) -> Any:
+        """Whether nothing holds the mass down to the end of each of the first flights, (count,)."""
+        side = self.word.sides[-1]
+        states = free_states(self.scene.system, run)[:count]
+        flights = np.diff(run.states[:count, -1], prepend=0.0)
+        bend, change = (self.scene.gap(states, side, order) for order in (2, 3))
+        return (bend + np.maximum(change, 0.0) * flights >= 0.0) | (
+            np.signbit(run.states[:count, -2]) != bool(side)
+        )
 
     @property
     def pressing(self) -> float:
