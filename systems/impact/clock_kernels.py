@@ -89,14 +89,11 @@ def random(clock: Array) -> float:
 
 
 @kernel()
-def perturb(
-    slots: Indices, table: int, states: Array, clock: Array, noise: float, extra: float
-) -> None:
-    """Add (noise * number + extra) * xi to the modes, xi pseudo-random in [-1, 1]; noise to all."""
+def perturb(slots: Indices, table: int, states: Array, clock: Array, noise: float) -> None:
+    """Change all numbers by noise * xi of themselves, xi pseudo-random in [-1, 1]."""
     for m in range(slots.shape[0]):
         for row in range(2):
-            number = states[START, row, slots[m]]
-            states[START, row, slots[m]] += (noise * number + extra) * random(clock)
+            states[START, row, slots[m]] += noise * states[START, row, slots[m]] * random(clock)
     if table >= 0:
         for row in range(2):
             states[START, row, table] *= 1.0 + noise * random(clock)
@@ -113,7 +110,16 @@ def perturb_released(
         for row in range(2):
             place = abs(to_free[row * width + slots[m], to_free.shape[1] - 1])
             states[START, row, slots[m]] += noise * place * random(clock)
-    perturb(slots, table, states, clock, noise, 0.0)
+    perturb(slots, table, states, clock, noise)
+
+
+@kernel()
+def perturb_cut(excursion: Array, lost: float, states: Array, clock: Array) -> None:
+    """Add what a cut chatter drops, or take it away: which is pseudo-random, the size is not."""
+    change = math.copysign(lost, random(clock))
+    for row in range(2):
+        for i in range(states.shape[2]):
+            states[START, row, i] += change * excursion[row, i]
 
 
 @kernel()

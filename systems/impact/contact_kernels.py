@@ -48,7 +48,9 @@ class Mechanics(NamedTuple):
     stops : one or two of them
     modes : (N,) slots of the modes
     restitution : coefficient of restitution
-    coupling : largest effect of a unit displacement of the contact mass on another mass
+    excursion : (2, slots) change of the state by a brief excursion of the contact coordinate, over
+        its time integral
+    coupling : largest such change of a position or velocity
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
     clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
     """
@@ -56,6 +58,7 @@ class Mechanics(NamedTuple):
     stops: tuple[Stop, ...]
     modes: Indices
     restitution: float
+    excursion: Array
     coupling: float
     tolerance: float
     clock_rate: float
@@ -142,8 +145,14 @@ def chatter_rest(stop: Stop, restitution: float, u: float, second: float, third:
 
 @kernel()
 def chatter_error(mechanics: Mechanics, u: float, second: float) -> float:
-    """Impulse on the neighbours that is dropped with the rest of a chatter."""
-    r = mechanics.restitution
+    """Largest change of a position or velocity by the rest of a chatter, to leading order."""
+    return mechanics.coupling * lifted(mechanics.restitution, u, second)
+
+
+@kernel()
+def lifted(restitution: float, u: float, second: float) -> float:
+    """Time integral of the gap over the bounces from relative velocity `u` on: parabolas."""
+    r = restitution
     if u == 0.0:
         return 0.0
-    return mechanics.coupling * (2.0 / 3.0) * u * u * u / (second * second * (1.0 - r * r * r))
+    return (2.0 / 3.0) * u * u * u / (second * second * (1.0 - r * r * r))

@@ -42,6 +42,7 @@ from dynkit.systems.impact.clock_kernels import (
     advance_clock,
     normalise,
     perturb,
+    perturb_cut,
     perturb_released,
     perturb_touch,
 )
@@ -50,6 +51,7 @@ from dynkit.systems.impact.contact_kernels import (
     chatter_completes,
     chatter_error,
     chatter_rest,
+    lifted,
     order_at_rest,
     pulls,
     transform,
@@ -180,7 +182,8 @@ def run(
                     contacts[k, 1] += chatter_rest(stop, mechanics.restitution, u, second, third)
                     clock[CHATTER_ERROR] += error
                     if noise > 0.0:
-                        perturb(slots, table, y, clock, 0.0, error)
+                        lost = lifted(mechanics.restitution, u, second)
+                        perturb_cut(mechanics.excursion, lost, y, clock)
                         transform(stop.to_stuck, y, START, contact.states)
                 outcome, n, e, _, cells = first_root(
                     stop.force, zero, 0.0, band_factor, count < 0, limit, for_ever, contact
@@ -251,7 +254,7 @@ def run(
         clock[PHASE_OF_MOTION] = BOUNCED
         advance_clock(clock, n, smallest, e, mechanics.clock_rate)
         if noise > 0.0:
-            perturb(slots, table, y, clock, noise, 0.0)
+            perturb(slots, table, y, clock, noise)
         if store:
             for i in range(modes):
                 states[done, i] = y[START, 0, slots[i]]

@@ -59,16 +59,37 @@ class Structure:
         return basis_of(Modes.from_matrices(mass, damping, stiffness), mass, damping, stiffness)
 
     @cached_property
+    def excursion(self) -> Array:
+        """Changes (2, N) of positions and velocities by brief excursions of the contact coordinate.
+
+        To leading order, where its time integral is one: the positions of the others jump by m^-1 f
+        and their velocities by m^-1 (g - c m^-1 f), with f = -C k, g = -K k and k `kick_velocity`;
+        m and c are the others' parts of M and C.
+        """
+        place = np.ix_(self.others, self.others)
+        out = np.zeros((2, self.size))
+        out[0, self.others] = x = self._answer(self.damping)
+        out[1, self.others] = self._answer(self.stiffness) - np.linalg.solve(
+            self.mass[place], self.damping[place] @ x
+        )
+        return out
+
+    @cached_property
     def coupling(self) -> float:
-        """Largest effect of a unit displacement of the contact coordinate on another."""
+        """Largest change by an `excursion`.
+
+        Springs and dashpots may cancel, which leaves terms that are smaller by a power of the
+        duration; what the springs do counts by itself, too.
+        """
         if self.size == 1:
             return 1.0  # no other: then the contact coordinate itself
+        return float(max(abs(self.excursion).max(), abs(self._answer(self.stiffness)).max()))
+
+    def _answer(self, part: Array) -> Array:
+        """Accelerations (N - 1,) of the others by their part of K k or C k, k `kick_velocity`."""
         place = np.ix_(self.others, self.others)
-        inverse = np.linalg.inv(self.mass[place])
-        pull = [
-            inverse @ m[self.others] @ self.kick_velocity for m in (self.stiffness, self.damping)
-        ]
-        return float(np.abs(pull).max())
+        forces = part[self.others] @ self.kick_velocity
+        return np.asarray(-np.linalg.solve(self.mass[place], forces))
 
 
 _structures: WeakKeyDictionary[Any, dict[int, Structure]] = WeakKeyDictionary()

@@ -132,7 +132,13 @@ class ImpactRecord:
 
     @property
     def chatter_error(self) -> float:
-        """Sum of what replacing the rests of chatters by contact changed, to leading order."""
+        """Sum of what replacing the rests of chatters by contact changed, to leading order.
+
+        Of each it is the largest change of a position or velocity as contact begins, which goes
+        with the cube of the velocity of the last bounce. The true change is at most twice as large,
+        and hardly larger where that velocity is small. What the motion then makes of it, and the
+        times of the release and of impacts, is part of `error`.
+        """
         return self._run.chatter_error
 
     @property
@@ -152,10 +158,10 @@ class ImpactRecord:
         """Estimate of the largest error of the section coordinates of each impact, (n,).
 
         The run is repeated three times with pseudo-random disturbances of 8 * 2^-52 of every number
-        at the start and after every impact, many times what rounding does, and of the size of the
-        dropped rests of chatters. The estimate is four times the largest distance reached so far,
-        or the rounding of the largest coordinate. On a stable motion it stays near 1e-14; in chaos
-        it grows to the size of the attractor, and says when single states have become meaningless.
+        at the start and after every impact, many times what rounding does, and of what cut chatters
+        leave out. The estimate is four times the largest distance reached so far, or the rounding
+        of the largest coordinate. On a stable motion it stays near 1e-14; in chaos it grows to the
+        size of the attractor, and says when single states have become meaningless.
         Where a twin has fewer impacts it is infinite. The times are off by this over the frequency,
         besides their own rounding: what may be turns of the table counts with all its turns.
 

@@ -153,6 +153,8 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
     kick = np.zeros((4, free.layout.slots))
     kick[:, free.layout.modes] = structure.kick
     kick[:, free.layout.seen :] = 0.0
+    excursion = np.zeros((2, free.layout.slots))
+    excursion[:, free.layout.modes] = structure.free.coordinates(*structure.excursion)
     stops = []
     slots = 1
     for side, (stand, gap) in enumerate(zip(oscillator._stands, oscillator._gaps, strict=True)):
@@ -166,6 +168,7 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
         tuple(stops),
         free.layout.modes,
         oscillator.restitution,
+        excursion,
         structure.coupling,
         oscillator.chatter_tolerance,
         oscillator.frequency if free.layout.table < 0 else 0.0,
