@@ -60,67 +60,6 @@ def test_impacts_after_the_release_are_those_of_50_digits(frequency: float) -> N
         assert time_error(record.time[i], impact) <= 2e-14 + np.spacing(record.time[i])
 
 
-# --- order of convergence ------------------------------------------------------------------------
-
-CUTS = tuple(10.0**-k for k in range(9, 14))
-CHATTERING: dict[str, dict[str, Any]] = {
-    "0.16": {"frequency": 0.16},
-    "0.202": {"frequency": 0.202},
-    "0.408": {"frequency": 0.408},
-    "unequal": {
-        "masses": (1.0, 0.5, 2.0),
-        "springs": (1.0, 3.0, 0.7),
-        "damping": (0.1, 0.4, 0.2),
-        "restitution": 0.6,
-        "offset": 0.05,
-        "frequency": 0.5,
-    },
-}
-
-
-def first_release(arguments: dict[str, Any], tolerance: float, at: float | None) -> Array:
-    """Cut velocity, claimed error, release time, then the state at the first release or `at`."""
-    chain = ImpactChain(chatter_tolerance=tolerance, **arguments)
-    record = chain.simulate(impacts=300)
-    release = record.sticking[0, 1]
-    before = int(np.searchsorted(record.time, record.sticking[0, 0]))
-    claimed = chain.simulate(impacts=before + 1).chatter_error
-    state = np.concatenate(record.sample([release if at is None else at]), axis=1)[0]
-    return np.array([record.relative_velocity[before - 1], claimed, release, *state])
-
-
-@cache
-def convergence(name: str) -> Array:
-    """Rows (cut velocity, claimed error, true error of the state) for each of the cuts."""
-    best = first_release(CHATTERING[name], 1e-20, None)
-    rows = [first_release(CHATTERING[name], tolerance, best[2]) for tolerance in CUTS]
-    return np.array([[row[0], row[1], abs(row[3:] - best[3:]).max()] for row in rows])
-
-
-@pytest.mark.parametrize("name", CHATTERING)
-def test_the_release_state_converges_with_the_cube_of_the_cut_velocity(name: str) -> None:
-    rows = convergence(name)
-    order = np.polyfit(np.log(rows[:, 0]), np.log(rows[:, 2]), 1)[0]
-    assert 2.9 < order < 3.1
-
-
-@pytest.mark.parametrize("name", CHATTERING)
-def test_the_release_state_is_wrong_by_less_than_the_chatter_error(name: str) -> None:
-    rows = convergence(name)
-    assert (rows[:, 2] <= rows[:, 1] + 1e-14).all()
-
-
-@pytest.mark.parametrize("name", CHATTERING)
-def test_the_chatter_error_is_not_pessimistic_by_more_than_a_factor_20(name: str) -> None:
-    rows = convergence(name)
-    assert (rows[:, 2] >= 0.05 * rows[:, 1]).all()
-
-
-@pytest.mark.parametrize("name", CHATTERING)
-def test_the_chatter_error_keeps_to_the_tolerance(name: str) -> None:
-    assert (convergence(name)[:, 1] <= np.array(CUTS)).all()
-
-
 # --- theory --------------------------------------------------------------------------------------
 
 

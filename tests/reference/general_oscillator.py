@@ -7,9 +7,9 @@ Flight is a `LinearMotion` of all coordinates. Contact is another one: without c
 follows the stop, and with the contact force as one of its rows. `first_root` proves every impact
 and release.
 
-Chatter is simulated bounce by bounce until u is 1e-30 of the fastest approach so far; then the
-relative velocity is taken away by an impulse, and contact begins. With contact acceleration a that
-leaves an error of the order u^2 / (a (1 - restitution)) in the state.
+Chatter is simulated bounce by bounce until u is a small part of the fastest approach so far; then
+the relative velocity is taken away by an impulse, and contact begins. With contact acceleration a
+that leaves an error of the order u^2 / (a (1 - restitution)) in the state.
 """
 
 from __future__ import annotations
@@ -130,6 +130,8 @@ class GeneralOscillator:
         Offset of a second stop on the other side of the coordinate, that moves with the table.
     bits
         Working precision.
+    stick_below
+        Part of the fastest approach.
     """
 
     def __init__(
@@ -147,8 +149,9 @@ class GeneralOscillator:
         constant_forces: Sequence[float] = (),
         far_stop: Any = None,
         bits: int = BITS,
+        stick_below: Any = STICK_BELOW,
     ) -> None:
-        self.bits = bits
+        self.bits, self.stick_below = bits, stick_below
         self.size = n = len(mass)
         self.contact = range(n)[contact]
         self.sign = {"above": 1, "below": -1}[side]
@@ -296,7 +299,7 @@ class GeneralOscillator:
             return self._order(run, stop) <= 0
         acceleration = -stop.gap.derivatives(run.z)[2]
         lost = acceleration * (1 - self.restitution)
-        if not lost > 0 or run.u > run.fastest * arb(STICK_BELOW):
+        if not lost > 0 or run.u > run.fastest * arb(self.stick_below):
             return False
         rest = 2 * run.u / lost
         bounds = self.flight.bounds(stop.gap, run.z, 3)
