@@ -27,6 +27,20 @@ SHIFT = 52 - CELLS
 _BOX_PAIRS, _DISTANCES = 0, 1
 
 
+@kernel(inline=True)
+def _gap_bounds(
+    low: float, high: float, other_low: float, other_high: float, turn: float
+) -> tuple[float, float]:
+    """Bounds of the distances between two intervals, of angles where one turn is not zero."""
+    least = max(low - other_high, other_low - high, 0.0)
+    most = max(high - other_low, other_high - low)
+    if turn > 0.0:
+        wrapped = min(least, turn - most)
+        most = min(most, turn - least)
+        least = wrapped
+    return least, most
+
+
 @kernel()
 def _box_bounds(
     low: Array, high: Array, turns: Array, a: int, b: int, euclidean: bool
@@ -35,19 +49,9 @@ def _box_bounds(
     near = 0.0
     far = 0.0
     for k in range(low.shape[1]):
-        least = max(low[a, k] - high[b, k], low[b, k] - high[a, k], 0.0)
-        most = max(high[a, k] - low[b, k], high[b, k] - low[a, k])
-        turn = turns[k]
-        if turn > 0.0:
-            wrapped = min(least, turn - most)
-            most = min(most, turn - least)
-            least = wrapped
-        if euclidean:
-            near += least * least
-            far += most * most
-        else:
-            near = max(near, least)
-            far = max(far, most)
+        least, most = _gap_bounds(low[a, k], high[a, k], low[b, k], high[b, k], turns[k])
+        near = near + least * least if euclidean else max(near, least)
+        far = far + most * most if euclidean else max(far, most)
     return near, far
 
 
@@ -61,26 +65,29 @@ def _point_bounds(
     node: int,
     turns: Array,
     euclidean: bool,
+    widest: Array,
 ) -> tuple[float, float]:
-    """Bounds of the distances of a point to those of a box."""
+    """Bounds of the distances of a point to those of a box; along each coordinate in `widest`."""
     near = 0.0
     far = 0.0
     for k in range(points.shape[1]):
         x = points[a, k, i]
-        least = max(x - high[node, k], low[node, k] - x, 0.0)
-        most = max(high[node, k] - x, x - low[node, k])
-        turn = turns[k]
-        if turn > 0.0:
-            wrapped = min(least, turn - most)
-            most = min(most, turn - least)
-            least = wrapped
-        if euclidean:
-            near += least * least
-            far += most * most
-        else:
-            near = max(near, least)
-            far = max(far, most)
+        least, most = _gap_bounds(x, x, low[node, k], high[node, k], turns[k])
+        widest[k] = most
+        near = near + least * least if euclidean else max(near, least)
+        far = far + most * most if euclidean else max(far, most)
     return near, far
+
+
+@kernel()
+def _deciding(near: float, widest: Array, chosen: Integers) -> int:
+    """Coordinates in which distances may exceed `near`, into `chosen`; return how many."""
+    count = 0
+    for k in range(widest.size):
+        if widest[k] > near:
+            chosen[count] = k
+            count += 1
+    return count
 
 
 @kernel()
@@ -99,15 +106,26 @@ def _bin_of(distance: float, edges: Array) -> int:
 
 @kernel()
 def _distances(
-    points: Array, a: int, i: int, b: int, turns: Array, euclidean: bool, out: Array
+    points: Array,
+    a: int,
+    i: int,
+    b: int,
+    turns: Array,
+    euclidean: bool,
+    least: float,
+    chosen: Integers,
+    out: Array,
 ) -> None:
-    """Distances of a point to all slots of a leaf; `out` is modified in place."""
-    size = points.shape[1]
+    """Distances of a point to all slots of a leaf; `out` is modified in place.
+
+    Only coordinates that are chosen count; in the maximum norm no distance is below the least.
+    """
     slots = points.shape[2]
     for j in range(slots):
-        out[j] = 0.0
-    k = 0
-    while k < size:
+        out[j] = least
+    n = 0
+    while n < chosen.size:
+        k = chosen[n]
         x = points[a, k, i]
         turn = turns[k]
         if turn > 0.0:
@@ -118,30 +136,31 @@ def _distances(
                     out[j] += gap * gap
                 else:
                     out[j] = gap if gap > out[j] else out[j]
-            k += 1
-        elif k + 4 <= size and turns[k + 1] == 0.0 and turns[k + 2] == 0.0 and turns[k + 3] == 0.0:
+            n += 1
+        elif n + 4 <= chosen.size and (
+            turns[chosen[n + 1]] + turns[chosen[n + 2]] + turns[chosen[n + 3]] == 0.0
+        ):
             # four coordinates at once: fewer visits to `out`; the sum keeps its order
-            y = points[a, k + 1, i]
-            z = points[a, k + 2, i]
-            w = points[a, k + 3, i]
+            g, h, m = chosen[n + 1], chosen[n + 2], chosen[n + 3]
+            y, z, w = points[a, g, i], points[a, h, i], points[a, m, i]
             if euclidean:
                 for j in range(slots):
                     p = x - points[b, k, j]
-                    q = y - points[b, k + 1, j]
-                    r = z - points[b, k + 2, j]
-                    s = w - points[b, k + 3, j]
+                    q = y - points[b, g, j]
+                    r = z - points[b, h, j]
+                    s = w - points[b, m, j]
                     out[j] = (((out[j] + p * p) + q * q) + r * r) + s * s
             else:
                 for j in range(slots):
                     p = abs(x - points[b, k, j])
-                    q = abs(y - points[b, k + 1, j])
-                    r = abs(z - points[b, k + 2, j])
-                    s = abs(w - points[b, k + 3, j])
+                    q = abs(y - points[b, g, j])
+                    r = abs(z - points[b, h, j])
+                    s = abs(w - points[b, m, j])
                     p = p if p > q else q
                     r = r if r > s else s
                     p = p if p > r else r
                     out[j] = p if p > out[j] else out[j]
-            k += 4
+            n += 4
         else:
             for j in range(slots):
                 gap = abs(x - points[b, k, j])
@@ -149,7 +168,7 @@ def _distances(
                     out[j] += gap * gap
                 else:
                     out[j] = gap if gap > out[j] else out[j]
-            k += 1
+            n += 1
 
 
 @kernel()
@@ -168,6 +187,9 @@ def _count_leaves(
     bins: Integers,
     row: Array,
     row_bits: Integers,
+    widest: Array,
+    every: Integers,
+    chosen: Integers,
     shares: Integers,
     lumps: Integers,
 ) -> int:
@@ -176,8 +198,10 @@ def _count_leaves(
     first = bins[bins.size - 1]
     measured = 0
     for i in range(filled[a]):
+        least = 0.0
+        coordinates = every
         if a != b:
-            near, far = _point_bounds(points, a, i, low, high, node, turns, euclidean)
+            near, far = _point_bounds(points, a, i, low, high, node, turns, euclidean, widest)
             if near > top:
                 continue
             found = _bin_of(near, edges)
@@ -185,9 +209,12 @@ def _count_leaves(
                 shares[blocks[a, i], found] += filled[b]
                 lumps[node, found] += 1
                 continue
+            if not euclidean:
+                least = near
+                coordinates = chosen[: _deciding(near, widest, chosen)]
         begin = i + 1 if a == b else 0
         measured += filled[b] - begin
-        _distances(points, a, i, b, turns, euclidean, row)
+        _distances(points, a, i, b, turns, euclidean, least, coordinates, row)
         block = blocks[a, i]
         for j in range(begin, filled[b]):
             distance = row[j]
@@ -215,6 +242,9 @@ def count_pairs(
     bins: Integers,
     row: Array,
     row_bits: Integers,
+    widest: Array,
+    every: Integers,
+    chosen: Integers,
     stack: Integers,
     shares: Integers,
     lumps: Integers,
@@ -246,6 +276,10 @@ def count_pairs(
         last the number of the first cell.
     row, row_bits : (slots,)
         Scratch: floats, and the same memory as integers.
+    widest, chosen : (d,)
+        Scratch.
+    every : (d,)
+        0, 1, ..., d - 1.
     stack : (any, 2)
         Scratch: six entries for each level of the tree and some more.
     shares : (blocks, k + 1)
@@ -293,6 +327,9 @@ def count_pairs(
                 bins,
                 row,
                 row_bits,
+                widest,
+                every,
+                chosen,
                 shares,
                 lumps,
             )

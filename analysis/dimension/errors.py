@@ -56,10 +56,12 @@ def standard_errors(pairs: Counts, shares: Counts, weights: Array) -> Array:
         scatter = np.where(joined > (1.0 + np.sqrt(2.0 / half)) * scatter, joined, scatter)
     # a pair counts at its distance and at all larger radii
     reach = np.cumsum((weights / pairs)[:, ::-1], axis=1)[:, ::-1]
-    own = reach**2 @ np.diff(pairs, prepend=0)
+    own = reach**2 @ np.append(pairs[:1], pairs[1:] - pairs[:-1])
     return np.asarray(np.sqrt(np.maximum(scatter - own, own)))
 
 
 def _variances(groups: Array) -> Array:
     """Variances, (w,), of sums over blocks of what each has, (b, w)."""
-    return np.asarray(len(groups) * groups.var(axis=0, ddof=1))
+    count = len(groups)
+    apart = groups - groups.sum(axis=0) / count
+    return np.asarray((apart * apart).sum(axis=0) * (count / (count - 1)))

@@ -204,9 +204,9 @@ def _populated(sums: CorrelationSums) -> tuple[Array, Counts, Counts]:
 def _slope_weights(count: int, width: int) -> Array:
     """Weights, (count - width, count), of the slopes over each width + 1 successive radii."""
     offsets = np.arange(width + 1) - 0.5 * width
-    weights = np.zeros((max(count - width, 0), count))
-    for i, row in enumerate(weights):
-        row[i : i + width + 1] = offsets / (offsets @ offsets) / _PITCH
+    begins = np.arange(max(count - width, 0))[:, None]
+    weights = np.zeros((len(begins), count))
+    weights[begins, begins + np.arange(width + 1)] = offsets / (offsets @ offsets) / _PITCH
     return weights
 
 
