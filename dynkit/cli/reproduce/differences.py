@@ -204,7 +204,8 @@ def _transient_chaos(workshop: Workshop) -> tuple[str, Finding]:
     text = (
         f"### Frequency {paper.CHAOS}: the paper chaos, found {found} in the end\n\n"
         f"Of {len(runs)} runs of {VERY_LONG} impacts, besides the first {paper.TRANSIENT}, "
-        f"{len(waits)} settled, on {found}, after {span} impacts. Before that nearby motions part: the "
+        f"{len(waits)} settled, on {found}, after {span} impacts. Before that nearby "
+        "motions part: the "
         f"third column says how many impacts after the first {paper.TRANSIENT + paper.KEPT} two "
         f"motions that begin {NEAR:g} apart need to be {FAR:g} apart. The label after "
         f"{paper.TRANSIENT} impacts looks ahead, up to 20000 impacts, and says `unsettled` where "
