@@ -151,24 +151,26 @@ def _pad(rows: Array, slots: int) -> Array:
 
 
 def cell_bounds(
-    pairs: Pairs, row: Array, smallest: float, rungs: int
+    pairs: Pairs, derivatives: Array, smallest: float, rungs: int
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Weights of abs(y) on the cells of each rung, and which numbers are kept, (rungs, 2, n) each.
+
+    From the rows (7, 2, n) of f and its derivatives.
 
     The error of the quintic Hermite polynomial of f is at most h^6/46080 sup |f^(6)|, and at most
     2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''| (the Bernstein coefficients of the polynomial). On
     cells for which this is the smaller bound a term is left out, and f is off by sup |f| at most.
     """
     h = smallest * 2.0 ** np.arange(rungs)[:, None, None]
-
-    def bound(order: int) -> Array:
-        if pairs.grows:
-            return np.stack([pairs.bound(row, order, window) for window in h.ravel().tolist()])
-        return np.broadcast_to(pairs.bound(row, order), (rungs, *row.shape))
-
+    rows = derivatives[[0, 1, 2, 6]]
+    if pairs.grows:
+        each = np.stack([pairs.bounds(rows, window) for window in h.ravel().tolist()], axis=1)
+    else:
+        each = np.broadcast_to(pairs.bounds(rows)[:, None], (4, rungs, *rows.shape[1:]))
+    most, first, second, sixth = each
     with np.errstate(over="ignore", invalid="ignore"):
-        error, most = bound(6) * h**6 / 46080.0, bound(0)
-        kept = ~(2.0 * most + 0.4 * h * bound(1) + 0.05 * h * h * bound(2) < error)
+        error = sixth * h**6 / 46080.0
+        kept = ~(2.0 * most + 0.4 * h * first + 0.05 * h * h * second < error)
     kept[0] = True
     # Finite, so that they vanish where the number does.
     return np.fmin(np.where(kept, error, most), LARGEST), kept
@@ -190,11 +192,13 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     rungs = propagators.rungs
     seen = padded(row.shape[1])
     full = _pad(row, pairs.count)
-    rows = _pad(np.concatenate([pairs.derivative_rows(full, order) for order in range(4)]), seen)
     window = propagators.smallest * 2.0 ** (rungs - 1) if pairs.grows else inf
     with np.errstate(over="ignore", invalid="ignore"):
-        last = pairs.bound(full, DEGREE + 1, window) / factorial(DEGREE + 1)
-        weights, kept = cell_bounds(pairs, full, propagators.smallest, rungs)
+        derivatives = pairs.derivatives(full, DEGREE + 2)
+        fourth, last = pairs.bounds(derivatives[[4, DEGREE + 1]], window)
+        last /= factorial(DEGREE + 1)
+        weights, kept = cell_bounds(pairs, derivatives, propagators.smallest, rungs)
+    rows = _pad(derivatives[:4].reshape(8, -1), seen)
     size = pairs.bound(full, 0)
     tail, drift, swing = tail_rows(propagators.responses, full, steady)
     if pairs.grows:
@@ -204,7 +208,7 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     slow &= full.any(axis=0)
     slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude
     size[:, slow] = abs(full[:, slow])
-    bounds = [size, pairs.bound(full, 4, window), last, tail, drift]
+    bounds = [size, fourth, last, tail, drift]
     bounds.append((pairs.scale == 0.0).astype(float)[None])
     rows = np.concatenate([rows, _pad(np.concatenate(bounds), seen)])
     cell = np.empty((rungs, 10, seen))

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from decimal import Decimal, localcontext
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -149,42 +150,51 @@ class Pairs:
         """One pair that stays what it is."""
         return Pairs(np.zeros((4, 1)), np.zeros((4, 1)), np.ones(1))
 
-    def derivative_rows(self, row: Array, order: int) -> Array:
-        """Row (2, n) of the derivative of that order, from the row (2, n) of the value."""
+    def derivatives(self, row: Array, count: int) -> Array:
+        """Rows (count, 2, n) of the value and its derivatives, from the row (2, n) of the value."""
         g, b = self.generator, self.coupling
         target, source = self.links
-        for _ in range(order):
-            changed = np.stack([row[0] * g[0] + row[1] * g[2], row[0] * g[1] + row[1] * g[3]])
+        rows = np.empty((count, *row.shape))
+        rows[0] = row
+        for here, there in pairwise(rows):
+            there[0] = here[0] * g[0] + here[1] * g[2]
+            there[1] = here[0] * g[1] + here[1] * g[3]
             if target.size:
-                np.add.at(changed[0], source, row[0, target] * b[0] + row[1, target] * b[2])
-                np.add.at(changed[1], source, row[0, target] * b[1] + row[1, target] * b[3])
-            row = changed
-        return row
+                np.add.at(there[0], source, here[0, target] * b[0] + here[1, target] * b[2])
+                np.add.at(there[1], source, here[0, target] * b[1] + here[1, target] * b[3])
+        return rows
+
+    def derivative_rows(self, row: Array, order: int) -> Array:
+        """Row (2, n) of the derivative of that order, from the row (2, n) of the value."""
+        return np.asarray(self.derivatives(row, order + 1)[order])
 
     def bound(self, row: Array, order: int, window: float = math.inf) -> Array:
         """Weights (2, n) of abs(y) that bound the derivative of that order for a time `window`.
 
         Infinite where it may grow beyond all bounds.
         """
-        row = self.derivative_rows(row, order)
+        return np.asarray(self.bounds(self.derivative_rows(row, order)[None], window)[0])
+
+    def bounds(self, rows: Array, window: float = math.inf) -> Array:
+        """Weights (k, 2, n) of abs(y) that bound what rows (k, 2, n) give, for a time `window`."""
         together = self.scale > 0.0
         scale = np.where(together, self.scale, 1.0)
-        norm = np.hypot(row[0], row[1] / scale)
+        norm = np.hypot(rows[:, 0], rows[:, 1] / scale)
         if self.cluster is not None:
-            squares = np.bincount(self._clusters, np.where(together, norm * norm, 0.0), self.count)
-            norm = np.sqrt(squares)[self._clusters]
-        weights = np.stack(
-            [np.where(together, norm, abs(row[0])), np.where(together, norm, abs(row[1]))]
-        )
+            for part in norm:
+                squares = np.where(together, part * part, 0.0)
+                part[:] = np.sqrt(np.bincount(self._clusters, squares, self.count))[self._clusters]
+        weights = np.where(together, norm[:, None], abs(rows))
         if self._parts is not None:
             number, growth, decay = self._parts
             larger = _majorant(growth, decay, window)
-            own = np.zeros(len(growth))
             involved = number >= 0
-            own[number[involved]] = weights[involved]  # the same for all of a part
-            total = (own[:, None] * np.where(own[:, None] > 0.0, larger, 0.0)).sum(axis=0)
-            weights = np.where(involved, total[number], weights)
-        weights[1] *= scale
+            for part in weights:
+                own = np.zeros(len(growth))
+                own[number[involved]] = part[involved]  # the same for all of a part
+                total = (own[:, None] * np.where(own[:, None] > 0.0, larger, 0.0)).sum(axis=0)
+                part[:] = np.where(involved, total[number], part)
+        weights[:, 1] *= scale
         return weights
 
     @cached_property
