@@ -54,10 +54,15 @@ def standard_errors(pairs: Counts, shares: Counts, weights: Array) -> Array:
         groups = groups[: 2 * half].reshape(half, 2, -1).sum(axis=1)
         joined = _variances(groups)
         scatter = np.where(joined > (1.0 + np.sqrt(2.0 / half)) * scatter, joined, scatter)
+    own = counting_errors(pairs, weights) ** 2
+    return np.asarray(np.sqrt(np.maximum(scatter - own, own)))
+
+
+def counting_errors(pairs: Counts, weights: Array) -> Array:
+    """Return what the standard errors, (w,), would be of independent pairs: they are no smaller."""
     # a pair counts at its distance and at all larger radii
     reach = np.cumsum((weights / pairs)[:, ::-1], axis=1)[:, ::-1]
-    own = reach**2 @ np.append(pairs[:1], pairs[1:] - pairs[:-1])
-    return np.asarray(np.sqrt(np.maximum(scatter - own, own)))
+    return np.asarray(np.sqrt(reach**2 @ np.append(pairs[:1], pairs[1:] - pairs[:-1])))
 
 
 def _variances(groups: Array) -> Array:

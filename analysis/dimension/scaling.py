@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from dynkit.analysis.dimension.errors import standard_errors
+from dynkit.analysis.dimension.errors import counting_errors, standard_errors
 from dynkit.analysis.dimension.sums import CorrelationSums, Counts
 from dynkit.validation import Array
 
@@ -234,7 +234,9 @@ def _longest_region(
         apart = abs(parts - slopes[:, None]).max(axis=1)
         # two errors of TOLERANCE at most, and TOLERANCE itself
         likely = np.flatnonzero((slopes > 0.0) & (apart <= 3.0 * TOLERANCE * slopes))
-        for i in likely.tolist():
+        # the lowest quarter has the fewest pairs
+        errors = counting_errors(pairs, (quarters[: len(whole)] - whole)[likely])
+        for i in likely[errors <= TOLERANCE * slopes[likely]].tolist():
             if _agree(pairs, shares, whole[i], quarters[begins[i]]):
                 return _region(radii, pairs, shares, whole[i], quarters[begins[i]])
     return None
