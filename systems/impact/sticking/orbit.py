@@ -53,8 +53,8 @@ class StickingOrbit(DrivenOrbit):
     def states(self) -> Array:
         """Section coordinates (k, 2N) at the releases: see `ImpactOscillator`."""
         rows = [
-            np.append(passage.places, [0.0, passage.phases[0] % TWO_PI])
-            for passage in self._passages
+            np.append(q.places, [-0.0 if q.word.start else 0.0, q.phases[0] % TWO_PI])
+            for q in self._passages
         ]
         states = np.array(rows)
         states.setflags(write=False)

@@ -161,8 +161,9 @@ class StickingProblem(Problem):
         unit = np.repeat(self.sizes, self.half)
         force = float(abs(passage.release[1]) @ unit) + abs(passage.release[2])
         gaps = np.full(len(passage.word.sides), self.sizes[0])
-        # A short flight ends where its mean velocity is zero; the impact before is no solution.
-        gaps[1:] = self.sizes[1] * passage.durations[1:]
+        # The impact before is no solution: without rebound it is one twice.
+        short = passage.w * passage.durations[1:]
+        gaps[1:] *= short if passage.r > 0.0 else short**2
         return PASSED * np.concatenate([unit, [force], gaps])
 
     def residual(self, x: Array, p: Array) -> Array:

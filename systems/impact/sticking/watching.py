@@ -29,9 +29,20 @@ class Watched(NamedTuple):
     side: int = 0
 
 
-KINDS = {"impact": "GR", "flight": "GR", "chatter": "CB", "hold": "CB", "release": "CB"}
-"""Velocities before impacts, smallest gaps of flights; forces where chatter ends, the smallest of a
-contact, and how fast it falls at the release."""
+KINDS = {
+    "impact": "GR",
+    "flight": "GR",
+    "lift": "CB",
+    "chatter": "CB",
+    "hold": "CB",
+    "release": "CB",
+}
+"""Velocities before impacts, smallest gaps of flights; accelerations of the gap after impacts that
+do not rebound; forces where chatter ends, the smallest of a contact, how fast it falls at a release.
+"""
+
+ENDS = ("lift", "chatter")
+"""Beyond these there is no such orbit."""
 
 
 def items(passages: list[Passage]) -> list[Watched]:
@@ -41,6 +52,8 @@ def items(passages: list[Passage]) -> list[Watched]:
         impacts, stops = range(len(passage.word.sides)), range(len(passage.scene.holdings))
         found += [Watched("impact", k, i) for i in impacts]
         found += [Watched("flight", k, i, side) for i in impacts for side in stops]
+        if passage.r == 0.0:
+            found += [Watched("lift", k, i) for i in impacts[:-1]]
         found += [Watched(what, k) for what in ("chatter", "hold", "release")]
     return found
 
@@ -48,7 +61,7 @@ def items(passages: list[Passage]) -> list[Watched]:
 def watched(passages: list[Passage]) -> list[Event]:
     """What the kinds of `KINDS` are; a flight from or to an impact that pulls tells nothing."""
     return [
-        Event(KINDS[w.what], w.passage, _value(passages[w.passage], w), ends=w.what == "chatter")
+        Event(KINDS[w.what], w.passage, _value(passages[w.passage], w), ends=w.what in ENDS)
         for w in items(passages)
     ]
 
@@ -60,6 +73,9 @@ def _value(passage: Passage, w: Watched) -> float:
         pulled = passage.rates[w.number] > 0.0
         pulled = pulled or (w.number > 0 and passage.rates[w.number - 1] > 0.0)
         return math.nan if pulled else lowest_gap(passage, w.number, w.side)[0]
+    if w.what == "lift":
+        after = passage.states[w.number + 1]
+        return float(passage.scene.gap(after, passage.word.sides[w.number], 2))
     if w.what == "release":
         return -float(passage.scene.holdings[passage.word.start].force(passage.start, 1))
     if w.what == "chatter":
@@ -152,8 +168,8 @@ class Border(Condition):
         if w.what == "hold":
             since = (own - passage.contact_phase) / turn
             return force_curve(passage, since, 2)[:, 0] / [force, force * turn]
-        unit = {"impact": speed, "chatter": force, "release": force * turn}[w.what]
-        return np.array([_value(passage, w) / unit])
+        units = {"impact": speed, "lift": length * turn**2, "chatter": force}
+        return np.array([_value(passage, w) / units.get(w.what, force * turn)])
 
 
 def condition_of(
@@ -179,7 +195,7 @@ def touched(passages: list[Passage], event: int, own: Array) -> Mapping[str, flo
     w = items(passages)[event]
     passage = passages[w.passage]
     side = passage.word.sides[-1]
-    if w.what == "impact":
+    if w.what in ("impact", "lift"):
         at, side = float(passage.phases[w.number + 1]), passage.word.sides[w.number]
     elif w.what == "release":
         at, side = float(passage.phases[0]), passage.word.start
