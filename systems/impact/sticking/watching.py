@@ -38,8 +38,8 @@ KINDS = {
     "release": "CB",
 }
 """Velocities before impacts, smallest gaps of flights; accelerations of the gap after impacts that
-do not rebound; forces where chatter ends, the smallest of a contact, how fast it falls at a release.
-"""
+do not rebound; contact forces where chatter ends, the smallest of each contact, and how fast they
+fall at releases."""
 
 ENDS = ("lift", "chatter")
 """Beyond these there is no such orbit."""
