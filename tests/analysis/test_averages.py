@@ -97,7 +97,7 @@ SERIES: dict[str, tuple[Callable[[], Array], float | None, float]] = {
     "Henon, short": (lambda: henon(128), 0.41922, 1.5),
     "Henon": (lambda: henon(1000), 0.41922, 1.5),
     "Lorenz": (lambda: lorenz(600), 0.9056, 2.5),
-    "ten masses": (lambda: impacts(500), None, 1.5),
+    "ten masses": (lambda: impacts(300), None, 1.5),
     "logistic map": (lambda: logistic(2000), np.log(2.0), 6.0),
 }
 

@@ -38,7 +38,7 @@ def drifting(seed: int, n: int = 1280) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("n", "d", "step"), [(1000, 1, 10.0), (1000, 1, 0.05), (3000, 2, 10.0)],
+    ("n", "d", "step"), [(1000, 1, 10.0), (1000, 1, 0.05), (1500, 2, 10.0)],
     ids=["ring", "ring with memory", "torus"],
 )  # fmt: skip
 def test_known_dimension_is_within_the_error_bar_as_often_as_claimed(
@@ -107,7 +107,7 @@ def test_error_is_nan_where_there_is_no_pair() -> None:
 
 # --- Takens' estimate ---------------------------------------------------------------------------
 
-CURVES = 30
+CURVES = 20
 """Seeds of sets whose curves bend or wave, so that the largest radii mislead the estimate."""
 
 

@@ -77,7 +77,7 @@ def test_errors_are_standard_errors() -> None:
     # Of 40 runs; the root mean square of 40 normal deviates lies in [0.66, 1.34] by three of its
     # own standard errors, sqrt(1/80), and twice the error holds 36 of them or more.
     starts = Henon().iterate(np.array([0.1, 0.1]), 40)[1:] * [0.5, 0.5]
-    runs = [LyapunovSpectrum.of_map(Henon(), start, iterations=640) for start in starts]
+    runs = [LyapunovSpectrum.of_map(Henon(), start, iterations=256) for start in starts]
     deviates = np.array([(run.exponents[0] - HENON[0]) / run.error[0] for run in runs])
     assert 0.66 < np.sqrt((deviates**2).mean()) < 1.34
     assert (abs(deviates) <= 2.0).sum() >= 36
