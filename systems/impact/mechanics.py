@@ -270,7 +270,7 @@ class Contact:
     def to_stuck(self) -> Array:
         """(2 stuck slots, 2 slots + 1) matrix of the kernels' `Stop`."""
         s, free, stuck = self._structure, self._free.forced, self.forced
-        (q, sine, cosine), origin = _units(self._free)
+        (q, sine, cosine), origin = unit_states(self._free)
         x, v = free.displacements(q, sine, cosine), free.speeds(q, sine, cosine)
         v[origin] += free.drift
         # The impacts left out take the relative velocity, and what it gives masses coupled by
@@ -286,14 +286,14 @@ class Contact:
     def to_free(self) -> Array:
         """(2 slots, 2 stuck slots + 1) matrix of the kernels' `Stop`."""
         free, stuck = self._free.forced, self.forced
-        (q, sine, cosine), origin = _units(self.regime)
+        (q, sine, cosine), origin = unit_states(self.regime)
         x, v = stuck.displacements(q, sine, cosine), stuck.speeds(q, sine, cosine)
         x[origin] += stuck.rest - free.rest
         v[origin] += stuck.drift - free.drift
         return _matrix(self._free, free.coordinates(x, v, sine, cosine), sine, cosine, origin)
 
 
-def _units(regime: Regime) -> tuple[tuple[Array, Array, Array], int]:
+def unit_states(regime: Regime) -> tuple[tuple[Array, Array, Array], int]:
     """Coordinates, sine and cosine of each unit state, and of no state at all, the last row."""
     count = 2 * regime.layout.slots
     return regime.parts(np.eye(count + 1, count).reshape(count + 1, 2, -1)), count

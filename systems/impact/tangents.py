@@ -146,29 +146,20 @@ def _flights(
     return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
 
 
-def carried(motion: FreeMotion, durations: Array, jumps: Array, disturbances: Array) -> Array:
-    """What becomes of disturbances (2N, k) of the free state in flights (n,), impacts after each.
-
-    `jumps` (n, 2) are as in `tangent_kernels.stretch`.
-    """
-    from dynkit.systems.impact.tangent_kernels import carry
-
-    d = len(disturbances)
-    frame = np.ascontiguousarray(disturbances.T)
-    none = np.full(len(durations), -1)
-    flown = _flights(motion, durations, none, np.empty((0, d, d)))
-    carry(*flown, motion.vectors, jumps, frame, np.empty(d))
-    return np.ascontiguousarray(frame.T)
-
-
 def chatter_carried(oscillator: ImpactOscillator, run: Run, disturbances: Array) -> Array:
     """What becomes of disturbances (2N, k) of the start of a run that has no contact."""
+    from dynkit.systems.impact.tangent_kernels import carry
+
     if not run.impacts:
         return disturbances
-    motion = free_motion(oscillator._structure)
+    motion, d = free_motion(oscillator._structure), len(disturbances)
     flights = np.diff(run.states[:, -1], prepend=0.0)
     jumps, _ = _jumps(oscillator, run, flights, np.empty(0))
-    return carried(motion, flights, jumps, disturbances)
+    frame = np.ascontiguousarray(disturbances.T)
+    none = np.full(len(flights), -1)
+    flown = _flights(motion, flights, none, np.empty((0, d, d)))
+    carry(*flown, motion.vectors, jumps, frame, np.empty(d))
+    return np.ascontiguousarray(frame.T)
 
 
 def _jumps(

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.systems.impact.motion import evolve, transformed
+from dynkit.systems.impact.mechanics import unit_states
+from dynkit.systems.impact.motion import evolve
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.validation import Array
 
@@ -27,58 +28,67 @@ class Holding:
         Coordinates of the stuck modes, both rows in turn, by the places.
     outward : (2N - 2, 2N - 2)
         The inverse.
+    force_row : (2N - 2,)
+        Derivative of the contact force by the places.
     """
 
     def __init__(self, system: ImpactOscillator, side: int) -> None:
         self.system, self.side = system, side
         self.contact = system._contacts[side]
         self.regime = self.contact.regime
-        self._others = system._structure.others
-        count = 2 * len(self._others)
-        x, v = np.zeros((2, count, system.degrees_of_freedom))
-        half = np.arange(len(self._others))
-        x[half, self._others] = v[half + len(half), self._others] = 1.0
-        none = np.zeros(count)
-        self.inward = self.regime.forced.coordinates(x, v, none, none).reshape(count, count).T
-        units = np.eye(count).reshape(count, 2, len(half))
-        self.outward = self._places(units, none, none, still=False).T
+        modes = self.regime.layout.modes
+        self._state, self._places = self._affine()
+        both = np.append(modes, self.regime.layout.slots + modes)
+        self.inward = self._state[both, :-3]
+        self.outward = self._places[:, both]
+        self.force_row = self._whole(self.contact.force.rows[:2])[both] @ self.inward
 
-    def _places(self, q: Array, sine: Any, cosine: Any, *, still: bool) -> Array:
-        """Places (..., 2N - 2) of coordinates (..., 2, N - 1), or their linear part."""
-        forced = self.regime.forced
-        x, v = forced.displacements(q, sine, cosine), forced.speeds(q, sine, cosine)
-        if still:
-            x, v = x + forced.rest, v + forced.drift
-        return np.concatenate([x[..., self._others], v[..., self._others]], axis=-1)
+    def _affine(self) -> tuple[Array, Array]:
+        """States by places, sine, cosine and one; places by states and one."""
+        others, forced = self.system._structure.others, self.regime.forced
+        half, count = len(others), 2 * len(others)
+        x, v = np.zeros((2, count + 3, self.system.degrees_of_freedom))
+        x[np.arange(half), others] = v[np.arange(half, count), others] = 1.0
+        x[-1] -= forced.rest
+        v[-1] -= forced.drift
+        sine, cosine = np.eye(count + 3)[[count, count + 1]]
+        states = self.regime.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
+        if self.regime.layout.constant >= 0:
+            states[:-1, 0, self.regime.layout.constant] = 0.0
+
+        parts, origin = unit_states(self.regime)
+        x, v = forced.displacements(*parts), forced.speeds(*parts)
+        x[origin] += forced.rest
+        v[origin] += forced.drift
+        places = np.concatenate([x[:, others], v[:, others]], axis=1)
+        return states.reshape(count + 3, -1).T, places.T
+
+    def _whole(self, row: Array) -> Array:
+        """A row of the seen slots as one of all numbers of a state."""
+        out = np.zeros((2, self.regime.layout.slots))
+        out[:, : row.shape[1]] = row
+        return out.ravel()
 
     # --- states (2, stuck slots) ------------------------------------------------------------------
 
     def state(self, z: Array, phase: float) -> Array:
         """The stuck state at places and a phase."""
-        return self._state(z, math.sin(phase), math.cos(phase), still=True)
+        numbers = np.concatenate([z, [math.sin(phase), math.cos(phase), 1.0]])
+        return np.asarray((self._state @ numbers).reshape(2, -1))
 
     def turned(self, phase: float) -> Array:
         """Derivative of `state` by the phase."""
-        return self._state(np.zeros(len(self.inward)), math.cos(phase), -math.sin(phase))
+        turn = np.array([math.cos(phase), -math.sin(phase)])
+        return np.asarray((self._state[:, -3:-1] @ turn).reshape(2, -1))
 
-    def _state(self, z: Array, sine: float, cosine: float, *, still: bool = False) -> Array:
-        forced, n = self.regime.forced, self.system.degrees_of_freedom
-        x, v = np.zeros((2, n))
-        x[self._others], v[self._others] = z.reshape(2, -1)
-        if still:
-            x, v = x - forced.rest, v - forced.drift
-        state = self.regime.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
-        if not still and self.regime.layout.constant >= 0:
-            state[0, self.regime.layout.constant] = 0.0
-        return np.asarray(state)
-
-    def places(self, state: Array) -> Array:
-        """Places of a stuck state."""
-        return self._places(*self.regime.parts(state), still=True)
+    def places(self, states: Array) -> Array:
+        """Places (..., 2N - 2) of stuck states (..., 2, slots)."""
+        return self.change(states) + self._places[:, -1]
 
     def change(self, rates: Array) -> Array:
-        """Rates of change of the places by those (2, slots) of a stuck state."""
-        return self._places(*self.regime.parts(rates), still=False)
+        """Rates of change of the places by those (..., 2, slots) of stuck states."""
+        flat = rates.reshape(*rates.shape[:-2], -1)
+        return np.asarray(flat @ self._places[:, :-1].T)
 
     def force(self, states: Array, order: int = 0) -> Any:
         """The contact force in states (..., 2, slots), or a derivative of it in time."""
@@ -92,32 +102,28 @@ class Holding:
         row = self.contact.force.rows[:2]
         return float((row * change[:, : row.shape[1]]).sum())
 
-    @property
-    def force_row(self) -> Array:
-        """Derivative (2N - 2,) of the contact force by the places."""
-        row = np.zeros((2, self.regime.layout.slots))
-        seen = self.contact.force.rows[:2]
-        row[:, : seen.shape[1]] = seen
-        return np.asarray(row[:, self.regime.layout.modes].ravel() @ self.inward)
-
-    def release(self, z: Array, phase: float) -> ImpactState:
-        """The state of the oscillator that is released at places and a phase."""
-        free = self.system._free
-        q, _, _ = free.parts(self.released(self.state(z, phase)))
-        turn = np.array([math.sin(phase), math.cos(phase)])
-        return state_of(self.system, q, turn, math.copysign(0.0, 0.5 - self.side), Motion.RELEASE)
-
     # --- from and to free states (2, slots) -------------------------------------------------------
 
     def released(self, state: Array) -> Array:
         """The free state of a stuck one."""
-        return np.asarray(transformed(self.contact.to_free, state[None])[0])
+        return _mapped(self.contact.to_free, state)
 
     def caught(self, state: Array) -> Array:
         """The stuck state that a free one becomes; its relative velocity is lost."""
-        return np.asarray(transformed(self.contact.to_stuck, state[None])[0])
+        return _mapped(self.contact.to_stuck, state)
+
+    def release(self, z: Array, phase: float) -> ImpactState:
+        """The state of the oscillator that is released at places and a phase."""
+        q, _, _ = self.system._free.parts(self.released(self.state(z, phase)))
+        turn = np.array([math.sin(phase), math.cos(phase)])
+        return state_of(self.system, q, turn, math.copysign(0.0, 0.5 - self.side), Motion.RELEASE)
 
     def after(self, state: Array, durations: Array) -> Array:
         """Stuck states (k, 2, slots) at durations (k,) after one."""
         which = np.zeros(len(durations), dtype=np.intp)
         return evolve(self.contact.force, state[None], which, durations)
+
+
+def _mapped(matrix: Array, state: Array) -> Array:
+    """A state (2, slots) in the other basis, by a matrix of the kernels' `Stop`."""
+    return np.asarray((matrix[:, :-1] @ state.ravel() + matrix[:, -1]).reshape(2, -1))

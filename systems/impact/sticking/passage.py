@@ -16,7 +16,6 @@ from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import Motion, state_of
 from dynkit.systems.impact.sticking.holding import Holding
 from dynkit.systems.impact.tangents import (
-    carried,
     chatter_carried,
     free_states,
     held,
@@ -257,21 +256,18 @@ class Passage:
             rate[d + 1 + k] += float(scene.gap(self.before[k], side, 2)) / w
             moved = moved - (1.0 + self.r) * sign * np.outer(rows[0], rate)
             moved[:, d + 1 + k] += (1.0 + self.r) * sign * self.rates[k] / w * rows[1]
-        return gaps, self._ended(moved, self.lasts, d + n + 1)
+        ended = self._ended(moved)
+        end = scene.holdings[word.sides[-1]]
+        ended[:, -1] += end.change(self._rate(end, self.end)) / w
+        return gaps, ended
 
-    def _ended(self, moved: Array, lasts: float, last: int | None) -> Array:
-        """Changes of the places at the end by disturbances (2N, m) after the last impact.
-
-        Column number `last` is that of the phase at the end.
-        """
+    def _ended(self, moved: Array) -> Array:
+        """Changes of the places at the end by disturbances (2N, m) after the last impact."""
         system, side = self.scene.system, self.word.sides[-1]
-        holding = self.scene.holdings[side]
         moved = chatter_carried(system, self.run, moved)
         moved = onto(system, side, self.last[None], np.array([self.speed]))[0] @ moved
-        ended = holding.outward @ (held(system, side, np.array([lasts]))[0] @ moved)
-        if last is not None:
-            ended[:, last] += holding.change(self._rate(holding, self.end)) / self.w
-        return np.asarray(ended)
+        moved = held(system, side, np.array([self.lasts]))[0] @ moved
+        return np.asarray(self.scene.holdings[side].outward @ moved)
 
     @staticmethod
     def _stuck_modes(holding: Holding, change: Array) -> Array:
@@ -288,13 +284,10 @@ class Passage:
         The phases of the impacts follow; those of the releases stay, and as the contact force is
         zero there it makes no difference.
         """
-        scene, word = self.scene, self.word
-        moved = off(scene.system, word.start) @ scene.holdings[word.start].inward
-        rates = np.array(self.rates)
-        bends = [scene.gap(y, s, 2) for y, s in zip(self.before, word.sides, strict=True)]
-        bend = (1.0 + self.r) * np.array(bends) / rates
-        jumps = np.stack([bend, np.full(len(rates), -(1.0 + self.r))], axis=1)
-        return self._ended(carried(scene.motion, self.durations, jumps, moved), self.lasts, None)
+        gaps, ended = self.linear
+        d, n = len(ended), len(gaps)
+        moved = np.linalg.solve(gaps[:, d + 1 : d + 1 + n], gaps[:, :d])
+        return np.asarray(ended[:, :d] - ended[:, d + 1 : d + 1 + n] @ moved)
 
     @cached_property
     def release(self) -> tuple[float, Array, float]:
