@@ -196,14 +196,17 @@ class Passage:
         return replace(run, states=run.states[:k], contacts=run.contacts[:0], impacts=k)
 
     def _lifts_off(self, run: Run, count: int) -> Any:
-        """Whether nothing holds the mass down to the end of each of the first flights, (count,)."""
-        side = self.word.sides[-1]
+        """Whether each of the first flights, (count,), leaves the chatter.
+
+        It is longer than the one before, and nothing holds the mass down to its end.
+        """
         states = free_states(self.scene.system, run)[:count]
         flights = np.diff(run.states[:count, -1], prepend=0.0)
-        bend, change = (self.scene.gap(states, side, order) for order in (2, 3))
-        return (bend + np.maximum(change, 0.0) * flights >= 0.0) | (
-            np.signbit(run.states[:count, -2]) != bool(side)
-        )
+        bend, change = (self.scene.gap(states, self.word.sides[-1], order) for order in (2, 3))
+        freed = bend + np.maximum(change, 0.0) * flights >= 0.0
+        longer = flights > np.append(self.durations[-1], flights[:-1])
+        far = np.signbit(run.states[:count, -2]) != bool(self.word.sides[-1])
+        return (freed & longer) | far
 
     @property
     def pressing(self) -> float:
