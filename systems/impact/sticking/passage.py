@@ -66,6 +66,10 @@ class Scene:
     system : ImpactOscillator
     motion : FreeMotion
     holdings : (stops,) of Holding
+    kick : (2, slots)
+        Change of the free state by a unit jump of the contact velocity.
+    shift : (2, slots)
+        The same by a unit jump of the contact coordinate.
     """
 
     def __init__(self, system: ImpactOscillator) -> None:
@@ -73,8 +77,11 @@ class Scene:
         self.motion: FreeMotion = free_motion(system._structure)
         self.holdings = tuple(Holding(system, side) for side in range(len(system._stands)))
         slots = system._free.layout.slots
-        self.kick = np.zeros((2, slots))
-        self.kick[:, system._free.layout.modes] = system._structure.kick[:2]
+        structure, modes = system._structure, system._free.layout.modes
+        self.kick, self.shift = np.zeros((2, 2, slots))
+        self.kick[:, modes] = structure.kick[:2]
+        unit = np.eye(structure.size)[structure.contact]
+        self.shift[:, modes] = structure.free.coordinates(unit, 0.0 * unit)
 
     def gap(self, states: Array, side: int, order: int) -> Array:
         """Gaps (...) of free states (..., 2, slots), or a derivative of them in time."""
@@ -154,6 +161,9 @@ class Passage:
         free, holding = scene.system._free, scene.holdings[side]
         if self.rates[-1] > 0.0:
             raise NoSolution("the chatter must begin with an impact that pushes")
+        # From here on the gap is taken to be zero, so the contact coordinate is put onto the stop.
+        sign = scene.system._stands[side].sign
+        self.states[-1] = self.states[-1] - sign * self.gaps[-1] * scene.shift
         q, sine, cosine = free.parts(self.states[-1])
         u = math.copysign(self.r * self.rates[-1], 0.5 - side)
         turn = np.array([float(sine), float(cosine)])
@@ -259,6 +269,7 @@ class Passage:
             rate[d + 1 + k] += float(scene.gap(self.before[k], side, 2)) / w
             moved = moved - (1.0 + self.r) * sign * np.outer(rows[0], rate)
             moved[:, d + 1 + k] += (1.0 + self.r) * sign * self.rates[k] / w * rows[1]
+        moved = moved - sign * np.outer(scene.flat(scene.shift), gaps[-1])
         ended = self._ended(moved)
         end = scene.holdings[word.sides[-1]]
         ended[:, -1] += end.change(self._rate(end, self.end)) / w
