@@ -17,7 +17,7 @@ from dynkit.systems import ImpactChain
 PICTURES = tuple(f"figure-{number}" for number in (7, 8, 9, 10, 11, 12, 13, 16, 17))
 """Items that show single motions; they have tests of their own."""
 
-LONG = ("figure-4-branches", "figure-5", *PICTURES, "table-1")
+LONG = ("figure-4-branches", "figure-5", "resonances", *PICTURES, "table-1")
 """Items that take as long as all others; but for figure 5 they have tests of their own."""
 
 

@@ -19,6 +19,7 @@ from dynkit.cli.reproduce.orbits import (
     figure_11,
     figure_12,
 )
+from dynkit.cli.reproduce.resonances import resonances
 from dynkit.cli.reproduce.section import Section
 from dynkit.cli.reproduce.surfaces import figure_13, figure_16, figure_17
 from dynkit.cli.reproduce.table_1 import table_1
@@ -32,6 +33,7 @@ MAKERS: Mapping[str, Callable[[Workshop], Section]] = {
     "figure-5": figure_5,
     "figure-6a": figure_6a,
     "figure-6b": figure_6b,
+    "resonances": resonances,
     "figure-7": figure_7,
     "figure-8": figure_8,
     "figure-9": figure_9,

@@ -14,6 +14,7 @@ ITEMS = (
     "figure-5",
     "figure-6a",
     "figure-6b",
+    "resonances",
     "figure-7",
     "figure-8",
     "figure-9",
