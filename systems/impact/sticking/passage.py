@@ -208,8 +208,11 @@ class Passage:
     def _lifts_off(self, run: Run, count: int) -> Any:
         """Whether each of the first flights, (count,), leaves the chatter.
 
-        It is longer than the one before, and nothing holds the mass down to its end.
+        It is longer than the one before, and nothing holds the mass down to its end. Without
+        rebound there is no chatter, and any flight leaves.
         """
+        if self.r == 0.0:
+            return np.ones(count, dtype=bool)
         states = free_states(self.scene.system, run)[:count]
         flights = np.diff(run.states[:count, -1], prepend=0.0)
         bend, change = (self.scene.gap(states, self.word.sides[-1], order) for order in (2, 3))
