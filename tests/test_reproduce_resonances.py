@@ -15,6 +15,7 @@ from dynkit.cli.reproduce.resonances_causes import (
     chains,
     drive,
     holding_force,
+    mismatch,
     modes_of,
     spread,
 )
@@ -193,6 +194,15 @@ def test_drive_is_the_integral_of_force_and_velocity(m: int) -> None:
     s = (np.arange(100_000) + 0.5) * pi / 100_000
     integral = abs((np.sin(s) * np.exp(1j * k * s)).mean() * pi)
     assert drive(modes, m) == pytest.approx(m * integral, rel=1e-8)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_mismatch_is_that_of_a_reversed_table(m: int) -> None:
+    modes = modes_of(chain())
+    turn = m * bilinear(modes) * pi / modes.free[0]
+    phases = np.linspace(0.0, 2.0 * pi, 1001)
+    largest = abs(np.sin(phases + turn) + np.sin(phases)).max()
+    assert mismatch(modes, m) == pytest.approx(largest, rel=1e-5)
 
 
 def test_random_starts_are_the_same_again_and_off_the_table() -> None:

@@ -19,6 +19,7 @@ from dynkit.cli.reproduce.resonances_causes import (
     chains,
     drive,
     holding_force,
+    mismatch,
     modes_of,
     resonance,
     spread,
@@ -66,7 +67,7 @@ def resonances(workshop: Workshop) -> Section:
         found = [_of_ridge(each, chain) for each in ridges]
         for name, other in chains(workshop).items():
             found += [resonance(name, other, each.periods) for each in ridges]
-    text, causes = _causes(chain, ridges, found, sweep)
+    text, causes = _causes(workshop, chain, ridges, found)
     parts.append(text)
     findings += causes
     with watch.time("drawing"):
@@ -114,7 +115,9 @@ def _about_branches(ridges: Sequence[Ridge], sweep: Sweep) -> str:
         "where the energy after impacts is largest and how large, the largest modulus of a "
         "multiplier along the branch, and the share of the period in contact after the chatter; "
         "errors in brackets. At an end of kind CB the chatter completes just as contact is "
-        "lost.\n\n"
+        "lost. In "
+        "the figure the lines are the largest energies and the contacts of the orbits, solid where "
+        "they are stable, dashed where not; dots are all impacts and contacts of the sweep.\n\n"
         + table(_BRANCHES, rows)
         + "\n\n"
         + _unsettled(ridges, sweep)
@@ -166,7 +169,7 @@ def _of_ridge(each: Ridge, chain: ImpactChain) -> Resonance:
 
 
 def _causes(
-    chain: ImpactChain, ridges: Sequence[Ridge], found: Sequence[Resonance], sweep: Sweep
+    workshop: Workshop, chain: ImpactChain, ridges: Sequence[Ridge], found: Sequence[Resonance]
 ) -> tuple[str, list[Finding]]:
     modes = modes_of(chain)
     rule = min(RULES, key=lambda name: spread(found, name)[0])
@@ -191,9 +194,9 @@ def _causes(
         + "\n\n"
         + _verdict(found, rule)
         + "\n\n"
-        + _soft(sweep, ridges)
+        + _soft(workshop.sweep, ridges)
         + "\n\n"
-        + _third(chain, sweep)
+        + _third(workshop, chain, found)
     )
     words = " and ".join(f"{100.0 * each:+.1f} %" for each in own)
     name = rule.replace("$", "")
@@ -287,8 +290,8 @@ def _soft(sweep: Sweep, ridges: Sequence[Ridge]) -> str:
     )
 
 
-def _third(chain: ImpactChain, sweep: Sweep) -> str:
-    modes = modes_of(chain)
+def _third(workshop: Workshop, chain: ImpactChain, found: Sequence[Resonance]) -> str:
+    modes, sweep = modes_of(chain), workshop.sweep
     at = _THIRD * bilinear(modes)
     turns = range(1, _THIRD + 1)
     energies = np.nanmax(sweep.observable("energy"), axis=1)
@@ -307,15 +310,25 @@ def _third(chain: ImpactChain, sweep: Sweep) -> str:
             f"there is {sweep.label(top)}, and contacts were kept at {sticks} of the "
             f"{len(near)} frequencies."
         )
+    name = "wall spring 0.2"
+    other = chains(workshop)[name]
+    elsewhere = resonance(name, other, _THIRD)
+    heights = [f"{each.energy:.4f}" for each in found if each.name == name]
+    force = holding_force(other, _THIRD * bilinear(elsewhere.modes))
+    apart = [f"{mismatch(modes, m):.2f}" for m in turns]
     return (
-        f"A third resonance would be at {_THIRD} bilinear frequencies, {at:.4f}. {seen} The "
-        "work is not what is missing: that of the table on a contact force of half a sine, at the "
-        f"best phase and with amplitude 1, is {', '.join(drives)} amplitudes of the table for m = "
-        f"{', '.join(map(str, turns))}. But {at:.4f} is near $W_2$ = {modes.stuck[1]:.4f}; in the "
-        "string they are equal. There the table shakes the held chain in resonance: the force that "
-        f"holds the tip to it swings by {', '.join(forces)} amplitudes of the table, and the "
-        "contact that the resonance needs is torn. That is a reason, no proof.\n\n"
-        "What stays open: what decides the last per cent, and the larger deviations of uneven "
-        "chains; and why the branches end where they do, since the energy peaks without sticking "
-        "too (short chains)."
+        f"A third resonance would be at {_THIRD} bilinear frequencies, {at:.4f}. {seen} What "
+        "keeps it away is open. The work is not what is missing: that of the table on a contact "
+        "force of half a sine, at the best phase and with amplitude 1, is "
+        f"{', '.join(drives)} amplitudes of the table for m = {', '.join(map(str, turns))}. Nor "
+        f"alone that {at:.4f} is near $W_2$ = {modes.stuck[1]:.4f}, where the table shakes the "
+        "held chain in resonance and the force that holds the tip to it swings by "
+        f"{', '.join(forces)} amplitudes of the table: with {name} that is {force:.3f} for m = "
+        f"{_THIRD}, and there is no third one either: from {LOW:g} to {HIGH:g} of three bilinear "
+        f"frequencies the energy comes to {elsewhere.energy:.4f}, against {', '.join(heights)} "
+        "before. What is left: a tip that comes back after half a period of $w_1$, "
+        "its position and velocity reversed, finds the table elsewhere, by "
+        f"{', '.join(apart)} amplitudes; soft contact asks for little.\n\n"
+        "Open is also what decides the last per cent, and the larger deviations of uneven chains; "
+        "and why short chains have the peaks without sticking."
     )

@@ -172,3 +172,13 @@ def drive(modes: Modes, periods: int) -> float:
     if k == 1.0:
         return periods * 0.5 * np.pi
     return float(abs(periods * 2.0 * np.cos(0.5 * np.pi * k) / (1.0 - k * k)))
+
+
+def mismatch(modes: Modes, periods: int) -> float:
+    """Return how far a tip that comes back reversed is from the table, in amplitudes of the table.
+
+    It left the table half a period of the first free mode before, where the table had the negative
+    of the tip's position and velocity now: |1 + exp(i angle)|, with the angle of the table's turn.
+    """
+    angle = periods * bilinear(modes) * np.pi / float(modes.free[0])
+    return float(2.0 * abs(np.cos(0.5 * angle)))
