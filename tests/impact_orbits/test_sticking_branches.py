@@ -1,0 +1,248 @@
+"""Branches of orbits that stick: their borders, found again by simulation; stores, drawings."""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from dynkit import continue_orbit
+from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.branch import Branch
+from dynkit.continuation.newton import solve
+from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.sticking.orbit import StickingOrbit
+from dynkit.validation import Array
+from tests.impact_orbits.sticking_cases import differences, releases_of, returned
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+BRANCHES: dict[str, tuple[ImpactChain, int, str, tuple[float, float]]] = {
+    "P(inf,2)": (ImpactChain(frequency=0.408), 2, "frequency", (0.39, 0.42)),
+    "P(inf,1)": (ImpactChain(frequency=0.202), 1, "frequency", (0.19, 0.21)),
+    "unstable": (ImpactChain(frequency=0.408, restitution=0.0), 1, "frequency", (0.38, 0.43)),
+    "grazing": (
+        ImpactChain(masses=3, frequency=0.36, restitution=0.0),
+        1,
+        "frequency",
+        (0.34, 0.365),
+    ),
+    "quasi-periodic": (
+        ImpactChain(masses=3, frequency=0.408, restitution=0.3, damping=0.011),
+        1,
+        "damping",
+        (0.008, 0.0115),
+    ),
+}
+"""Oscillator, periods, parameter and bounds."""
+
+
+@cache
+def branch_of(name: str) -> Branch:
+    system, periods, parameter, bounds = BRANCHES[name]
+    orbit = system.periodic_orbit(sticking=True, periods=periods)
+    return continue_orbit(orbit, parameter, bounds=bounds)
+
+
+def near(found: Bifurcation, offset: float) -> StickingOrbit:
+    """The orbit of a branch at the value of a bifurcation and so much more."""
+    p = np.array([found.value + offset])
+    x, history = solve(found.problem, found.unknowns, p)
+    orbit = found.problem.orbit(x, p, history)
+    assert isinstance(orbit, StickingOrbit)
+    return orbit
+
+
+def crossing(measured: Callable[[float], float], step: float) -> float:
+    """Zero of the parabola through what is measured at one, two and three steps."""
+    offsets = step * np.arange(1.0, 4.0)
+    parabola = np.polyfit(offsets, [measured(x) for x in offsets.tolist()], 2)
+    roots = np.roots(parabola)
+    return float(roots[np.argmin(abs(roots))].real)
+
+
+# --- borders of chatter ---------------------------------------------------------------------------
+
+# Found before by bisection of simulations in frequency.
+BORDERS = {
+    "P(inf,2)": (0.40255359351, 0.41326053861),
+    "P(inf,1)": (0.19632412261, 0.20341060364),
+}
+
+
+@pytest.mark.parametrize("name", BORDERS)
+def test_branches_of_the_paper_chain_end_where_chatter_completes_last(name: str) -> None:
+    branch = branch_of(name)
+    ends = sorted(b.value for b in branch.bifurcations if b.kind == "CB")
+    assert ends == pytest.approx(BORDERS[name], abs=1e-10)
+    assert ends[0] < branch.parameter.min() < branch.parameter.max() < ends[1]
+    assert [ending.reason.name for ending in branch.endings] == ["BORDER", "BORDER"]
+
+
+@pytest.mark.parametrize("name", BORDERS)
+def test_no_chatter_completes_beyond_a_border(name: str) -> None:
+    for border in branch_of(name).bifurcations:
+        inside = 1.0 if border.value < branch_of(name).parameter.mean() else -1.0
+        orbits = [near(border, inside * d) for d in (1e-7, 2e-7)]
+        states = [orbit.states[0] for orbit in orbits]
+        counts = []
+        for k in (0.01, -0.01):
+            state = states[0] + (k - 1.0) * (states[1] - states[0])
+            p = {border.parameter: border.value + inside * k * 1e-7}
+            system = orbits[0].system.replace(**p)
+            record = system.simulate(impacts=400, start=system.impact_state(state))
+            ends = record.sticking[:, 1]
+            counts.append(int((abs(ends - orbits[0].period) < 0.05 * orbits[0].period).sum()))
+        assert counts == [1, 0]
+
+
+def landing_force(orbit: StickingOrbit) -> float:
+    """The force of the table where contact begins, without rebound."""
+    releases, _, phase = releases_of(orbit)
+    begin = orbit.contacts[0, 0]
+    x, v = (part[0] for part in orbit.sample([begin]))
+    places = np.concatenate([x[releases.others], v[releases.others]])
+    return releases.force(places, phase + orbit.system.frequency * begin)
+
+
+def force_near(border: Bifurcation, offset: float) -> float:
+    return landing_force(near(border, offset))
+
+
+def test_without_rebound_the_force_where_contact_begins_is_zero_at_the_border() -> None:
+    branch = branch_of("unstable")
+    borders = [b for b in branch.bifurcations if b.kind == "CB"]
+    assert len(borders) == 2
+    for border in borders:
+        inside = 1.0 if border.value < branch.parameter.mean() else -1.0
+        off = crossing(partial(force_near, border), inside * 2e-5)
+        assert abs(off) < 1e-9
+
+
+def test_an_unstable_branch_is_followed_to_both_ends() -> None:
+    branch = branch_of("unstable")
+    assert not branch.stable.any()
+    assert branch.admissible.all()
+    assert [ending.reason.name for ending in branch.endings] == ["BORDER", "BORDER"]
+
+
+# --- grazing --------------------------------------------------------------------------------------
+
+
+def smallest_gap(orbit: StickingOrbit) -> float:
+    """Of the minima of the gap in simulated flight, by samples and a search."""
+    system = orbit.system
+    record = system.simulate(impacts=40, start=system.impact_state(orbit.states[0]))
+    phase = float(orbit.phases[0])
+
+    def gap(times: Array) -> Array:
+        tip = record.sample(times)[0][:, system.contact]
+        table = system.amplitude * np.sin(phase + system.frequency * times) + system.offset
+        return np.asarray(tip - table)
+
+    events = np.concatenate([[0.0], record.time[record.time < orbit.contacts[0, 0] + 1e-9]])
+    found = []
+    for begin, end in pairwise(events.tolist()):
+        times = np.linspace(begin, end, 2001)
+        values = gap(times)
+        inner = np.flatnonzero((values[1:-1] < values[:-2]) & (values[1:-1] <= values[2:])) + 1
+        for k in inner:
+            best = minimize_scalar(
+                lambda t: float(gap(np.array([t]))[0]),
+                bounds=(times[k - 1], times[k + 1]),
+                method="bounded",
+                options={"xatol": 1e-9},
+            )
+            found.append(float(best.fun))
+    return min(found)
+
+
+def test_a_flight_touches_the_table_at_grazing() -> None:
+    (touch,) = [b for b in branch_of("grazing").bifurcations if b.kind == "GR"]
+    sides = [near(touch, d).admissible for d in (-1e-6, 1e-6)]
+    assert sorted(sides) == [False, True]
+    inside = 1.0 if sides[1] else -1.0
+    off = crossing(lambda d: smallest_gap(near(touch, d)), inside * 1e-5)
+    assert abs(off) < 1e-9
+    assert touch.error < 1e-10
+
+
+def test_a_touch_leads_to_an_orbit_with_an_impact_more() -> None:
+    (touch,) = [b for b in branch_of("grazing").bifurcations if b.kind == "GR"]
+    for other in touch.switch():
+        assert isinstance(other, StickingOrbit)
+        assert other.label == "P(inf,1)"
+        assert other.residual < 1e-13
+        assert len(other.unknowns) == len(touch.unknowns) + 1
+
+
+# --- Neimark-Sacker -------------------------------------------------------------------------------
+
+
+def largest_modulus(orbit: StickingOrbit) -> float:
+    """Of the multipliers by differences of simulations, less one."""
+    _, places, _ = releases_of(orbit)
+    steps = np.full(len(places), 2e-5)
+    matrix = differences(lambda z: returned(orbit, z), places, steps)
+    return float(abs(np.linalg.eigvals(matrix)).max() - 1.0)
+
+
+def test_multipliers_of_simulations_cross_the_unit_circle_at_neimark_sacker() -> None:
+    (border,) = [b for b in branch_of("quasi-periodic").bifurcations if b.kind == "NS"]
+    off = crossing(lambda d: largest_modulus(near(border, d)), 2e-6)
+    assert abs(off) < 1e-9
+    assert border.multiplier is not None
+    assert abs(border.multiplier) == pytest.approx(1.0, abs=1e-12)
+    assert abs(border.multiplier.imag) > 0.01
+
+
+def test_orbits_are_stable_on_one_side_of_neimark_sacker() -> None:
+    branch = branch_of("quasi-periodic")
+    (border,) = [b for b in branch.bifurcations if b.kind == "NS"]
+    assert (branch.stable == (branch.parameter > border.value)).all()
+
+
+# --- branches as objects --------------------------------------------------------------------------
+
+
+def test_a_branch_is_drawn() -> None:
+    ax = branch_of("P(inf,2)").plot()
+    try:
+        assert ax.get_xlabel() == "frequency"
+        assert len(ax.get_lines()) >= 1
+        ax.figure.canvas.draw()
+    finally:
+        plt.close("all")
+
+
+def test_a_loaded_branch_has_the_same_bits(tmp_path: Path) -> None:
+    branch = branch_of("P(inf,1)")
+    path = tmp_path / "branch.h5"
+    branch.save(path)
+    loaded = Branch.load(path, branch.orbit(3))
+    for name in ("parameter", "unknowns", "multipliers", "stable", "admissible", "error"):
+        assert getattr(loaded, name).tobytes() == getattr(branch, name).tobytes()
+    assert repr(loaded) == repr(branch)
+    assert (loaded.label, loaded.endings) == (branch.label, branch.endings)
+    assert loaded.orbit(5).states.tobytes() == branch.orbit(5).states.tobytes()
+    for a, b in zip(loaded.bifurcations, branch.bifurcations, strict=True):
+        assert (a.kind, a.value, a.error, a.touching) == (b.kind, b.value, b.error, b.touching)
+
+
+def test_points_of_a_branch_are_orbits_to_rounding() -> None:
+    branch = branch_of("P(inf,1)")
+    assert (branch.residuals < 1e-12).all()
+    assert branch.admissible.all()
+    for place in (0, len(branch) // 2, -1):
+        orbit = branch.orbit(place)
+        assert isinstance(orbit, StickingOrbit)
+        assert orbit.system.frequency == branch.parameter[place]
+        _, places, _ = releases_of(orbit)
+        assert abs(returned(orbit, places) - places).max() < 1e-10
