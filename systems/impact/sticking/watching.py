@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.sticking.problem import StickingProblem
 
 
+_ROUNDING = 64.0 * 2.0**-52
+
+
 class Watched(NamedTuple):
     """One number that is watched: `what` of passage number `passage`; flights also have a side."""
 
@@ -119,7 +122,9 @@ def _lowest(curve: partial[Array], lasts: float, rows: Array, state: Array) -> t
     sizes = [float((abs(rows[k : k + 2]) * abs(state[:, : rows.shape[1]])).sum()) for k in (0, 4)]
     count = 4.0 * lasts * math.sqrt(sizes[1] / sizes[0]) if sizes[0] > 0.0 else 0.0
     times = np.linspace(0.0, lasts, int(min(max(count, LEAST), MOST)) + 1)
-    return smallest_minimum(curve, times, curve(times, 3))
+    value, time = smallest_minimum(curve, times, curve(times, 3))
+    # Where a flight all but vanishes, minima are rounding.
+    return (value, time) if abs(value) > _ROUNDING * sizes[0] else (math.inf, math.nan)
 
 
 def is_motion(passages: list[Passage]) -> bool:
