@@ -27,6 +27,7 @@ from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.lyapunov import lyapunov_speed
 from tests.benchmarks.report import table
+from tests.benchmarks.sticking import sticking
 from tests.benchmarks.structures import structures
 from tests.reference import solve_ivp_peer
 from tests.reference.values import PAPER_CHAIN
@@ -203,6 +204,7 @@ def main() -> None:
     growth_with_size()
     structures()
     continuation()
+    sticking()
     dimensions()
     start_up()
     beside_solve_ivp()
