@@ -168,11 +168,11 @@ BAD_INPUT = [
     ),
     (
         ["continue", "--frequency", "0.35", "--from", "0.3", "--to", "0.4"],
-        "continue: error: attractor must be P(n,m) with finite n; it is chaotic",
+        "continue: error: attractor must be P(n,m) or P(inf,m); it is chaotic",
     ),
     (
-        ["reproduce", "--out", "results", "--only", "figure-9"],
-        f"reproduce: error: only must hold items among {', '.join(ITEMS)}; got 'figure-9'",
+        ["reproduce", "--out", "results", "--only", "figure-18"],
+        f"reproduce: error: only must hold items among {', '.join(ITEMS)}; got 'figure-18'",
     ),
     (
         ["reproduce"],

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynkit.cli.reproduce import paper, resonances_causes, resonances_search
-from dynkit.cli.reproduce.resonances import resonances
-from dynkit.cli.reproduce.resonances_branches import Ridge, contacts_of, energy_error, ridge
-from dynkit.cli.reproduce.resonances_causes import (
+from dynkit.cli.reproduce import paper
+from dynkit.cli.reproduce.resonances import causes, resonances, search
+from dynkit.cli.reproduce.resonances.branches import Ridge, contacts_of, energy_error, ridge
+from dynkit.cli.reproduce.resonances.causes import (
     RULES,
     bilinear,
     chains,
@@ -19,7 +19,7 @@ from dynkit.cli.reproduce.resonances_causes import (
     modes_of,
     spread,
 )
-from dynkit.cli.reproduce.resonances_search import random_starts, shown
+from dynkit.cli.reproduce.resonances.search import random_starts, shown
 from dynkit.cli.reproduce.section import Section
 from dynkit.cli.reproduce.workshop import Workshop
 from dynkit.systems import ImpactChain
@@ -42,10 +42,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Section, Path, Ridge
         patched.setattr(paper, "FREQUENCIES", (0.194, 0.206, 0.002))
         patched.setattr(paper, "PEAKS", (PEAK,))
         patched.setattr(paper, "STICKING", (PEAK, "P(inf,4)"))
-        patched.setattr(resonances_search, "_PERIODS", (2,))
-        patched.setattr(resonances_search, "_ELSEWHERE", ())
-        patched.setattr(resonances_search, "_STARTS", 2)
-        patched.setattr(resonances_search, "_OTHERS", {"restitution": (0.5,)})
+        patched.setattr(search, "_PERIODS", (2,))
+        patched.setattr(search, "_ELSEWHERE", ())
+        patched.setattr(search, "_STARTS", 2)
+        patched.setattr(search, "_OTHERS", {"restitution": (0.5,)})
         patched.setattr("dynkit.cli.reproduce.resonances.ridge", once)
         patched.setattr(
             "dynkit.cli.reproduce.resonances.chains",
@@ -174,7 +174,7 @@ def test_rules_agree_in_long_uniform_chains() -> None:
 
 
 def test_resonance_is_found_where_the_branch_has_it(branch: Ridge) -> None:
-    found = resonances_causes.resonance("the same", chain(), 1)
+    found = causes.resonance("the same", chain(), 1)
     assert abs(found.frequency - branch.top[0]) <= found.step
     assert found.sticks
     assert spread([found], "bilinear")[1] < 0.01

@@ -7,12 +7,13 @@ from math import ceil
 import numpy as np
 import pytest
 
-from dynkit.cli.reproduce import motions, paper
-from dynkit.cli.reproduce.modes import figure_14, figure_15
-from dynkit.cli.reproduce.motions import Motion
-from dynkit.cli.reproduce.rows import DIMENSIONS, EXPONENTS, MODES
+from dynkit.cli.reproduce import paper
+from dynkit.cli.reproduce.measures import motions
+from dynkit.cli.reproduce.measures.modes import figure_14, figure_15
+from dynkit.cli.reproduce.measures.motions import Motion
+from dynkit.cli.reproduce.measures.rows import DIMENSIONS, EXPONENTS, MODES
+from dynkit.cli.reproduce.measures.table_1 import table_1
 from dynkit.cli.reproduce.section import Section
-from dynkit.cli.reproduce.table_1 import table_1
 from dynkit.cli.reproduce.workshop import Workshop
 
 # J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, Table 1, but for 1.346,

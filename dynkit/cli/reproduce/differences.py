@@ -9,6 +9,8 @@ import numpy as np
 
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.frequencies import closed_form
+from dynkit.cli.reproduce.measures.starts import named, starts
+from dynkit.cli.reproduce.measures.transient import VERY_LONG
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.settling import (
     FAR,
@@ -18,8 +20,6 @@ from dynkit.cli.reproduce.settling import (
     impacts_until_parted,
     settling_of,
 )
-from dynkit.cli.reproduce.starts import named, starts
-from dynkit.cli.reproduce.transient import VERY_LONG
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
 from dynkit.labels import OrbitLabel
 

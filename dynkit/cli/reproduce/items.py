@@ -10,7 +10,8 @@ from dynkit.cli.reproduce.diagrams import figure_4, figure_5
 from dynkit.cli.reproduce.differences import differences
 from dynkit.cli.reproduce.energies import figure_6a, figure_6b
 from dynkit.cli.reproduce.frequencies import table_a1
-from dynkit.cli.reproduce.modes import figure_14, figure_15
+from dynkit.cli.reproduce.measures.modes import figure_14, figure_15
+from dynkit.cli.reproduce.measures.table_1 import table_1
 from dynkit.cli.reproduce.orbits import (
     figure_7,
     figure_8,
@@ -22,7 +23,6 @@ from dynkit.cli.reproduce.orbits import (
 from dynkit.cli.reproduce.resonances import resonances
 from dynkit.cli.reproduce.section import Section
 from dynkit.cli.reproduce.surfaces import figure_13, figure_16, figure_17
-from dynkit.cli.reproduce.table_1 import table_1
 from dynkit.cli.reproduce.workshop import Workshop
 
 MAKERS: Mapping[str, Callable[[Workshop], Section]] = {

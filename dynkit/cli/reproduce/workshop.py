@@ -19,8 +19,8 @@ from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.state import ImpactState
 
 if TYPE_CHECKING:
-    from dynkit.cli.reproduce.motions import Motion
-    from dynkit.cli.reproduce.transient import LongRun
+    from dynkit.cli.reproduce.measures.motions import Motion
+    from dynkit.cli.reproduce.measures.transient import LongRun
     from dynkit.sweeps import Sweep
     from dynkit.validation import Array
 
@@ -143,21 +143,21 @@ class Workshop:
     @cached_property
     def long_runs(self) -> list[LongRun]:
         """Runs from several starts, far longer than the paper's, of its chaos that ends."""
-        from dynkit.cli.reproduce.transient import long_runs
+        from dynkit.cli.reproduce.measures.transient import long_runs
 
         return long_runs(self.chain(paper.CHAOS))
 
     @cached_property
     def transient(self) -> Motion:
         """The chaos of these runs before it ends."""
-        from dynkit.cli.reproduce.motions import transient_motion
+        from dynkit.cli.reproduce.measures.motions import transient_motion
 
         return transient_motion(self.chain(paper.CHAOS), self.long_runs)
 
     @cache  # noqa: B019  as above
     def settled(self, frequency: float, damping: float = paper.DAMPING) -> Motion:
         """Return the motion of Table 1 after very many impacts."""
-        from dynkit.cli.reproduce.motions import settled_motion
+        from dynkit.cli.reproduce.measures.motions import settled_motion
 
         return settled_motion(self.chain(frequency, damping))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from dynkit.analysis.dimension.dimension import CorrelationDimension
 from dynkit.cli.reproduce import paper
-from dynkit.cli.reproduce.motions import Motion
+from dynkit.cli.reproduce.measures.motions import Motion
 
 NONE = "-"
 """What is not there."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynkit.cli.reproduce import paper
+from dynkit.cli.reproduce.measures.starts import starts
 from dynkit.cli.reproduce.settling import impacts_until_settled
-from dynkit.cli.reproduce.starts import starts
 from dynkit.labels import OrbitLabel
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.state import ImpactState

@@ -8,8 +8,8 @@ import numpy as np
 
 from dynkit.analysis.figures import save_figure
 from dynkit.cli.reproduce import paper
-from dynkit.cli.reproduce.resonances_branches import Ridge, contacts_of, ridge
-from dynkit.cli.reproduce.resonances_causes import (
+from dynkit.cli.reproduce.resonances.branches import Ridge, contacts_of, ridge
+from dynkit.cli.reproduce.resonances.causes import (
     FINE,
     HIGH,
     LOW,
@@ -24,8 +24,8 @@ from dynkit.cli.reproduce.resonances_causes import (
     resonance,
     spread,
 )
-from dynkit.cli.reproduce.resonances_figure import draw
-from dynkit.cli.reproduce.resonances_search import longer
+from dynkit.cli.reproduce.resonances.figure import draw
+from dynkit.cli.reproduce.resonances.search import longer
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
 from dynkit.sweeps import Sweep

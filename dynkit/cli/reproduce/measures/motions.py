@@ -11,7 +11,7 @@ import numpy as np
 from dynkit.analysis.dimension.dimension import CorrelationDimension
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.analysis.pod import POD
-from dynkit.cli.reproduce.transient import VERY_LONG, LongRun
+from dynkit.cli.reproduce.measures.transient import VERY_LONG, LongRun
 
 if TYPE_CHECKING:
     from dynkit.labels import OrbitLabel

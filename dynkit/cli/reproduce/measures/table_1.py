@@ -8,8 +8,8 @@ import numpy as np
 
 from dynkit.analysis.dimension.scaling import find_scaling
 from dynkit.cli.reproduce import paper
-from dynkit.cli.reproduce.motions import warm_up
-from dynkit.cli.reproduce.rows import (
+from dynkit.cli.reproduce.measures.motions import warm_up
+from dynkit.cli.reproduce.measures.rows import (
     DIMENSIONS,
     EXPONENTS,
     MODES,

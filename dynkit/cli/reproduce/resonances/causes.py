@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynkit.cli.reproduce import paper
-from dynkit.cli.reproduce.resonances_branches import contacts_of
+from dynkit.cli.reproduce.resonances.branches import contacts_of
 from dynkit.cli.reproduce.workshop import Workshop
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.validation import Array

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.cli.reproduce import paper
-from dynkit.cli.reproduce.resonances_branches import Ridge
+from dynkit.cli.reproduce.resonances.branches import Ridge
 from dynkit.cli.reproduce.section import Finding, table
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.state import ImpactState

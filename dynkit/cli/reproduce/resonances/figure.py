@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.analysis.figures import DOTS, print_style
-from dynkit.cli.reproduce.resonances_branches import contacts_of
+from dynkit.cli.reproduce.resonances.branches import contacts_of
 from dynkit.cli.sweep import SYMBOLS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from dynkit.cli.reproduce.resonances_branches import Ridge
+    from dynkit.cli.reproduce.resonances.branches import Ridge
     from dynkit.sweeps import Sweep
     from dynkit.validation import Array
 

@@ -1,0 +1,1 @@
+"""Table 1, and the modes of figures 14 and 15."""
