@@ -72,7 +72,7 @@ def cache_folder() -> Path:
 
 
 def kernel(
-    *, reorder: bool = False, fuse: bool = False, inline: bool = False
+    *, reorder: bool = False, fuse: bool = False, inline: bool = False, nogil: bool = False
 ) -> Callable[[_Function], _Function]:
     """Compile a kernel on its first call and keep the machine code in `cache_folder`.
 
@@ -85,6 +85,9 @@ def kernel(
         Products may be added without being rounded, in the order given.
     inline
         Compiled into its callers.
+    nogil
+        Other threads run during a call from Python: only where no two calls share a buffer that
+        they modify.
     """
     import numba
 
@@ -95,6 +98,7 @@ def kernel(
         "error_model": "numpy",
         "fastmath": REORDERED if reorder else FUSED if fuse else False,
         "forceinline": inline,
+        "nogil": nogil,
         "_nrt": False,
     }
     settings: Any = numba.config

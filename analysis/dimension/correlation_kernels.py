@@ -228,8 +228,10 @@ def _count_leaves(
     return measured
 
 
-@kernel()
+@kernel(nogil=True)
 def count_pairs(
+    first: int,
+    second: int,
     points: Array,
     filled: Integers,
     blocks: Integers,
@@ -240,20 +242,22 @@ def count_pairs(
     euclidean: bool,
     edges: Array,
     bins: Integers,
+    every: Integers,
     row: Array,
     row_bits: Integers,
     widest: Array,
-    every: Integers,
     chosen: Integers,
     stack: Integers,
     shares: Integers,
     lumps: Integers,
     work: Integers,
 ) -> None:
-    """Count all pairs of points by their distances.
+    """Count the pairs of points of two nodes by their distances.
 
     Parameters
     ----------
+    first, second
+        The nodes: one and the same, or two that share no point.
     points : (leaves, d, slots)
         The points of each leaf; slots beyond those that are filled hold anything finite.
     filled : (leaves,)
@@ -274,12 +278,12 @@ def count_pairs(
     bins : (cells + 1,)
         For each cell of leading bits, from that of the first edge on, the first bin that it meets;
         last the number of the first cell.
+    every : (d,)
+        0, 1, ..., d - 1.
     row, row_bits : (slots,)
         Scratch: floats, and the same memory as integers.
     widest, chosen : (d,)
         Scratch.
-    every : (d,)
-        0, 1, ..., d - 1.
     stack : (any, 2)
         Scratch: six entries for each level of the tree and some more.
     shares : (blocks, k + 1)
@@ -293,8 +297,8 @@ def count_pairs(
     """
     top = edges[edges.size - 2]
     leaves = filled.size
-    stack[0, 0] = 0
-    stack[0, 1] = 0
+    stack[0, 0] = first
+    stack[0, 1] = second
     height = 1
     while height > 0:
         height -= 1
@@ -358,8 +362,10 @@ def distance(points: Array, i: int, j: int, turns: Array, euclidean: bool) -> fl
     return total
 
 
-@kernel()
+@kernel(nogil=True)
 def uncount_near_in_time(
+    begin: int,
+    end: int,
     points: Array,
     window: int,
     blocks: Integers,
@@ -368,9 +374,12 @@ def uncount_near_in_time(
     edges: Array,
     shares: Integers,
 ) -> None:
-    """Take the pairs of rows at most a window apart out of the shares, (blocks, k + 1), again."""
+    """Take the pairs of rows at most a window apart out of the shares, (blocks, k + 1), again.
+
+    They are those whose earlier row is in [begin, end).
+    """
     top = edges[edges.size - 2]
-    for i in range(points.shape[0]):
+    for i in range(begin, end):
         for j in range(i + 1, min(i + window + 1, points.shape[0])):
             apart = distance(points, i, j, turns, euclidean)
             if apart <= top:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, final, get_args
 import numpy as np
 
 from dynkit.analysis.dimension.coordinates import angles_of, correlation_time, extents_of
+from dynkit.analysis.dimension.counting import BLOCKS
 from dynkit.analysis.dimension.scaling import (
     STEPS,
     Estimate,
@@ -25,7 +26,6 @@ from dynkit.analysis.dimension.scaling import (
     takens,
 )
 from dynkit.analysis.dimension.sums import (
-    BLOCKS,
     CorrelationSums,
     Norm,
     checked_angles,

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynkit.analysis.dimension.sums import Counts
+from dynkit.analysis.dimension.counting import Counts
 from dynkit.validation import Array
 
 _FEWEST = 16

@@ -8,8 +8,9 @@ from typing import final
 
 import numpy as np
 
+from dynkit.analysis.dimension.counting import Counts
 from dynkit.analysis.dimension.errors import counting_errors, standard_errors
-from dynkit.analysis.dimension.sums import CorrelationSums, Counts
+from dynkit.analysis.dimension.sums import CorrelationSums
 from dynkit.validation import Array
 
 STEPS = 8

@@ -8,19 +8,13 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, final, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynkit.analysis.dimension.trees import BoxTree
+from dynkit.analysis.dimension.counting import Counts, count
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, non_negative_integer, positive
 
 Norm: TypeAlias = Literal["maximum", "euclidean"]
 """How the distance of two states is measured."""
-
-Counts: TypeAlias = NDArray[np.int64]
-
-BLOCKS = 64
-"""Blocks of time, at most, to which pairs are attributed."""
 
 _SMALLEST, _LARGEST = 1e-150, 1e150  # what has a square
 
@@ -85,7 +79,7 @@ def correlation_sums(
     """Count the pairs of states that are at most a radius apart, at every radius at once.
 
     Two trees of boxes are descended together; the pairs of two boxes are counted at once when all
-    their distances lie between two successive radii.
+    their distances lie between two successive radii. The work is done on all processors.
 
     Parameters
     ----------
@@ -130,13 +124,14 @@ def correlation_sums(
     window = checked_theiler(theiler, len(array))
     points, turns = wrapped(array, checked_angles(angles or {}, array.shape[1]))
     edges = np.append(_squares(ladder) if norm == "euclidean" else ladder, np.inf)
-    shares, boxes, distances = _shares(points, turns, edges, window, euclidean=norm == "euclidean")
-    shares = np.cumsum(shares[:, :-1], axis=1)
+    counted = count(points, turns, edges, window, euclidean=norm == "euclidean")
+    shares = np.cumsum(counted.shares[:, :-1], axis=1)
     shares.setflags(write=False)
     pairs = shares.sum(axis=0) // 2
     pairs.setflags(write=False)
     others = len(array) - window
-    cost = Cost(time.perf_counter() - began, {"distances": distances, "box pairs": boxes})
+    work = {"distances": counted.distances, "box pairs": counted.box_pairs}
+    cost = Cost(time.perf_counter() - began, work)
     return CorrelationSums(ladder, pairs, others * (others - 1) // 2, shares, cost)
 
 
@@ -199,11 +194,6 @@ def wrapped(states: Array, angles: Mapping[int, float]) -> tuple[Array, Array]:
     return points, turns
 
 
-def blocks_of(n: int) -> Counts:
-    """Return the block of time of each of n states, (n,)."""
-    return np.arange(n) * min(BLOCKS, n) // n
-
-
 def _checked_radii(radii: object) -> Array:
     ladder = finite_array("radii", radii, (None,)).copy()
     if not len(ladder):
@@ -226,63 +216,3 @@ def _squares(radii: Array) -> Array:
     while (small := np.sqrt(np.nextafter(squares, np.inf)) <= radii).any():
         squares = np.where(small, np.nextafter(squares, np.inf), squares)
     return np.asarray(squares)
-
-
-def _shares(
-    points: Array, turns: Array, edges: Array, window: int, *, euclidean: bool
-) -> tuple[Counts, int, int]:
-    """Shares of the blocks in each bin, box pairs looked at, and distances measured."""
-    from dynkit.analysis.dimension.correlation_kernels import count_pairs, uncount_near_in_time
-
-    n = len(points)
-    blocks = blocks_of(n)
-    number = int(blocks[-1]) + 1
-    # the maximum does not mind the order of coordinates: the widest part most
-    order = np.arange(points.shape[1]) if euclidean else np.argsort(-np.ptp(points, axis=0))
-    tree = BoxTree.of(np.ascontiguousarray(points[:, order]))
-    filled = np.ascontiguousarray(tree.sizes[-tree.leaves :])
-    row = np.zeros(tree.members.shape[1])
-    shares = np.zeros((number, len(edges)), dtype=np.int64)
-    lumps = np.zeros((len(tree.sizes), len(edges)), dtype=np.int64)
-    work = np.zeros(2, dtype=np.int64)
-    count_pairs(
-        tree.points,
-        filled,
-        blocks[tree.members],
-        tree.low,
-        tree.high,
-        tree.sizes,
-        turns[order],
-        euclidean,
-        edges,
-        _first_bins(edges),
-        row,
-        row.view(np.int64),
-        np.zeros(len(order)),
-        np.arange(len(order)),
-        np.zeros(len(order), dtype=np.int64),
-        np.zeros((6 * tree.leaves.bit_length() + 8, 2), dtype=np.int64),
-        shares,
-        lumps,
-        work,
-    )
-    for v in range(tree.leaves - 1):  # what holds for a node holds for its children
-        lumps[2 * v + 1 : 2 * v + 3] += lumps[v]
-    for leaf, lump in enumerate(lumps[-tree.leaves :]):
-        held = np.bincount(blocks[tree.members[leaf, : filled[leaf]]], minlength=number)
-        there = np.flatnonzero(held)
-        shares[there] += held[there, None] * lump
-    uncount_near_in_time(points, window, blocks, turns, euclidean, edges, shares)
-    near = n * window - window * (window + 1) // 2
-    return shares, int(work[0]), int(work[1]) + near
-
-
-def _first_bins(edges: Array) -> Counts:
-    """For each cell of leading bits the first bin that it meets; last the first cell's number."""
-    from dynkit.analysis.dimension.correlation_kernels import SHIFT
-
-    ends = np.ascontiguousarray(edges[[0, -2]]).view(np.int64) >> SHIFT
-    cells = np.arange(ends[0], ends[1] + 1) << SHIFT
-    bins = np.searchsorted(edges, cells.view(np.float64))
-    bins[0] = 0
-    return np.append(bins, ends[0]).astype(np.int64)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynkit.analysis.dimension.counting import count
 from dynkit.analysis.dimension.sums import Norm, correlation_sums
 from dynkit.systems import Henon
 from dynkit.validation import Array
@@ -160,6 +161,25 @@ def test_shares_of_whole_boxes_are_counted_too() -> None:
     sums = correlation_sums(states, np.array([0.5, 2.0]))
     assert sums.cost.counts["distances"] == 0
     assert sums.shares[:, 0].sum() == 2 * sums.pairs[0] == 2 * 300 * 299
+
+
+# --- threads ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("threads", [2, 3, 7])
+@pytest.mark.parametrize("euclidean", [False, True])
+@pytest.mark.parametrize("kind", ["plain", "lattice", "repeated"])
+def test_counts_do_not_depend_on_the_number_of_threads(
+    threads: int, euclidean: bool, kind: str
+) -> None:
+    states = scattered(5000, 4, kind) % 3.0
+    turns, edges = np.array([0.0, 3.0, 0.0, 0.0]), np.append(RADII, np.inf)
+    alone, shared = (
+        count(states, turns, edges, 20, euclidean=euclidean, threads=number)
+        for number in (1, threads)
+    )
+    assert np.array_equal(alone.shares, shared.shares)
+    assert (alone.box_pairs, alone.distances) == (shared.box_pairs, shared.distances)
 
 
 # --- work ---------------------------------------------------------------------------------------

@@ -1,0 +1,211 @@
+"""Pairs of points, counted by their distances on all processors.
+
+The tree's pairs of nodes of one level are the parts of the work; each thread counts in buffers of
+its own. The parts do not depend on the number of threads, and sums of integers do not depend on
+their order: neither do the counts.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import combinations_with_replacement, pairwise
+from queue import SimpleQueue
+from typing import NamedTuple, TypeAlias, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.analysis.dimension.trees import BoxTree
+from dynkit.validation import Array
+
+Counts: TypeAlias = NDArray[np.int64]
+
+_Part: TypeAlias = tuple[int, int]
+
+BLOCKS = 64
+"""Blocks of time, at most, to which pairs are attributed."""
+
+_LEVEL = 5  # of the nodes whose pairs are the parts: 528 of them
+_MOST_THREADS = 16  # each has its own counts for all nodes
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Counted:
+    """How many pairs are how far apart, and what it cost to know.
+
+    Parameters
+    ----------
+    shares : (blocks, k + 1) array
+        For each block of time and each bin the pairs with a point in the block; those with both in
+        it twice.
+    box_pairs, distances : int
+        Pairs of boxes looked at, and distances measured.
+    """
+
+    shares: Counts
+    box_pairs: int
+    distances: int
+
+
+class _Buffers(NamedTuple):
+    """What a thread modifies: the last arguments of `count_pairs`, in their order."""
+
+    row: Array
+    row_bits: Counts
+    widest: Array
+    chosen: Counts
+    stack: Counts
+    shares: Counts
+    lumps: Counts
+    work: Counts
+
+    @classmethod
+    def of(cls, tree: BoxTree, blocks: int, bins: int) -> _Buffers:
+        """Return buffers without any counts."""
+        _, d, slots = tree.points.shape
+        row = np.zeros(slots)
+        return cls(
+            row,
+            row.view(np.int64),
+            np.zeros(d),
+            np.zeros(d, dtype=np.int64),
+            np.zeros((6 * tree.leaves.bit_length() + 8, 2), dtype=np.int64),
+            np.zeros((blocks, bins), dtype=np.int64),
+            np.zeros((len(tree.sizes), bins), dtype=np.int64),
+            np.zeros(2, dtype=np.int64),
+        )
+
+
+def count(
+    points: Array,
+    turns: Array,
+    edges: Array,
+    window: int,
+    *,
+    euclidean: bool,
+    threads: int | None = None,
+) -> Counted:
+    """Count the pairs of points that are more than a window apart in time, by their distances.
+
+    Parameters
+    ----------
+    points : (n, d) array
+        One after the other in time; angles in [0, turn].
+    turns : (d,) array
+        One turn of each coordinate that is an angle; zero for others.
+    edges : (k + 1,) array
+        Ascending, in the Euclidean norm squares; a distance counts in the first bin whose edge it
+        does not exceed. The last is infinite, and its bin is not counted in full.
+    window : int
+    euclidean : bool
+        Norm: Euclidean or maximum.
+    threads : int, optional
+        By default one for each processor, 16 at most. The result does not depend on it.
+    """
+    from dynkit.analysis.dimension.correlation_kernels import count_pairs, uncount_near_in_time
+
+    n, d = points.shape
+    blocks = np.arange(n) * min(BLOCKS, n) // n
+    number = int(blocks[-1]) + 1
+    # the maximum does not mind the order of coordinates: the widest part most
+    order = np.arange(d) if euclidean else np.argsort(-np.ptp(points, axis=0))
+    tree = BoxTree.of(np.ascontiguousarray(points[:, order]))
+    filled, members = np.ascontiguousarray(tree.sizes[-tree.leaves :]), blocks[tree.members]
+    bins, every, turned = _first_bins(edges), np.arange(d, dtype=np.int64), turns[order]
+
+    def count_part(nodes: _Part, own: _Buffers) -> None:
+        count_pairs(
+            nodes[0],
+            nodes[1],
+            tree.points,
+            filled,
+            members,
+            tree.low,
+            tree.high,
+            tree.sizes,
+            turned,
+            euclidean,
+            edges,
+            bins,
+            every,
+            *own,
+        )
+
+    def uncount_part(rows: _Part, own: _Buffers) -> None:
+        begin, end = rows
+        uncount_near_in_time(
+            begin, end, points, window, blocks, turns, euclidean, edges, own.shares
+        )
+
+    threads = threads or min(_processors(), _MOST_THREADS)
+    buffers = [_Buffers.of(tree, number, len(edges)) for _ in range(threads)]
+    _share_out(count_part, _node_pairs(tree.leaves), buffers)
+    _share_out(uncount_part, pairwise(n * k // number for k in range(number + 1)), buffers)
+    total = buffers[0]
+    for other in buffers[1:]:
+        total.shares[:] += other.shares
+        total.lumps[:] += other.lumps
+        total.work[:] += other.work
+    _share_lumps(total.lumps, filled, members, total.shares)
+    near = n * window - window * (window + 1) // 2
+    return Counted(total.shares, int(total.work[0]), int(total.work[1]) + near)
+
+
+def _processors() -> int:
+    """How many processors this process may use."""
+    if sys.platform != "linux":
+        return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
+
+
+def _node_pairs(leaves: int) -> Iterator[_Part]:
+    """All pairs of nodes of one level of a tree: between them they hold every pair of points."""
+    nodes = min(2**_LEVEL, leaves)
+    return combinations_with_replacement(range(nodes - 1, 2 * nodes - 1), 2)
+
+
+def _share_out(
+    task: Callable[[_Part, _Buffers], None], parts: Iterable[_Part], buffers: Sequence[_Buffers]
+) -> None:
+    """Do a task for all its parts, in one thread for each of the buffers."""
+    spare: SimpleQueue[_Buffers] = SimpleQueue()
+    for own in buffers:
+        spare.put(own)
+
+    def do(part: _Part) -> None:
+        own = spare.get()
+        try:
+            task(part, own)
+        finally:
+            spare.put(own)
+
+    with ThreadPoolExecutor(len(buffers)) as pool:
+        for _ in pool.map(do, parts):  # raises what was raised
+            pass
+
+
+def _share_lumps(lumps: Counts, filled: Counts, members: Counts, shares: Counts) -> None:
+    """Add what nodes have in common, (nodes, k + 1), to the shares; both are modified in place."""
+    leaves = len(filled)
+    for v in range(leaves - 1):  # what holds for a node holds for its children
+        lumps[2 * v + 1 : 2 * v + 3] += lumps[v]
+    for blocks, points, lump in zip(members, filled, lumps[-leaves:], strict=True):
+        held = np.bincount(blocks[:points], minlength=len(shares))
+        there = np.flatnonzero(held)
+        shares[there] += held[there, None] * lump
+
+
+def _first_bins(edges: Array) -> Counts:
+    """For each cell of leading bits the first bin that it meets; last the first cell's number."""
+    from dynkit.analysis.dimension.correlation_kernels import SHIFT
+
+    ends = np.ascontiguousarray(edges[[0, -2]]).view(np.int64) >> SHIFT
+    cells = np.arange(ends[0], ends[1] + 1) << SHIFT
+    bins = np.searchsorted(edges, cells.view(np.float64))
+    bins[0] = 0
+    return np.append(bins, ends[0]).astype(np.int64)
