@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from dynkit import continue_orbit
 from dynkit.continuation.bifurcations import Bifurcation
@@ -39,6 +39,12 @@ BRANCHES: dict[str, tuple[ImpactChain, int, str, tuple[float, float]]] = {
         1,
         "damping",
         (0.008, 0.0115),
+    ),
+    "doubling": (
+        ImpactChain(masses=3, contact=1, frequency=0.4, restitution=0.5, damping=0.06),
+        1,
+        "damping",
+        (0.045, 0.06),
     ),
 }
 """Oscillator, periods, parameter and bounds."""
@@ -133,6 +139,41 @@ def test_an_unstable_branch_is_followed_to_both_ends() -> None:
     assert [ending.reason.name for ending in branch.endings] == ["BORDER", "BORDER"]
 
 
+def scaled_velocities(orbit: StickingOrbit) -> Array:
+    """u j / a^2 after the impacts, where the gap would be u s - a s^2 / 2 + j s^3 / 6."""
+    system, c = orbit.system, orbit.system.contact
+    times, phases, speeds = orbit.bounces.T
+    x, v = orbit.sample(times)
+    a, w = system.amplitude, system.frequency
+    v[:, c] = a * w * np.cos(phases) + speeds
+    inverse = np.linalg.inv(system.mass)
+    push = -(v @ system.damping_matrix + x @ system.stiffness) @ inverse
+    jerk = -(push @ system.damping_matrix + v @ system.stiffness) @ inverse
+    pressing = -(push[:, c] + a * w**2 * np.sin(phases))
+    rising = jerk[:, c] + a * w**3 * np.cos(phases)
+    return np.asarray(speeds * rising / pressing**2)
+
+
+def after_a_bounce(w: float, restitution: float) -> float:
+    """The scaled velocity after the next impact."""
+    s = 3.0 * (0.5 - np.sqrt(0.25 - 2.0 * w / 3.0))
+    return float(restitution * (s - s * s / 2.0 - w) / (1.0 - s) ** 2)
+
+
+@pytest.mark.parametrize("name", BORDERS)
+def test_near_a_border_bounces_stay_ever_longer_near_those_that_never_end(name: str) -> None:
+    branch = branch_of(name)
+    r = BRANCHES[name][0].restitution
+    critical = brentq(lambda w: after_a_bounce(w, r) - w, 1e-3, 0.3333)
+    for border in branch.bifurcations:
+        inside = 1.0 if border.value < branch.parameter.mean() else -1.0
+        near_it = []
+        for distance in (1e-5, 1e-7, 1e-9):
+            w = scaled_velocities(near(border, inside * distance))
+            near_it.append(int((abs(w / critical - 1.0) < 0.3).sum()))
+        assert near_it[0] < near_it[1] < near_it[2]
+
+
 # --- grazing --------------------------------------------------------------------------------------
 
 
@@ -207,6 +248,45 @@ def test_orbits_are_stable_on_one_side_of_neimark_sacker() -> None:
     branch = branch_of("quasi-periodic")
     (border,) = [b for b in branch.bifurcations if b.kind == "NS"]
     assert (branch.stable == (branch.parameter > border.value)).all()
+
+
+# --- period doubling ------------------------------------------------------------------------------
+
+
+def lowest_multiplier(orbit: StickingOrbit) -> float:
+    """By differences of simulations, plus one."""
+    _, places, _ = releases_of(orbit)
+    matrix = differences(lambda z: returned(orbit, z), places, np.full(len(places), 2e-5))
+    return float(np.linalg.eigvals(matrix).real.min() + 1.0)
+
+
+def doubling() -> Bifurcation:
+    (found,) = [b for b in branch_of("doubling").bifurcations if b.kind == "PD"]
+    return found
+
+
+def test_a_multiplier_of_simulations_is_minus_one_where_the_period_doubles() -> None:
+    assert abs(crossing(lambda d: lowest_multiplier(near(doubling(), d)), 2e-6)) < 1e-9
+    assert (
+        lowest_multiplier(near(doubling(), -1e-5)) < 0.0 < lowest_multiplier(near(doubling(), 1e-5))
+    )
+
+
+def test_where_the_period_doubles_there_is_an_orbit_of_twice_the_period() -> None:
+    (doubled,) = doubling().switch()
+    assert isinstance(doubled, StickingOrbit)
+    assert doubled.label == "P(inf,2)"
+    _, places, _ = releases_of(doubled)
+    assert abs(returned(doubled, places) - places).max() < 1e-10
+    # Its two releases are not the same.
+    assert abs(np.diff(doubled.states[:, :-2], axis=0)).max() > 1e-5
+
+
+@pytest.mark.parametrize("name", BRANCHES)
+def test_values_of_borders_have_errors_near_rounding(name: str) -> None:
+    found = branch_of(name).bifurcations
+    assert len(found) >= 1
+    assert all(0.0 < b.error < 1e-10 for b in found)
 
 
 # --- branches as objects --------------------------------------------------------------------------
