@@ -38,8 +38,8 @@ BEFORE = 4e-15
 """Phase, of the order of rounding."""
 
 SLOW = ("chain of 10, 0.202", "chain of 10, 0.408", "chain of 10, dead", "chain in a play", "play")
-"""To 50 digits, in which hundreds of bounces of ten masses take minutes, and releases start near
-the first stop."""
+"""To 50 digits, in which the motion of ten masses can take minutes; and the references start on the
+near stop alone."""
 
 
 # --- Newton's method ------------------------------------------------------------------------------
