@@ -53,8 +53,11 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
         before = found.points[-1]
         index, way = len(found.points) - 1, point.y - before.y
         here = _between(problem, follower, before, point)
-        found.located += [(index + part, located, way) for part, located in here]
         borders = [located for _, located in here if located.crossing.ends]
+        if borders:
+            # What else seems to happen right there belongs to the border.
+            here = [pair for pair in here if pair[1] is borders[0] or not _at(borders[0], pair[1])]
+        found.located += [(index + part, located, way) for part, located in here]
         if borders:
             where = f"{borders[0].crossing.kind} at {borders[0].p[0]:.10g}"
             follower.ending = Ending(Reason.BORDER, f"{Reason.BORDER.value}: {where}")
@@ -100,7 +103,12 @@ def _between(
 
 
 def _same(a: Located, b: Located) -> bool:
-    return a.crossing == b.crossing and abs(float(a.p[0] - b.p[0])) <= 2.0 * (a.error + b.error)
+    return a.crossing == b.crossing and _at(a, b)
+
+
+def _at(a: Located, b: Located) -> bool:
+    """Whether two happen at the same value of the parameter, as far as can be told."""
+    return abs(float(a.p[0] - b.p[0])) <= 2.0 * (a.error + b.error)
 
 
 def _same_on_both_sides(

@@ -44,7 +44,7 @@ KINDS = {
 do not rebound; contact forces where chatter ends, the smallest of each contact, and how fast they
 fall at releases."""
 
-ENDS = ("lift", "chatter")
+ENDS = ("lift", "chatter", "release")
 """Beyond these there is no such orbit."""
 
 
