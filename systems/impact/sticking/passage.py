@@ -217,7 +217,7 @@ class Passage:
         flights = np.diff(run.states[:count, -1], prepend=0.0)
         bend, change = (self.scene.gap(states, self.word.sides[-1], order) for order in (2, 3))
         freed = bend + np.maximum(change, 0.0) * flights >= 0.0
-        longer = flights > np.append(self.durations[-1], flights[:-1])
+        longer = flights > np.append(np.inf, flights[:-1])
         far = np.signbit(run.states[:count, -2]) != bool(self.word.sides[-1])
         return (freed & longer) | far
 
