@@ -27,6 +27,8 @@ _FLAT, _UNFOLDED = 1e-3, 1e-9
 _UNSURE = 1e-6
 # Multipliers are on the unit circle within this, where two of them are one and rounding counts.
 _ON_CIRCLE = 1e-5
+# What is watched jumps where it changes its sign without becoming so small.
+_JUMP = 0.05
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
@@ -55,10 +57,11 @@ def locate(
 
     Newton's method is applied to its extended system. As long as it does not converge to a place
     between the points, the step is halved. When all of that fails the last step is the answer, as
-    narrow as rounding allows, but for NS.
+    narrow as rounding allows, but for NS and for jumps.
     """
     began = time.perf_counter()
     steps = 0
+    size = max(_height(before, crossing), _height(after, crossing))
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind == "BP" else None
@@ -76,6 +79,8 @@ def locate(
             before = middle
         else:
             return None
+    if min(_height(before, crossing), _height(after, crossing)) > _JUMP * size:
+        return None
     critical = _CRITICAL.get(crossing.kind)
     if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
         return None
@@ -93,6 +98,11 @@ def locate(
         seconds=time.perf_counter() - began,
         steps=steps,
     )
+
+
+def _height(point: Point, crossing: Crossing) -> float:
+    """How far what is watched is from zero; zero where nothing is."""
+    return abs(point.seen.events[crossing.event].value) if crossing.event >= 0 else 0.0
 
 
 def _blur(follower: Follower, point: Point) -> float:

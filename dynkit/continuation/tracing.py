@@ -62,6 +62,9 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
             where = f"{borders[0].crossing.kind} at {borders[0].p[0]:.10g}"
             follower.ending = Ending(Reason.BORDER, f"{Reason.BORDER.value}: {where}")
             break
+        if any(crossing.ends for crossing in point.seen.crossings):
+            follower.ending = _ends(Reason.NO_SOLUTION, point)  # a border that is none
+            break
         if not inadmissible and not point.seen.admissible:
             follower.ending = _ends(Reason.INADMISSIBLE, point)
             break
