@@ -29,6 +29,17 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_an_item_made_by_another_process_is_part_of_the_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dynkit.cli.reproduce.BESIDE", "figure-3")
+    log = io.StringIO()
+    written = reproduce(str(tmp_path), ["table-a1", "figure-3"], log=log)
+    assert "s, meanwhile" in log.getvalue()
+    assert cells(written.read_text(), "200")[2].startswith("0.8500000000")
+    assert (tmp_path / "figure-3.png").exists()
+
+
 def cells(report: str, first: str) -> list[str]:
     """The cells of the table row that begins with a text."""
     (row,) = re.findall(rf"^\| {re.escape(first)} \|.*$", report, flags=re.MULTILINE)[:1]
