@@ -217,11 +217,64 @@ def test_a_flight_touches_the_table_at_grazing() -> None:
 
 def test_a_touch_leads_to_an_orbit_with_an_impact_more() -> None:
     (touch,) = [b for b in branch_of("grazing").bifurcations if b.kind == "GR"]
-    for other in touch.switch():
+    others = touch.switch()
+    assert others
+    for other in others:
         assert isinstance(other, StickingOrbit)
         assert other.label == "P(inf,1)"
         assert other.residual < 1e-13
         assert len(other.unknowns) == len(touch.unknowns) + 1
+
+
+# --- folds ----------------------------------------------------------------------------------------
+
+
+@cache
+def folded() -> Branch:
+    """What leaves where an orbit of three masses grazes: it folds soon."""
+    system = ImpactChain(masses=3, frequency=0.36, restitution=0.3)
+    branch = continue_orbit(
+        system.periodic_orbit(sticking=True), "frequency", bounds=(0.345, 0.365)
+    )
+    (touched,) = [found for found in branch.bifurcations if found.kind == "GR"]
+    (orbit,) = touched.switch()
+    return continue_orbit(orbit, "frequency", bounds=(0.345, 0.355))
+
+
+def value_at(found: Bifurcation, unknown: int, offset: float) -> float:
+    """The parameter where one of the unknowns is that of a fold and so much more."""
+    problem, x, p = found.problem, found.unknowns.copy(), np.array([found.value])
+    x[unknown] += offset
+    others = np.delete(np.arange(len(x)), unknown)
+    for _ in range(6):
+        by_unknowns = np.asarray(problem.linearization(x, p))[:, others]
+        derivative = np.column_stack([by_unknowns, problem.parameter_derivative(x, p)])
+        step = np.linalg.solve(derivative, -problem.residual(x, p))
+        x[others] += step[:-1]
+        p += step[-1:]
+    assert abs(problem.residual(x, p)).max() < 1e-14
+    return float(p[0])
+
+
+def test_a_fold_is_the_largest_value_along_its_branch() -> None:
+    (fold,) = [found for found in folded().bifurcations if found.kind == "SN"]
+    unknown = int(np.argmax(abs(fold.direction)))
+    offsets = 1e-4 * np.arange(-3.0, 4.0)
+    values = [value_at(fold, unknown, offset) - fold.value for offset in offsets.tolist()]
+    square, slope, rest = np.polyfit(offsets, values, 4)[2:]
+    assert square < 0.0
+    assert abs(rest - slope**2 / (4.0 * square)) < 1e-9
+    assert abs(rest - slope**2 / (4.0 * square)) < 10.0 * fold.error + 1e-12
+
+
+def test_orbits_on_both_sides_of_a_fold_are_different_motions() -> None:
+    branch = folded()
+    (fold,) = [found for found in branch.bifurcations if found.kind == "SN"]
+    places = [int(np.floor(fold.place)), int(np.ceil(fold.place))]
+    orbits = [branch.orbit(place) for place in places]
+    assert all(orbit.admissible for orbit in orbits)
+    apart = abs(orbits[0].unknowns - orbits[1].unknowns).max()
+    assert apart > 1e3 * max(orbit.error for orbit in orbits)
 
 
 # --- Neimark-Sacker -------------------------------------------------------------------------------

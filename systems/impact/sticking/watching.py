@@ -75,7 +75,7 @@ def _value(passage: Passage, w: Watched) -> float:
     if w.what == "flight":
         pulled = passage.rates[w.number] > 0.0
         pulled = pulled or (w.number > 0 and passage.rates[w.number - 1] > 0.0)
-        return math.nan if pulled else lowest_gap(passage, w.number, w.side)[0]
+        return math.nan if pulled else _seen(*lowest_gap(passage, w.number, w.side))
     if w.what == "lift":
         after = passage.states[w.number + 1]
         return float(passage.scene.gap(after, passage.word.sides[w.number], 2))
@@ -83,7 +83,12 @@ def _value(passage: Passage, w: Watched) -> float:
         return -float(passage.scene.holdings[passage.word.start].force(passage.start, 1))
     if w.what == "chatter":
         return passage.pressing
-    return lowest_force(passage)[0]
+    return _seen(*lowest_force(passage))
+
+
+def _seen(value: float, _: float, rounding: float) -> float:
+    """A minimum that is more than rounding; where a flight all but vanishes, none is."""
+    return value if abs(value) > rounding else math.inf
 
 
 def gap_curve(passage: Passage, flight: int, side: int, times: Array, orders: int) -> Array:
@@ -99,8 +104,11 @@ def force_curve(passage: Passage, times: Array, orders: int) -> Array:
     return np.stack([holding.force(states, order) for order in range(orders)])
 
 
-def lowest_gap(passage: Passage, flight: int, side: int) -> tuple[float, float]:
-    """Smallest minimum inside a flight, and its time after the start; infinite where none is."""
+def lowest_gap(passage: Passage, flight: int, side: int) -> tuple[float, float, float]:
+    """Smallest minimum inside a flight, its time after the start, and what is rounding.
+
+    Infinite where there is none.
+    """
     ladder = passage.scene.system._gaps[side]
     return _lowest(
         partial(gap_curve, passage, flight, side),
@@ -110,21 +118,21 @@ def lowest_gap(passage: Passage, flight: int, side: int) -> tuple[float, float]:
     )
 
 
-def lowest_force(passage: Passage) -> tuple[float, float]:
-    """Smallest minimum during contact, and its time after the start; infinite where none is."""
+def lowest_force(passage: Passage) -> tuple[float, float, float]:
+    """The same of the force during contact."""
     ladder = passage.scene.holdings[passage.word.sides[-1]].contact.force
     return _lowest(partial(force_curve, passage), passage.lasts, ladder.rows, passage.caught)
 
 
-def _lowest(curve: partial[Array], lasts: float, rows: Array, state: Array) -> tuple[float, float]:
+def _lowest(
+    curve: partial[Array], lasts: float, rows: Array, state: Array
+) -> tuple[float, float, float]:
     if lasts <= 0.0:
-        return math.inf, math.nan
+        return math.inf, math.nan, 0.0
     sizes = [float((abs(rows[k : k + 2]) * abs(state[:, : rows.shape[1]])).sum()) for k in (0, 4)]
     count = 4.0 * lasts * math.sqrt(sizes[1] / sizes[0]) if sizes[0] > 0.0 else 0.0
     times = np.linspace(0.0, lasts, int(min(max(count, LEAST), MOST)) + 1)
-    value, time = smallest_minimum(curve, times, curve(times, 3))
-    # Where a flight all but vanishes, minima are rounding.
-    return (value, time) if abs(value) > _ROUNDING * sizes[0] else (math.inf, math.nan)
+    return *smallest_minimum(curve, times, curve(times, 3)), _ROUNDING * sizes[0]
 
 
 def is_motion(passages: list[Passage]) -> bool:
@@ -188,7 +196,7 @@ def condition_of(
     if w.what == "chatter" and passage.r > 0.0:
         raise NoSolution("the force where an endless chatter ends is not smooth there")
     if w.what == "flight":
-        _, since = lowest_gap(passage, w.number, w.side)
+        _, since, _ = lowest_gap(passage, w.number, w.side)
         own = np.array([passage.phases[w.number] + passage.w * since])
     if w.what == "hold":
         own = np.array([passage.contact_phase + passage.w * lowest_force(passage)[1]])

@@ -27,7 +27,7 @@ def neighbours_of(
         del sides[w.number]
         phases = np.delete(phases, w.number + 1)
     elif w.what == "flight":
-        _, since = lowest_gap(passage, w.number, w.side)
+        _, since, _ = lowest_gap(passage, w.number, w.side)
         at = passage.phases[w.number] + passage.w * since
         sides.insert(w.number, w.side)
         phases = np.insert(phases, w.number + 1, at)
