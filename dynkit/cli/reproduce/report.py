@@ -61,5 +61,5 @@ def _machine() -> str:
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "matplotlib"))
     return (
         f"dynkit {__version__}, Python {platform.python_version()}, {libraries}; "
-        f"{platform.machine()}, {os.cpu_count()} processors, one of them used."
+        f"{platform.machine()}, {os.cpu_count()} processors."
     )
