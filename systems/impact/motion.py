@@ -27,7 +27,7 @@ def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> tuple[Ar
     which = np.searchsorted(began, times, side="right") - 1
     since = times - began[which]
     if not len(run.contacts):
-        return _moved(free, evolve(gap, starts, which, since))
+        return moved(free, evolve(gap, starts, which, since))
 
     speeds = np.append(run.start.relative_velocity, rows[:, -2])
     before = run.contacts[:, 0].astype(np.intp)
@@ -42,7 +42,7 @@ def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> tuple[Ar
 
     x, v = np.empty((len(times), n)), np.empty((len(times), n))
     flying = ~in_contact & ~released
-    x[flying], v[flying] = _moved(free, evolve(gap, starts, which[flying], since[flying]))
+    x[flying], v[flying] = moved(free, evolve(gap, starts, which[flying], since[flying]))
     for side in np.unique(sides).tolist():
         held = oscillator._contacts[side]
         stuck = transformed(held.to_stuck, starts[before])
@@ -52,10 +52,10 @@ def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> tuple[Ar
         at_release = transformed(held.to_free, evolve(held.force, stuck, ended, lasted))
         part = np.flatnonzero(released & (sides[during] == side))
         at = np.searchsorted(ended, during[part])
-        x[part], v[part] = _moved(free, evolve(gap, at_release, at, since[part] - length[part]))
+        x[part], v[part] = moved(free, evolve(gap, at_release, at, since[part] - length[part]))
         part = np.flatnonzero(in_contact & (sides[during] == side))
         states = evolve(held.force, stuck, during[part], since[part])
-        x[part], v[part] = _moved(held.regime, states)
+        x[part], v[part] = moved(held.regime, states)
         part = part[since[part] < rest[during[part]]]
         k = during[part]
         lift, rise = _bounces(oscillator.restitution, speed[k], rest[k], since[part])
@@ -91,7 +91,7 @@ def transformed(matrix: Array, states: Array) -> Array:
     return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))
 
 
-def _moved(regime: Regime, states: Array) -> tuple[Array, Array]:
+def moved(regime: Regime, states: Array) -> tuple[Array, Array]:
     """Positions and velocities (k, N) of states (k, 2, slots)."""
     q, sine, cosine = regime.parts(states)
     forced = regime.forced

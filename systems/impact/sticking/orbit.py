@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.systems.impact.motion import evolve, sample_run
+from dynkit.systems.impact.motion import evolve, moved, sample_run
 from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.passage import PASSED
@@ -90,8 +90,8 @@ class StickingOrbit(DrivenOrbit):
         noise = np.zeros(len(x))
         random = np.random.default_rng(0)
         for _ in range(_PROBES):
-            moved = x + 8.0 * _ROUNDING * scale * random.uniform(-1.0, 1.0, len(x))
-            change = problem.residual(moved, NONE) - here - derivative @ (moved - x)
+            near = x + 8.0 * _ROUNDING * scale * random.uniform(-1.0, 1.0, len(x))
+            change = problem.residual(near, NONE) - here - derivative @ (near - x)
             noise = np.maximum(noise, abs(change))
         cut = self.chatter_error / (PASSED * min(problem.sizes))
         left = 4.0 * (noise.max() + cut) + abs(here)
@@ -99,8 +99,8 @@ class StickingOrbit(DrivenOrbit):
             inverse = np.linalg.inv(derivative * scale)
         except np.linalg.LinAlgError:
             return float("inf")
-        moved = scale * (abs(inverse) @ left)
-        return float(moved.max() + 4.0 * _ROUNDING * (1.0 + abs(x).max()))
+        apart = scale * (abs(inverse) @ left)
+        return float(apart.max() + 4.0 * _ROUNDING * (1.0 + abs(x).max()))
 
     @cached_property
     def bounces(self) -> Array:
@@ -179,16 +179,11 @@ def _sampled(passage: Passage, since: Array) -> Array:
         which[flying],
         (since - events[which])[flying],
     )
-    out[:, flying] = _moved(free, states)
+    out[:, flying] = moved(free, states)
     chatter = ~flying & ~held
     if chatter.any():
         out[:, chatter] = sample_run(scene.system, passage.run, since[chatter] - events[-1])
     if held.any():
         holding = scene.holdings[passage.word.sides[-1]]
-        out[:, held] = _moved(holding.regime, holding.after(passage.caught, since[held] - contact))
+        out[:, held] = moved(holding.regime, holding.after(passage.caught, since[held] - contact))
     return out
-
-
-def _moved(regime: Any, states: Array) -> tuple[Array, Array]:
-    q, sine, cosine = regime.parts(states)
-    return regime.forced.positions(q, sine, cosine), regime.forced.velocities(q, sine, cosine)

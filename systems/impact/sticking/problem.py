@@ -147,11 +147,8 @@ class StickingProblem(Problem):
         return int(self._begins[-1])
 
     def scale(self, x: Array) -> Array:  # noqa: ARG002
-        return np.concatenate([self._scale(word) for word in self.words])
-
-    def _scale(self, word: Word) -> Array:
-        """Of the unknowns of one passage."""
-        return np.concatenate([np.repeat(self.sizes, self.half), np.ones(word.size)])
+        unit = np.repeat(self.sizes, self.half)
+        return np.concatenate([part for word in self.words for part in (unit, np.ones(word.size))])
 
     # --- equations --------------------------------------------------------------------------------
     # Of one passage: places at the end, contact force at the release, gaps at the impacts.
