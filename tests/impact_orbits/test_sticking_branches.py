@@ -226,6 +226,17 @@ def test_a_touch_leads_to_an_orbit_with_an_impact_more() -> None:
         assert len(other.unknowns) == len(touch.unknowns) + 1
 
 
+def test_errors_of_borders_cover_what_another_continuation_finds() -> None:
+    """From another orbit, in other steps."""
+    system, periods, parameter, _ = BRANCHES["P(inf,1)"]
+    orbit = system.replace(frequency=0.199).periodic_orbit(sticking=True, periods=periods)
+    other = continue_orbit(orbit, parameter, bounds=(0.185, 0.215), largest_step=0.03)
+    borders = [branch_of("P(inf,1)").bifurcations, other.bifurcations]
+    for here, there in zip(*borders, strict=True):
+        assert here.kind == there.kind == "CB"
+        assert abs(here.value - there.value) <= here.error + there.error
+
+
 # --- folds ----------------------------------------------------------------------------------------
 
 
