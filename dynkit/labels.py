@@ -1,5 +1,6 @@
 """Orbit labels: P(n,m), P(inf,m), chaotic or unsettled, from the recurrence of section states."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -9,6 +10,7 @@ from typing import Protocol, final
 import numpy as np
 
 from dynkit.recurrences import REPETITIONS, Recurrences
+from dynkit.results import Cost
 from dynkit.validation import Array, positive, positive_integer
 
 # A decay is extrapolated when the orbit it leads to is this near: in tolerances; relative, when the
@@ -53,6 +55,11 @@ class OrbitLabel:
         States that were looked at, those for the growth of disturbances included.
     transient_chaos : int
         States that had passed, at least, when chaos was last seen before; see `settled_label`.
+    chance : float
+        Of chaos the chance that disturbances grow as much, block by block, in a motion in which
+        they do not grow on average; see `label_orbit`.
+    seconds : float
+        Wall-clock time of the decision; the states that were kept before are not in it.
     count_harmonics : callable, optional
         What `harmonics` asks, once.
 
@@ -73,7 +80,29 @@ class OrbitLabel:
     recurrence: float
     simulated: int
     transient_chaos: int = 0
+    chance: float = np.inf
+    seconds: float = field(default=0.0, repr=False, compare=False)
     count_harmonics: Callable[[], int] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def error(self) -> float:
+        """How wrong the label may be, in the sense of its kind.
+
+        Of P(n,m) and P(inf,m) the `recurrence`: how far the states are, relative, from repeating
+        themselves, which whatever is slower than the window can hide behind. Of chaos the `chance`.
+        Of a motion at rest zero: that no impact comes any more is proved. An unsettled one claims
+        nothing: infinite.
+        """
+        if self.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
+            return self.recurrence
+        if self.kind is OrbitKind.CHAOTIC:
+            return self.chance
+        return 0.0 if self.kind is OrbitKind.AT_REST else np.inf
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds of the decision, and states that were looked at."""
+        return Cost(self.seconds, {"states": self.simulated})
 
     @cached_property
     def harmonics(self) -> int | None:
@@ -161,7 +190,7 @@ def label_orbit(
       the extrapolated orbit is within 100 tolerances (1e-2 when the budget ends).
     - From 800 states on, a motion that neither recurs nor settles is chaotic when nearby states
       part exponentially: when their mean growth less three standard errors is positive, and amounts
-      to more than that of the square of time.
+      to more than that of the square of time. The `chance` is Student's t of 16 batches.
 
     `chaotic` speaks of the states looked at, not of later. Quasi-periodic motion is `unsettled`.
 
@@ -181,6 +210,12 @@ def label_orbit(
     ValueError
         When kept or budget are no counts, or the tolerance is not positive.
     """
+    began = time.perf_counter()
+    label = _decided(source, kept, tolerance, budget)
+    return replace(label, seconds=time.perf_counter() - began)
+
+
+def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | None) -> OrbitLabel:
     request = positive_integer("kept", kept)
     limit = max(_BUDGET, 4 * request) if budget is None else positive_integer("budget", budget)
     tolerance = positive("tolerance", tolerance)
@@ -199,8 +234,10 @@ def label_orbit(
             if steps >= _CHAOS_AFTER:
                 spent += 2 * steps
                 growth.append(source.growth(steps))
-                if _parts_exponentially(growth, spent):
-                    return OrbitLabel(OrbitKind.CHAOTIC, None, None, tolerance, nearest, spent)
+                chance = _parts_exponentially(growth, spent)
+                if chance is not None:
+                    found = (tolerance, nearest, spent)
+                    return OrbitLabel(OrbitKind.CHAOTIC, None, None, *found, chance=chance)
         request = min(max(seen, REPETITIONS), limit - spent)
         ends = 2 * request < seen
         if period is None and ends:
@@ -236,14 +273,15 @@ def settled_label(
     """
     limit = positive_integer("budget", budget)
     counted = _Counted(source)
-    spent = chaos = 0
+    began, spent, chaos = time.perf_counter(), 0, 0
     while True:
         label = label_orbit(counted, kept=kept, tolerance=tolerance, budget=limit - spent)
         spent += label.simulated
+        label = replace(label, simulated=spent, seconds=time.perf_counter() - began)
         if label.kind is not OrbitKind.CHAOTIC:
-            return replace(label, simulated=spent, transient_chaos=chaos)
+            return replace(label, transient_chaos=chaos)
         if limit - spent < 4 * _CHAOS_AFTER:  # too few to tell chaos from what follows it
-            return replace(label, simulated=spent)
+            return label
         chaos, kept = counted.seen, _CHAOS_AFTER
 
 
@@ -278,12 +316,17 @@ def _recurrences(window: Window, source: OrbitSource) -> Recurrences:
     return Recurrences(window.states, window.times, source.difference)
 
 
-def _parts_exponentially(growth: list[Array], time: int) -> bool:
+def _parts_exponentially(growth: list[Array], time: int) -> float | None:
+    """The chance of growth like this where there is none on average; None where it is not sure."""
     # the first quarter of each run turns the disturbance into the direction that grows
     blocks = np.concatenate([run[len(run) // 4 :] for run in growth])
     if len(blocks) < 2 * _BATCHES or not np.isfinite(blocks).all():
-        return False
+        return None
     means = np.array([batch.mean() for batch in np.array_split(blocks, _BATCHES)])
-    sure = means.mean() - 3.0 * means.std(ddof=1) / np.sqrt(_BATCHES)
+    error = means.std(ddof=1) / np.sqrt(_BATCHES)
     # disturbances that grow as a power of time, up to the square, are no chaos
-    return bool(sure * len(blocks) > 2.0 * np.log(time))
+    if not (means.mean() - 3.0 * error) * len(blocks) > 2.0 * np.log(time):
+        return None
+    from scipy.special import stdtr
+
+    return float(stdtr(_BATCHES - 1, -means.mean() / error)) if error else 0.0
