@@ -7,6 +7,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynkit.files import whole
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -90,7 +92,7 @@ def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6
 
 
 def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[Path, ...]:
-    """Save a figure as PNG and SVG.
+    """Save a figure as PNG and SVG; each file is the new one, or after any failure the old one.
 
     Parameters
     ----------
@@ -104,11 +106,16 @@ def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[
     -------
     tuple of Path
         The two files.
+
+    Raises
+    ------
+    ValueError, OSError
+        When they cannot be written.
     """
     files = []
     # dates would make the same figure another file
     for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
         files.append(stem.with_name(f"{stem.name}.{ending}"))
-        with print_style():
-            figure.savefig(files[-1], dpi=resolution, metadata=metadata)
+        with print_style(), whole("stem", files[-1]) as stream:
+            figure.savefig(stream, format=ending, dpi=resolution, metadata=metadata)
     return tuple(files)

@@ -3,12 +3,17 @@
 Numba's own file cache notices an edit to the file of a compiled function, but not an edit to a
 function of another file that it calls. The cache folder is therefore named after a hash of every
 kernel source of the package.
+
+That cache is Numba's own: machine code, and an index of it that Python's pickle reads, which runs
+whatever code its file asks for. So the folder must belong to the user, and nobody else may write
+to it; where that is not so, another one serves. Nothing else that dynkit reads is code.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Callable
@@ -35,13 +40,18 @@ def _user_cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
-def _writable(folder: Path) -> bool:
+def _private(folder: Path) -> bool:
+    """Whether it can be written to, by this user only; made when it is missing."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
+            pass
+        if sys.platform == "win32":  # a user's own folders are closed to others there
             return True
+        found = folder.stat()
     except OSError:
         return False
+    return found.st_uid == os.geteuid() and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def _kernel_sources() -> list[Path]:
@@ -60,15 +70,15 @@ def _kernel_sources() -> list[Path]:
 def cache_folder() -> Path:
     """Folder of the compiled kernels, named after a hash of their sources.
 
-    The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder, otherwise
-    (not writable) a temporary folder of this process.
+    The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder. Where others
+    may write to that folder, or the user may not, it is a temporary folder of this process.
     """
     digest = hashlib.sha256()
     for source in _kernel_sources():
         digest.update(source.name.encode())
         digest.update(source.read_bytes())
     folder = _user_cache() / "dynkit" / f"kernels-{digest.hexdigest()[:16]}"
-    return folder if _writable(folder) else Path(tempfile.mkdtemp(prefix="dynkit-kernels-"))
+    return folder if _private(folder) else Path(tempfile.mkdtemp(prefix="dynkit-kernels-"))
 
 
 def kernel(

@@ -9,15 +9,16 @@ any of it is interpreted.
 import hashlib
 import io
 import os
-import sys
 from collections.abc import Generator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dynkit import files
 
 FORMAT = 1
 """Version of the layout; other versions are refused."""
@@ -59,17 +60,7 @@ def place(store: str | os.PathLike[str]) -> Path:
     ...
     ValueError: store must be in a folder that exists; got 'no/such/folder/x.h5'
     """
-    given = os.fspath(store)
-    try:
-        path = Path(given).resolve()
-        is_file, exists, in_folder = path.is_file(), path.exists(), path.parent.is_dir()
-    except (OSError, RuntimeError, ValueError) as failure:  # too long, a loop of links, a null byte
-        raise ValueError(f"store must be a file; got {given!r} ({_reason(failure)})") from failure
-    if exists and not is_file:
-        raise ValueError(f"store must be a file; got {given!r}")
-    if not in_folder:
-        raise ValueError(f"store must be in a folder that exists; got {given!r}")
-    return path
+    return files.place("store", store)
 
 
 def read(path: Path) -> Archive:
@@ -78,7 +69,8 @@ def read(path: Path) -> Archive:
     Raises
     ------
     ValueError
-        When the file cannot be read, is no store, is of another format, truncated or damaged.
+        When the file cannot be read, is no store, is of another format, truncated or damaged, or
+        was made by something else.
     """
     try:
         with path.open("rb") as file:
@@ -91,11 +83,11 @@ def read(path: Path) -> Archive:
             data = file.read()
     except OSError as failure:
         raise ValueError(
-            f"store must be a file that can be read; got {path} ({_reason(failure)})"
+            f"store must be a file that can be read; got {path} ({files.reason(failure)})"
         ) from failure
     if block != _heading(data):
         raise ValueError(f"store must be whole; got {path}, which is truncated or damaged")
-    return _parsed(data)
+    return _parsed(path, data)
 
 
 def write(path: Path, archive: Archive) -> None:
@@ -114,93 +106,21 @@ def write(path: Path, archive: Archive) -> None:
             file.attrs[name] = text
         for name, array in archive.arrays.items():
             file.create_dataset(name, data=array)
-    data = buffer.getbuffer()
-    temporary = path.with_name(f".{path.name}.new")
-    try:
-        with temporary.open("wb") as target:
-            target.write(_heading(data[_BLOCK:]))
-            target.write(data[_BLOCK:])
-            target.flush()
-            os.fsync(target.fileno())
-        temporary.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink()
-        raise
-    _make_rename_durable(path.parent)
+    data = buffer.getbuffer()[_BLOCK:]
+    with files.replaced("store", path) as target:
+        target.write(_heading(data))
+        target.write(data)
 
 
-@contextmanager
-def locked(path: Path) -> Generator[None, None, None]:
-    """Keep other processes from writing the same store; a process that dies leaves no lock behind.
+def locked(path: Path) -> AbstractContextManager[None]:
+    """Keep other processes from writing the same store, as `dynkit.files.locked` says.
 
     Raises
     ------
     ValueError
-        When it is being written elsewhere, or the folder cannot be written.
+        When it is being written elsewhere, or the folder cannot be written, or not be locked.
     """
-    lock = path.with_name(f".{path.name}.lock")
-    handle = _open_lock(lock, path)
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            lock.unlink()
-        os.close(handle)
-
-
-def _open_lock(lock: Path, path: Path) -> int:
-    while True:
-        try:
-            handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
-        except OSError as failure:
-            raise ValueError(
-                f"store must be in a folder that can be written; got {path} ({_reason(failure)})"
-            ) from failure
-        try:
-            if not _take(handle):
-                raise ValueError(f"store must not be in use by another writer; got {path}")
-            # who held the lock before may have removed the file that is open here
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(handle), lock.stat()):
-                    return handle
-        except BaseException:
-            os.close(handle)
-            raise
-        os.close(handle)
-
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _take(handle: int) -> bool:
-        try:
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        return True
-
-    def _make_rename_durable(folder: Path) -> None:
-        """Nothing to do: folders cannot be flushed here."""
-
-else:
-    import fcntl
-
-    def _take(handle: int) -> bool:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
-
-    def _make_rename_durable(folder: Path) -> None:
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            # not every file system can flush a folder; the file itself is safe
-            with suppress(OSError):
-                os.fsync(handle)
-        finally:
-            os.close(handle)
+    return files.locked("store", path)
 
 
 def _heading(data: bytes | memoryview) -> bytes:
@@ -212,20 +132,42 @@ def _heading(data: bytes | memoryview) -> bytes:
     return text.encode().ljust(_BLOCK, b"\0")
 
 
-def _parsed(data: bytes) -> Archive:
+def _parsed(path: Path, data: bytes) -> Archive:
+    """What the data hold; a whole file that `write` did not make may hold anything."""
     import h5py
 
-    with h5py.File(io.BytesIO(bytes(_BLOCK) + data), "r") as file:
-        entries = {name: str(text) for name, text in file.attrs.items()}
-        arrays: dict[str, NDArray[Any]] = {}
+    try:
+        with h5py.File(io.BytesIO(bytes(_BLOCK) + data), "r") as file:
+            entries = {name: str(text) for name, text in file.attrs.items()}
+            arrays: dict[str, NDArray[Any]] = {}
 
-        def collect(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset):
-                arrays[name] = np.asarray(item)
+            def collect(name: str, item: Any) -> None:
+                if isinstance(item, h5py.Dataset):
+                    if item.external or item.is_virtual:  # would have other files read
+                        raise ValueError(f"the data of {name!r} are elsewhere")
+                    arrays[name] = np.asarray(item)
 
-        file.visititems(collect)
+            file.visititems(collect)
+    except (ArithmeticError, LookupError, OSError, RuntimeError, TypeError, ValueError) as fault:
+        raise ValueError(f"store must hold plain arrays and texts; got {path} ({fault})") from fault
     return Archive(entries, arrays)
 
 
-def _reason(failure: BaseException) -> str:
-    return getattr(failure, "strerror", None) or str(failure)
+@contextmanager
+def understood(path: Path, kind: str) -> Generator[None]:
+    """Name the store when it is whole but does not hold what one of its kind should.
+
+    What stands inside of this context turns entries and arrays into what they mean, no more.
+
+    Raises
+    ------
+    ValueError
+        Naming the store, in place of whatever was raised.
+    """
+    try:
+        yield
+    except (ArithmeticError, LookupError, AttributeError, TypeError, ValueError) as fault:
+        missing = "there is no " if isinstance(fault, KeyError) else ""
+        raise ValueError(
+            f"store must hold all of a {kind}; got {path} ({missing}{fault})"
+        ) from fault

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
-import os
+import io
 import tempfile
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from dynkit.files import locked, place, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,17 +40,18 @@ def writable_file(name: str, path: Path) -> Path:
     ValueError
         When it cannot.
     """
-    if path.is_dir():
-        raise ValueError(f"{name} must be a file; got the folder {str(path)!r}")
     try:
-        if path.exists():
+        if path.is_dir():
+            raise ValueError(f"{name} must be a file; got the folder {str(path)!r}")
+        if path.is_file():
             with path.open("rb+"):
                 pass
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as failure:
         raise _unwritable(name, path, failure) from failure
-    return path
+    with locked(name, place(name, path)):
+        return path
 
 
 def output_folder(name: str, text: str) -> Path:
@@ -76,56 +78,53 @@ def _unwritable(name: str, path: Path, failure: OSError) -> ValueError:
     return ValueError(f"{name} must be writable; got {str(path)!r} ({failure.strerror})")
 
 
-@contextmanager
-def _whole(path: Path) -> Generator[Path]:
-    """Give a file to write to that becomes the path's when all went well."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
-    part = Path(name)
-    try:
-        yield part
-        part.chmod(0o666 & ~_umask())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
 def write_table(path: Path, columns: Mapping[str, Sequence[object]]) -> None:
     """Write columns of one length as CSV; floats in full, so that they read back bit for bit."""
-    with _whole(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+    table = io.StringIO(newline="")
+    writer = csv.writer(table)
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    with whole("out", path) as stream:
+        stream.write(table.getvalue().encode())
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], parameters: Mapping[str, object]) -> None:
     """Write arrays by name as .npz or .h5, and the parameters: as arrays, or as attributes."""
     import numpy as np
 
-    with _whole(path) as part:
+    with whole("out", path) as stream:
         if path.suffix == ".npz":
             everything: dict[str, Any] = {**arrays, **parameters}
-            np.savez_compressed(part, **everything)
-            return
-        import h5py
+            np.savez_compressed(stream, **everything)
+        else:
+            stream.write(_hdf5(arrays, parameters))
 
-        with h5py.File(part, "w") as file:
-            for name, array in arrays.items():
-                data = np.asarray(array)
-                if data.dtype.kind == "U":
-                    data = data.astype(h5py.string_dtype())
-                file[name] = data
-            for name, value in parameters.items():
-                file.attrs[name] = value
+
+def _hdf5(arrays: Mapping[str, Any], parameters: Mapping[str, object]) -> memoryview:
+    import h5py
+    import numpy as np
+
+    # in memory: HDF5 locks and seeks in what it writes to, and says little when a disk is full
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        for name, array in arrays.items():
+            data = np.asarray(array)
+            if data.dtype.kind == "U":
+                data = data.astype(h5py.string_dtype())
+            file[name] = data
+        for name, value in parameters.items():
+            file.attrs[name] = value
+    return buffer.getbuffer()
 
 
 def write_picture(path: Path, draw: Callable[[], Figure]) -> None:
     """Write a figure as .png or .svg."""
-    with _whole(path) as part:
-        draw().savefig(part, dpi=600)
+    figure = draw()
+    with whole("out", path) as stream:
+        figure.savefig(stream, format=path.suffix[1:], dpi=600)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text."""
+    with whole("out", path) as stream:
+        stream.write(text.encode())

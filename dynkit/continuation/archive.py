@@ -1,71 +1,42 @@
-"""Branches as archives of a store."""
+"""Branches, and curves of bifurcations, as archives of a store."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynkit import __version__, store
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
+from dynkit.continuation.curves import BifurcationCurve
 from dynkit.continuation.endings import Ending, Reason
+from dynkit.files import reason
 from dynkit.results import Cost
 from dynkit.sweeps.archive import identity
 from dynkit.sweeps.sweepable import sweepable
 
 if TYPE_CHECKING:
-    from dynkit.continuation.problem import Problem
     from dynkit.maps import Map
     from dynkit.orbits import PeriodicOrbit
 
-_KIND = "branch of periodic orbits"
-_ARRAYS = ("parameter", "unknowns", "multipliers", "admissible", "residuals")
+_BRANCH, _CURVE = "branch of periodic orbits", "curve of bifurcations"
+_BRANCH_ARRAYS = ("parameter", "unknowns", "multipliers", "admissible", "residuals")
+_CURVE_ARRAYS = ("parameters", "unknowns", "own", "admissible", "residuals")
+_OF_BIFURCATION = ("unknowns", "direction", "tangent", "own")
 
 
-def save_branch(branch: Branch, path: str | os.PathLike[str]) -> None:
-    """Write a branch to a store.
-
-    Raises
-    ------
-    ValueError
-        When it cannot be written there, or the system cannot be told from others.
-    """
-    file = store.place(path)
-    entries = {
-        "kind": _KIND,
-        "label": branch.label,
-        "parameter": branch.name,
-        **_identity(branch.system, branch.name, float(branch.parameter[0])),
-        "dynkit": __version__,
-        "endings": json.dumps([[ending.reason.name, ending.message] for ending in branch.endings]),
-        "seconds": repr(branch.cost.seconds),
-        "work": json.dumps(dict(branch.cost.counts)),
-        "bifurcations": str(len(branch.bifurcations)),
-    }
-    arrays: dict[str, Any] = {name: getattr(branch, name) for name in _ARRAYS}
-    arrays["error"] = branch.error
-    for i, bifurcation in enumerate(branch.bifurcations):
-        entries[f"bifurcation {i}"] = json.dumps(_described(bifurcation))
-        arrays |= {
-            f"bifurcations/{i}/unknowns": bifurcation.unknowns,
-            f"bifurcations/{i}/direction": bifurcation.direction,
-            f"bifurcations/{i}/tangent": bifurcation.tangent,
-            f"bifurcations/{i}/own": bifurcation.own,
-        }
-    write_archive(file, store.Archive(entries, arrays))
-
-
-def write_archive(file: Path, archive: store.Archive) -> None:
+def write_archive(path: str | os.PathLike[str], archive: store.Archive) -> None:
     """Write an archive to a store; ValueError where it cannot be written."""
+    file = store.place(path)
     with store.locked(file):
         try:
             store.write(file, archive)
         except OSError as failure:
-            raise ValueError(
-                f"store must be a file that can be written; got {file} ({failure.strerror})"
-            ) from failure
+            raise ValueError(reason(failure)) from failure
 
 
 def read_archive(path: str | os.PathLike[str], kind: str) -> tuple[Path, store.Archive]:
@@ -77,48 +48,150 @@ def read_archive(path: str | os.PathLike[str], kind: str) -> tuple[Path, store.A
     return file, archive
 
 
-def load_branch(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Branch:
-    """Read a branch from a store.
+def save_branch(branch: Branch, path: str | os.PathLike[str]) -> None:
+    """Write a branch to a store; ValueError as `Branch.save`."""
+    write_archive(path, archived_branch(branch))
 
-    Raises
-    ------
-    ValueError
-        As `Branch.load`.
-    """
-    file, archive = read_archive(path, _KIND)
+
+def archived_branch(branch: Branch) -> store.Archive:
+    """Return a branch as an archive; ValueError where the system cannot be told from others."""
+    entries = {
+        "kind": _BRANCH,
+        "label": branch.label,
+        "parameter": branch.name,
+        **_identity(branch.system, {branch.name: float(branch.parameter[0])}),
+        **_how_made(branch),
+        "bifurcations": str(len(branch.bifurcations)),
+    }
+    arrays: dict[str, Any] = {name: getattr(branch, name) for name in _BRANCH_ARRAYS}
+    arrays["error"] = branch.error
+    for i, bifurcation in enumerate(branch.bifurcations):
+        entries[f"bifurcation {i}"] = json.dumps(_described(bifurcation))
+        for name in _OF_BIFURCATION:
+            arrays[f"bifurcations/{i}/{name}"] = getattr(bifurcation, name)
+    return store.Archive(entries, arrays)
+
+
+def load_branch(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Branch:
+    """Read a branch from a store; ValueError as `Branch.load`."""
+    file, archive = read_archive(path, _BRANCH)
+    branch = restored_branch(file, archive)
+    return branch if orbit is None else with_orbits(file, archive, branch, orbit)
+
+
+def restored_branch(file: Path, archive: store.Archive) -> Branch:
+    """Return the branch of an archive, without orbits; ValueError where something is missing."""
     entries, arrays = archive.entries, archive.arrays
-    name = entries["parameter"]
-    problem = None
-    if orbit is not None:
-        _refuse_other(file, archive, orbit)
-        problem = orbit.problem(name)
-    endings = [Ending(Reason[key], text) for key, text in json.loads(entries["endings"])]
-    count = int(entries["bifurcations"])
-    return Branch(
-        label=entries["label"],
-        name=name,
-        **{key: arrays[key] for key in _ARRAYS},
-        bifurcations=tuple(_restored(archive, i, name, problem) for i in range(count)),
-        endings=(endings[0], endings[1]),
-        cost=Cost(float(entries["seconds"]), json.loads(entries["work"])),
+    numbers: dict[str, Any]
+    with store.understood(file, _BRANCH):
+        numbers = {key: arrays[key] for key in _BRANCH_ARRAYS}
+        name = entries["parameter"]
+        count = int(entries["bifurcations"])
+        _refuse_ragged([*numbers.values(), arrays["error"]])
+        return Branch(
+            label=entries["label"],
+            name=name,
+            **numbers,
+            bifurcations=tuple(_restored(archive, i, name) for i in range(count)),
+            **_made(archive),
+            _problem=None,
+            _system=None,
+            _error=arrays["error"],
+        )
+
+
+def with_orbits(file: Path, archive: store.Archive, branch: Branch, orbit: PeriodicOrbit) -> Branch:
+    """Return a branch that makes orbits like the one given; ValueError where it is another kind."""
+    _refuse_other(file, archive, orbit, {branch.name: branch.parameter[0]})
+    problem = orbit.problem(branch.name)
+    return dataclasses.replace(
+        branch,
+        bifurcations=tuple(
+            dataclasses.replace(found, _problem=problem) for found in branch.bifurcations
+        ),
         _problem=problem,
-        _system=orbit.system if orbit is not None else None,
-        _error=arrays["error"],
+        _system=orbit.system,
     )
 
 
-def _identity(system: Map, name: str, value: float) -> dict[str, str]:
-    return identity(sweepable(system.replace(**{name: value})))
+def save_curve(curve: BifurcationCurve, path: str | os.PathLike[str]) -> None:
+    """Write a curve to a store; ValueError as `BifurcationCurve.save`."""
+    first = dict(zip(curve.names, curve.parameters[0].tolist(), strict=True))
+    entries = {
+        "kind": _CURVE,
+        "label": curve.label,
+        "bifurcations": curve.kind,
+        "parameters": json.dumps(curve.names),
+        **_identity(curve.orbit(0).system, first),
+        **_how_made(curve),
+    }
+    arrays = {name: getattr(curve, name) for name in _CURVE_ARRAYS}
+    write_archive(path, store.Archive(entries, arrays))
 
 
-def _refuse_other(file: Path, archive: store.Archive, orbit: PeriodicOrbit) -> None:
+def load_curve(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> BifurcationCurve:
+    """Read a curve from a store; ValueError as `BifurcationCurve.load`."""
+    file, archive = read_archive(path, _CURVE)
     entries, arrays = archive.entries, archive.arrays
-    name = entries["parameter"]
+    numbers: dict[str, Any]
+    with store.understood(file, _CURVE):
+        numbers = {key: arrays[key] for key in _CURVE_ARRAYS}
+        one, other = json.loads(entries["parameters"])
+        _refuse_ragged([*numbers.values()])
+        curve = BifurcationCurve(
+            kind=entries["bifurcations"],
+            label=entries["label"],
+            names=(str(one), str(other)),
+            **numbers,
+            **_made(archive),
+            _problem=None,
+        )
+        first = dict(zip(curve.names, curve.parameters[0].tolist(), strict=True))
+    if orbit is None:
+        return curve
+    _refuse_other(file, archive, orbit, first)
+    return dataclasses.replace(curve, _problem=orbit.problem(*curve.names))
+
+
+def _how_made(found: Branch | BifurcationCurve) -> dict[str, str]:
+    return {
+        "dynkit": __version__,
+        "endings": json.dumps([[ending.reason.name, ending.message] for ending in found.endings]),
+        "seconds": repr(found.cost.seconds),
+        "work": json.dumps(dict(found.cost.counts)),
+    }
+
+
+def _made(archive: store.Archive) -> dict[str, Any]:
+    entries = archive.entries
+    first, last = (Ending(Reason[key], text) for key, text in json.loads(entries["endings"]))
+    cost = Cost(float(entries["seconds"]), json.loads(entries["work"]))
+    return {"endings": (first, last), "cost": cost}
+
+
+def _refuse_ragged(arrays: list[Any]) -> None:
+    lengths = {len(array) for array in arrays}
+    if len(lengths) != 1 or 0 in lengths:
+        raise ValueError(f"arrays of {sorted(lengths)} rows")
+
+
+def _identity(system: Map, free: Mapping[str, float]) -> dict[str, str]:
+    return identity(sweepable(system.replace(**free)))
+
+
+def _refuse_other(
+    file: Path, archive: store.Archive, orbit: PeriodicOrbit, free: Mapping[str, Any]
+) -> None:
+    """Refuse an orbit of another kind or system; the free parameters' values stand for all."""
+    entries, size = archive.entries, archive.arrays["unknowns"].shape[1]
     if orbit.label != entries["label"]:
         raise ValueError(f"store {file} was made with orbits {entries['label']}; got {orbit.label}")
-    if name not in orbit.system.parameters:
-        raise ValueError(f"store {file} was made with parameter {name}; got a system without it")
-    asked = _identity(orbit.system, name, float(arrays["parameter"][0]))
+    for name in free:
+        if name not in orbit.system.parameters:
+            raise ValueError(
+                f"store {file} was made with parameter {name}; got a system without it"
+            )
+    asked = _identity(orbit.system, {name: float(value) for name, value in free.items()})
     made = {key: text for key, text in entries.items() if key.startswith("system.")}
     for key in sorted(made.keys() | asked.keys()):
         a, b = made.get(key, "none"), asked.get(key, "none")
@@ -126,10 +199,9 @@ def _refuse_other(file: Path, archive: store.Archive, orbit: PeriodicOrbit) -> N
             raise ValueError(
                 f"store {file} was made with {key.removeprefix('system.')} {a}; got {b}"
             )
-    size = orbit.problem(name).size
-    if size != arrays["unknowns"].shape[1]:
+    if orbit.problem(*free).size != size:
         raise ValueError(
-            f"store {file} was made with {arrays['unknowns'].shape[1]} unknowns; got {size}"
+            f"store {file} was made with {size} unknowns; got {orbit.problem(*free).size}"
         )
 
 
@@ -149,14 +221,9 @@ def _described(bifurcation: Bifurcation) -> dict[str, Any]:
     }
 
 
-def _restored(
-    archive: store.Archive, place: int, parameter: str, problem: Problem | None
-) -> Bifurcation:
-    entry = json.loads(archive.entries[f"bifurcation {place}"])
-    arrays = {
-        key: archive.arrays[f"bifurcations/{place}/{key}"]
-        for key in ("unknowns", "direction", "tangent", "own")
-    }
+def _restored(archive: store.Archive, number: int, parameter: str) -> Bifurcation:
+    entry = json.loads(archive.entries[f"bifurcation {number}"])
+    arrays = {key: archive.arrays[f"bifurcations/{number}/{key}"] for key in _OF_BIFURCATION}
     for array in arrays.values():
         array.setflags(write=False)
     multiplier = entry["multiplier"]
@@ -171,6 +238,6 @@ def _restored(
         history=tuple(entry["history"]),
         event=entry["event"],
         cost=Cost(entry["seconds"], entry["work"]),
-        _problem=problem,
+        _problem=None,
         **arrays,
     )

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 _Known = TypeVar("_Known")
 
 
-def given(part: _Known | None) -> _Known:
+def given(part: _Known | None, owner: str = "Branch") -> _Known:
     """Return a part that no store keeps; ValueError where loading left it out."""
     if part is None:
-        raise ValueError("orbit must be given to Branch.load to get orbits back; got None")
+        raise ValueError(f"orbit must be given to {owner}.load to get orbits back; got None")
     return part
 
 

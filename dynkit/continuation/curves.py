@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import Follower, Point
+from dynkit.continuation.bifurcations import Bifurcation, given
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.endings import Bound, Ending, Reason
 from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
@@ -22,7 +24,6 @@ from dynkit.validation import Array, in_interval
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.continuation.bifurcations import Bifurcation
     from dynkit.orbits import PeriodicOrbit
 
 # Where theta is nearer to 0 or pi the two equations of NS are one.
@@ -40,6 +41,8 @@ class BifurcationCurve:
     ----------
     kind : {"SN", "PD", "NS", "BP", "GR", "CB"}
         What they are.
+    label : str
+        What kind of orbits they are of, such as ``P(2)`` or ``P(1,3)``.
     names : (str, str)
         Names of the two parameters.
     parameters : (k, 2) array
@@ -55,9 +58,28 @@ class BifurcationCurve:
     endings : (Ending, Ending)
         Why and where it ends: at the first point, and at the last.
     cost : Cost
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from dynkit import continue_orbit, periodic_orbit
+    >>> from dynkit.systems import Henon
+    >>> orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
+    >>> (doubling,) = continue_orbit(orbit, "a", bounds=(0.1, 1.4)).bifurcations
+    >>> curve = continue_curve(doubling, ("a", "b"), bounds=((0.0, 3.0), (-0.9, 0.9)), points=3)
+    >>> with TemporaryDirectory() as folder:
+    ...     store = Path(folder, "x.h5")
+    ...     curve.save(store)
+    ...     loaded = BifurcationCurve.load(store, orbit)
+    >>> loaded
+    <BifurcationCurve of PD: 5 points, a from 0.36... to 0.37..., b from 0.29... to 0.30...>
+    >>> loaded.orbit(0).label
+    'P(1)'
     """
 
     kind: str
+    label: str
     names: tuple[str, str]
     parameters: Array
     unknowns: Array
@@ -66,7 +88,7 @@ class BifurcationCurve:
     residuals: Array
     endings: tuple[Ending, Ending]
     cost: Cost
-    _problem: Problem
+    _problem: Problem | None
 
     def __post_init__(self) -> None:
         for name in ("parameters", "unknowns", "own", "admissible", "residuals"):
@@ -94,18 +116,55 @@ class BifurcationCurve:
         Raises
         ------
         ValueError
-            When there is no such point.
+            When there is no such point, or the curve was loaded without an orbit.
         """
         if not -len(self) <= place < len(self):
             raise ValueError(f"place must lie in [{-len(self)}, {len(self) - 1}]; got {place}")
         past = (float(self.residuals[place]),)
-        return self._problem.orbit(self.unknowns[place], self.parameters[place], past)
+        problem = given(self._problem, "BifurcationCurve")
+        return problem.orbit(self.unknowns[place], self.parameters[place], past)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw it in the plane of its parameters, each kind with a line of its own."""
         from dynkit.continuation.drawing import draw_curve
 
         return draw_curve(self, ax)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there, the system cannot be told from others, or the curve was
+            loaded without an orbit.
+        """
+        from dynkit.continuation.archive import save_curve
+
+        save_curve(self, path)
+
+    @classmethod
+    def load(
+        cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None
+    ) -> BifurcationCurve:
+        """Read it from a store: the same bits.
+
+        Parameters
+        ----------
+        path : path
+        orbit : PeriodicOrbit, optional
+            Any orbit of the same kind of the same system, at any values of the curve's parameters;
+            needed for `orbit`.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of a curve, or the orbit is of another
+            kind or system.
+        """
+        from dynkit.continuation.archive import load_curve
+
+        return load_curve(path, orbit)
 
 
 def continue_curve(
@@ -200,6 +259,7 @@ def continue_curve(
     split = [equations.split(point.y) for point in found]
     return BifurcationCurve(
         kind=bifurcation.kind,
+        label=bifurcation.orbit.label,
         names=names,
         parameters=np.array([p for _, _, p in split]),
         unknowns=np.array([x for x, _, _ in split]),

@@ -11,6 +11,7 @@ from typing import final
 import numpy as np
 
 from dynkit import __version__, store
+from dynkit.files import reason
 from dynkit.sweeps.following import Findings, Plan
 from dynkit.sweeps.sweepable import Sweepable
 from dynkit.validation import Array
@@ -96,11 +97,19 @@ def read_sweep(path: Path) -> store.Archive:
     Raises
     ------
     ValueError
-        As `store.read`, and when it holds something else.
+        As `store.read`, and when it holds something else, or not all of a sweep.
     """
     archive = store.read(path)
     if archive.entries.get("kind") != _KIND:
         raise ValueError(f"store must hold a {_KIND}; got {path}")
+    with store.understood(path, _KIND):
+        outline = outline_of(archive)
+        findings = findings_of(outline, archive)
+        if not len(outline.values) or findings.finished > len(outline.values):
+            raise ValueError(f"{findings.finished} of {len(outline.values)} values")
+        for code in findings.ending_codes.tolist() if findings.finished else ():
+            _ = findings.endings[code]
+        _ = archive.entries["dynkit"]
     return archive
 
 
@@ -207,12 +216,16 @@ class Keeper:
         try:
             self.write(findings)
         except OSError as failure:
-            raise ValueError(
-                f"store must be a file that can be written; got {self._path} ({failure.strerror})"
-            ) from failure
+            raise ValueError(reason(failure)) from failure
 
     def write(self, findings: Findings) -> None:
-        """Write whatever is not yet written."""
+        """Write whatever is not yet written.
+
+        Raises
+        ------
+        OSError
+            When it cannot be written; the store is then as it was.
+        """
         if findings.finished == self._written:
             return
         finished = findings.finished

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from dynkit.cli.extremes.cases import GROUPS, read_cases
-from dynkit.cli.output import writable_file
+from dynkit.cli.output import writable_file, write_text
 
 
 def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: TextIO) -> None:
@@ -45,7 +45,7 @@ def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: 
             print(line(outcomes[-1]), file=log, flush=True)
     print(summary(outcomes), file=log)
     if file is not None:
-        file.write_text(markdown(outcomes), encoding="utf-8")
+        write_text(file, markdown(outcomes))
         print(f"written: {file}", file=log)
     wrong = [outcome.case.name for outcome in outcomes if not outcome.right]
     if wrong:

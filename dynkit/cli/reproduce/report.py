@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dynkit import __version__
+from dynkit.cli.output import write_text
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Section, table
 
@@ -42,7 +43,7 @@ def write_report(path: Path, sections: Sequence[Section], compiling: float, seco
     ]
     if left_out:
         parts.append(f"Left out of this run: {', '.join(left_out)}.")
-    path.write_text("\n\n".join(part.strip() for part in parts) + "\n", encoding="utf-8")
+    write_text(path, "\n\n".join(part.strip() for part in parts) + "\n")
     return path
 
 
