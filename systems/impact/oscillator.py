@@ -20,6 +20,7 @@ from dynkit.systems.impact.runs import Run, run
 from dynkit.systems.impact.state import (
     ImpactState,
     Motion,
+    default_position,
     entered,
     packed,
     start,
@@ -139,7 +140,8 @@ class ImpactOscillator(DrivenStructure, Map):
         ----------
         position, velocity : (N,) array_like
             By default at rest in the shape of the first mode with modal amplitude one, the contact
-            coordinate on its side of zero (the start of Cusumano & Bai).
+            coordinate on its side of zero (the start of Cusumano & Bai); where that is beyond a
+            stop, half-way between the two, or one away from the only one.
         phase : float
             Phase of the table, taken modulo 2 pi.
 
@@ -150,13 +152,14 @@ class ImpactOscillator(DrivenStructure, Map):
             rounding, or on it and moving into it.
         """
         n = self.degrees_of_freedom
-        if position is None:
-            x = self.modal_matrix[:, 0]
-            x = x * self._stands[0].sign * (-1.0 if x[self.contact] < 0.0 else 1.0)
-        else:
-            x = finite_array("position", position, (n,))
+        angle = finite_scalar("phase", phase)
+        x = (
+            default_position(self, angle)
+            if position is None
+            else finite_array("position", position, (n,))
+        )
         v = np.zeros(n) if velocity is None else finite_array("velocity", velocity, (n,))
-        return start(self, x, v, finite_scalar("phase", phase))
+        return start(self, x, v, angle)
 
     def _entered(self, given: ImpactState | None) -> ImpactState:
         if given is None:

@@ -98,6 +98,17 @@ def state_at(
     return state_of(oscillator, q, turn, u, motion)
 
 
+def default_position(oscillator: ImpactOscillator, angle: float) -> Array:
+    """The shape of the first mode, of modal amplitude one where that is between the stops."""
+    near, shape = oscillator._stands[0], oscillator.modal_matrix[:, 0]
+    place = float(shape[oscillator.contact])
+    x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
+    table = oscillator.amplitude * math.sin(angle) + near.offset
+    if place == 0.0 or 0.0 <= near.sign * (x[oscillator.contact] - table) <= oscillator.play:
+        return x
+    return shape * ((table + near.sign * min(1.0, 0.5 * oscillator.play)) / place)
+
+
 def start(oscillator: ImpactOscillator, x: Array, v: Array, angle: float) -> ImpactState:
     """A state to start from; ValueError where it is beyond a stop."""
     turn = np.array([math.sin(angle), math.cos(angle)])

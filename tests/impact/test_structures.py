@@ -239,3 +239,19 @@ def test_modes_that_merge_keep_their_digits(name: str, apart: float) -> None:
     assert (off <= record.error).all()
     # Bases of modes nearer than this are joined: projectors up to 1e3; the rest is the motion's.
     assert off.max() < 1e-11
+
+
+@pytest.mark.parametrize("side", ["above", "below"])
+@pytest.mark.parametrize("offset", [-3.0, 0.0, 0.5, 7.0])
+@pytest.mark.parametrize("play", [0.2, 2.0, np.inf])
+def test_default_start_is_between_the_stops(side: str, offset: float, play: float) -> None:
+    chain = ImpactChain(masses=3, frequency=0.9, side=side, offset=offset, play=play)
+    sign = 1.0 if side == "above" else -1.0
+    shape = chain.modal_matrix[:, 0]
+    start = chain.state(phase=0.3)
+    gap = sign * (start.position[-1] - offset - chain.amplitude * np.sin(0.3))
+    fits = 0.0 <= sign * (sign * abs(shape[-1]) - offset) - sign * 0.1 * np.sin(0.3) <= play
+    assert gap == pytest.approx(
+        sign * (sign * abs(shape[-1]) - offset - 0.1 * np.sin(0.3)) if fits else min(1.0, play / 2)
+    )
+    np.testing.assert_allclose(start.position * shape[-1], shape * start.position[-1], atol=1e-14)
