@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, non_negative_integer
 
 if TYPE_CHECKING:
@@ -28,6 +30,11 @@ class ChatterRatios:
         Times between one impact and the next. Differences of times that count from one start lose
         a digit whenever a flight shortens tenfold, and tell nothing once it is shorter than the
         rounding of the time; flights that were measured one by one do not.
+
+    Attributes
+    ----------
+    cost : Cost
+        Seconds, and flights that were given; simulating them is not in it.
 
     Raises
     ------
@@ -50,8 +57,10 @@ class ChatterRatios:
     """
 
     flight_times: Array
+    cost: Cost = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        began = time.perf_counter()
         times = finite_array("flight_times", self.flight_times, (None,)).copy()
         for i in np.flatnonzero(times < 0.0)[:1].tolist():
             raise ValueError(f"flight_times[{i}] must not be negative; got {float(times[i])}")
@@ -59,6 +68,8 @@ class ChatterRatios:
             raise ValueError("flight_times must hold two successive flights that shorten")
         times.setflags(write=False)
         object.__setattr__(self, "flight_times", times)
+        cost = Cost(time.perf_counter() - began, {"flights": len(times)})
+        object.__setattr__(self, "cost", cost)
 
     @cached_property
     def _run(self) -> tuple[int, int]:
@@ -81,6 +92,19 @@ class ChatterRatios:
     def ratios(self) -> Array:
         """Each flight time of the event over the one before, (m - 1,)."""
         return np.asarray(self.flights[1:] / self.flights[:-1])
+
+    @cached_property
+    def error(self) -> Array:
+        """Bound of the errors of the ratios, (m - 1,), to first order: the rounding of times.
+
+        It takes the flights to be differences of times that count from the first flight, each wrong
+        by half its last place. Flights that were measured one by one are better, and times whose
+        errors are larger than their last place, as in chaos, are worse by as much.
+        """
+        begin, end = self._run
+        clock = np.spacing(np.cumsum(self.flight_times))[begin:end]
+        off = clock / self.flights + 2.0**-53
+        return np.asarray(self.ratios * (off[1:] + off[:-1]))
 
     @property
     def bounces(self) -> Array:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ class BifurcationDiagram:
     observables: Mapping[str, Array]
     labels: Sequence[object] = ()
     symbols: Mapping[str, str] = field(default_factory=dict)
+    _sweep: Sweep | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         values = finite_array("values", self.values, (None,)).copy()
@@ -123,7 +125,22 @@ class BifurcationDiagram:
             {name: sweep.observable(name) for name in sweep.observables},
             labels=sweep.labels if labelled else (),
             symbols=symbols or {},
+            _sweep=sweep,
         )
+
+    @property
+    def error(self) -> Array:
+        """How wrong the states behind the dots may be at each value, (k,): `Sweep.error`.
+
+        It is simulated when it is asked for. Of numbers that were given as they are it is zero:
+        nothing is added to them. A change of label lies between two values, no nearer.
+        """
+        return np.zeros(len(self.values)) if self._sweep is None else self._sweep.error
+
+    @property
+    def cost(self) -> Cost:
+        """What the sweep cost; nothing where numbers were given as they are."""
+        return Cost(0.0) if self._sweep is None else self._sweep.cost
 
     @cached_property
     def intervals(self) -> tuple[LabelInterval, ...]:

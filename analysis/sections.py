@@ -90,6 +90,7 @@ class StroboscopicSection:
             array.setflags(write=False)
 
     states: Array
+    cost: Cost
 
     @cached_property
     def error(self) -> float:
@@ -176,6 +177,7 @@ class ImpactSection:
         self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
 
     states: Array
+    cost: Cost
 
     @property
     def relative_velocity(self) -> Array:

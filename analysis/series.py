@@ -92,6 +92,7 @@ class TimeSeries:
 
     times: Array
     values: Array
+    cost: Cost
 
     @cached_property
     def table(self) -> Array | None:

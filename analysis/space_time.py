@@ -94,6 +94,7 @@ class SpaceTime:
 
     times: Array
     displacements: Array
+    cost: Cost
 
     @cached_property
     def error(self) -> float:

@@ -15,7 +15,7 @@ from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.trails import Trail
 from dynkit.results import Cost
-from dynkit.validation import finite_scalar
+from dynkit.validation import Array, finite_scalar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,6 +77,16 @@ class Network:
     finish: Finish
     message: str
     cost: Cost
+
+    @cached_property
+    def error(self) -> Array:
+        """Largest error of a point of each branch, (b,): see `Branch.error`.
+
+        To first order a bound on how far the branches may be from exact ones, in the range of the
+        parameter and typical sizes of the unknowns. What is missing among them, `message` and
+        `unexplored` say as far as it is known.
+        """
+        return np.array([branch.error.max() for branch in self.branches])
 
     @property
     def bifurcations(self) -> tuple[Bifurcation, ...]:

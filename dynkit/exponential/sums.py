@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -11,6 +13,7 @@ import numpy as np
 
 from dynkit.exponential.ladders import Propagators, ladder
 from dynkit.exponential.pairs import Pairs
+from dynkit.results import Cost
 from dynkit.validation import (
     Array,
     finite_array,
@@ -39,8 +42,12 @@ class Root:
     ----------
     kind : RootKind
     time : float
-        Where; infinite when there is none. Right to a few units in the last place where the sum
-        passes through zero with a slope, and to the square root of the band at a minimum.
+        Where; infinite when there is none.
+    error : float
+        Bound of the error of `time`: its last place, and how far a change of f by the band moves
+        the root, at a slope by the band over it, at a minimum by the square root of the band over
+        the curvature. Infinite at the limit; zero when there is no root, which is proved, but for
+        minima within the band.
     rate : float
         Derivative there; 0 at a minimum, NaN when there is no root.
     band : float
@@ -48,16 +55,17 @@ class Root:
         way, and is reported as `TOUCH` or passed. All else is certain.
     searched : float
         Up to here there is certainly no other root.
-    cells : int
-        Cells that were looked at.
+    cost : Cost
+        Seconds, and cells that were looked at.
     """
 
     kind: RootKind
     time: float
+    error: float
     rate: float
     band: float
     searched: float
-    cells: int
+    cost: Cost
 
 
 @final
@@ -163,9 +171,10 @@ class ExponentialSum:
         ValueError
             When f(0) is not positive and no slope is given, or the slope is not positive.
         """
-        from dynkit.exponential.evaluation_kernels import DEGREE, START, STATES, Workspace
+        from dynkit.exponential.evaluation_kernels import DEGREE, FOUND, START, STATES, Workspace
         from dynkit.exponential.search_kernels import FOREVER, first_root
 
+        began = time.perf_counter()
         sums, state = self._prepared
         order, slope = 0, 0.0
         if rising_from is not None:
@@ -187,11 +196,24 @@ class ExponentialSum:
         kind = tuple(RootKind)[outcome]
         searched = n * sums.smallest + e
         found = kind in (RootKind.ROOT, RootKind.TOUCH)
+        error = math.inf if kind is RootKind.LIMIT else 0.0
+        if found:
+            curvature = float((sums.rows[4:6] * work.states[FOUND, :, : sums.rows.shape[1]]).sum())
+            error = math.ulp(searched) + _displaced(self.band, rate, curvature)
         return Root(
             kind,
             searched if found else np.inf,
+            error,
             rate if found else np.nan,
             self.band,
             np.inf if kind is RootKind.NEVER else searched,
-            cells,
+            Cost(time.perf_counter() - began, {"cells": cells}),
         )
+
+
+def _displaced(band: float, rate: float, curvature: float) -> float:
+    """How far a root moves, or one appears beside a minimum, when f changes by a band."""
+    bent = 2.0 * band * abs(curvature)
+    down = abs(rate) + math.sqrt(max(rate * rate - bent, 0.0))
+    by_slope = 2.0 * band / down if down else math.inf
+    return min(by_slope, 2.0 * math.sqrt(band / abs(curvature)) if curvature else math.inf)
