@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from dynkit.map_orbits import MapOrbit, periodic_orbit
     from dynkit.maps import Map
     from dynkit.orbits import PeriodicOrbit
+    from dynkit.parameter_maps import ParameterMap, parameter_map
     from dynkit.results import Cost
     from dynkit.sections import Hyperplane, PoincareMap, PoincareSection, Stroboscope
     from dynkit.sweeps import Sweep, sweep
+    from dynkit.workers import WorkerLost
 
 __version__ = "0.1.0"
 
@@ -44,15 +46,18 @@ __all__ = [
     "Network",
     "NoConvergence",
     "OrbitLabel",
+    "ParameterMap",
     "PeriodicOrbit",
     "PoincareMap",
     "PoincareSection",
     "Stroboscope",
     "Sweep",
+    "WorkerLost",
     "__version__",
     "continue_curve",
     "continue_orbit",
     "explore",
+    "parameter_map",
     "periodic_orbit",
     "sweep",
 ]
@@ -74,14 +79,17 @@ __getattr__, __dir__ = lazy_names(
         "Network": "dynkit.continuation.network",
         "NoConvergence": "dynkit.continuation.newton",
         "OrbitLabel": "dynkit.labels",
+        "ParameterMap": "dynkit.parameter_maps",
         "PeriodicOrbit": "dynkit.orbits",
         "PoincareMap": "dynkit.sections",
         "PoincareSection": "dynkit.sections",
         "Stroboscope": "dynkit.sections",
         "Sweep": "dynkit.sweeps",
+        "WorkerLost": "dynkit.workers",
         "continue_curve": "dynkit.continuation.curves",
         "continue_orbit": "dynkit.continuation.continuing",
         "explore": "dynkit.continuation.exploring",
+        "parameter_map": "dynkit.parameter_maps",
         "periodic_orbit": "dynkit.map_orbits",
         "sweep": "dynkit.sweeps",
     },

@@ -30,6 +30,8 @@ class Plan:
     observables : tuple of str
     start : array
         The packed first state; empty for the system's own.
+    follow : bool
+        Whether each value starts where the last ended, and not where the first does.
     """
 
     family: Sweepable | None
@@ -40,12 +42,17 @@ class Plan:
     keep: int
     observables: tuple[str, ...]
     start: Array
+    follow: bool = True
 
     def system(self, place: int) -> Sweepable:
         """Return the system at one of the values."""
+        return self.system_at(float(self.values[place]))
+
+    def system_at(self, value: float) -> Sweepable:
+        """Return the system at a value."""
         if self.family is None:
             raise ValueError("system must be given to load a sweep that is to simulate; got None")
-        return self.family.replace(**{self.parameter: float(self.values[place])})
+        return self.family.replace(**{self.parameter: value})
 
     def motion(self, system: Sweepable, start: Any) -> SweptAttractor:
         """Simulate at the value that the system has."""
@@ -53,7 +60,7 @@ class Plan:
 
     def start_at(self, place: int, finals: Array) -> Any:
         """Return the state from which a value starts, from the packed final ones."""
-        if place > 0:
+        if place > 0 and self.follow:
             return self.system(place - 1).unpack_state(finals[place - 1])
         return self.system(0).unpack_state(self.start) if len(self.start) else None
 
@@ -67,6 +74,7 @@ def plan_of(
     keep: int,
     observables: Sequence[str] | None,
     start: object,
+    follow: bool = True,
 ) -> Plan:
     """Check everything that can be checked without simulating.
 
@@ -85,7 +93,7 @@ def plan_of(
         raise ValueError("values must hold at least one number; got none")
     skipped = non_negative_integer("transient", transient)
     kept = positive_integer("keep", keep)
-    names = _known_names(family.observables, observables)
+    names = known_names(family.observables, observables)
     for place, value in enumerate(array.tolist()):
         try:
             family.replace(**{parameter: value})
@@ -96,7 +104,7 @@ def plan_of(
         packed = family.replace(**{parameter: float(array[0])}).pack_state(start)
     elif isinstance(family, SweptMap):
         raise ValueError(f"start must be a state of the map, ({family.map.dimension},); got None")
-    return Plan(family, kind_of(system), parameter, array, skipped, kept, names, packed)
+    return Plan(family, kind_of(system), parameter, array, skipped, kept, names, packed, follow)
 
 
 def kind_of(system: object) -> str:
@@ -104,7 +112,14 @@ def kind_of(system: object) -> str:
     return f"{type(system).__module__}.{type(system).__qualname__}"
 
 
-def _known_names(known: Sequence[str], asked: Sequence[str] | None) -> tuple[str, ...]:
+def known_names(known: Sequence[str], asked: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of the observables that were asked for, by default the first.
+
+    Raises
+    ------
+    ValueError
+        When there are none, or one is not known.
+    """
     if asked is None:
         return (known[0],)
     if isinstance(asked, str) or not len(asked):

@@ -1,4 +1,4 @@
-"""The result of a following sweep."""
+"""The result of a sweep."""
 
 import dataclasses
 import os
@@ -15,13 +15,14 @@ from dynkit.maps import Map
 from dynkit.results import Cost
 from dynkit.sweeps.archive import entries_of, findings_of, outline_of, read_sweep, refuse_other
 from dynkit.sweeps.following import Findings, Plan, kind_of
+from dynkit.sweeps.independent import KIND, load_independent
 from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, as_attractor, sweepable
 from dynkit.validation import Array
 
 
 @final
 class Sweep:
-    """What a following sweep found, made by `dynkit.sweep`.
+    """What a sweep found, made by `dynkit.sweep`.
 
     It holds the observables that were asked for and one state per value. What more is asked for is
     simulated again from these states, bit for bit the same motion.
@@ -70,6 +71,8 @@ class Sweep:
             finished, or was made with another system.
         """
         file = store.place(path)
+        if store.read(file).entries.get("kind") == KIND:
+            return cls(*load_independent(file, system))
         archive = read_sweep(file)
         plan = outline_of(archive)
         if system is not None:

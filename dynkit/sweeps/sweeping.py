@@ -1,7 +1,8 @@
-"""`sweep`: following the motion through values of a parameter."""
+"""`sweep`: the motion at values of a parameter."""
 
 import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -9,7 +10,9 @@ from dynkit import __version__
 from dynkit import store as stores
 from dynkit.maps import Map
 from dynkit.sweeps.archive import Keeper, entries_of, findings_of, read_sweep, refuse_other
-from dynkit.sweeps.following import Findings, Plan, follow, plan_of
+from dynkit.sweeps.following import Findings, Plan, plan_of
+from dynkit.sweeps.following import follow as followed
+from dynkit.sweeps.independent import simulate_independently
 from dynkit.sweeps.progress import Progress
 from dynkit.sweeps.result import Sweep
 from dynkit.sweeps.sweepable import Sweepable
@@ -25,10 +28,12 @@ def sweep(
     keep: int = 100,
     observables: Sequence[str] | None = None,
     start: object = None,
+    follow: bool = True,
+    executor: Executor | None = None,
     store: str | os.PathLike[str] | None = None,
     progress: bool = True,
 ) -> Sweep:
-    """Follow the motion through values of a parameter: each starts from the last state before it.
+    """Simulate the motion at values of a parameter, each from where the one before it ended.
 
     Parameters
     ----------
@@ -47,10 +52,16 @@ def sweep(
     start : state, optional
         Where the first value starts; by default where the system always does. A plain map needs
         one.
+    follow : bool
+        Whether each value starts from the last state of the value before it; otherwise all start
+        like the first.
+    executor : concurrent.futures.Executor, optional
+        Who simulates, in chunks, values that do not follow one another: processes, threads, Dask,
+        MPI. The result is the same bits by any executor with any number of workers, and by none.
     store : path, optional
         An HDF5 file that keeps what is finished: rewritten every second, or less often when that
-        takes long, and when the sweep ends or is interrupted. The same call resumes it, and gives
-        (on the same machine) the same bits as one that was never interrupted.
+        takes long, and when the sweep ends or is interrupted. The same call resumes it, by whatever
+        executor, and gives (on the same machine) the same bits as one that was never interrupted.
     progress : bool
         Whether to show a bar on standard error, with the current parameter, and its label where
         the kept states tell.
@@ -65,6 +76,9 @@ def sweep(
         When an argument is refused, by name, before anything is simulated or written; among them a
         store of another sweep, of another version, damaged, or in use. When a system refuses a
         state or value only on the way: what was finished before is kept in the store.
+    dynkit.workers.WorkerLost
+        When a worker died and its executor does not start another: what was finished before is kept
+        in the store.
     OSError
         When the store cannot be written any more, on the way.
 
@@ -86,11 +100,20 @@ def sweep(
         keep=keep,
         observables=observables,
         start=start,
+        follow=follow,
     )
+    if not follow:
+        path = None if store is None else stores.place(store)
+        return Sweep(plan, simulate_independently(plan, executor, path, progress=progress))
+    if executor is not None:
+        raise ValueError(
+            "executor must be None when each value starts where the last one ended "
+            f"(follow=False starts all by themselves); got {executor!r}"
+        )
     if store is None:
         findings = Findings.none_yet(plan)
         with Progress(plan, 0, shown=progress) as bar:
-            for point in follow(plan, findings):
+            for point in followed(plan, findings):
                 findings.add(point)
                 bar.reached(point)
         return Sweep(plan, findings)
@@ -109,7 +132,7 @@ def _stored(plan: Plan, path: Path, *, shown: bool) -> Findings:
         keeper.prepare(findings)
         bar = stack.enter_context(Progress(plan, findings.finished, shown=shown))
         try:
-            for point in follow(plan, findings):
+            for point in followed(plan, findings):
                 findings.add(point)
                 keeper.write_when_due(findings)
                 bar.reached(point)

@@ -1,0 +1,243 @@
+"""What a map of two parameters is to do, and the rows of some of its points."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.attractors import Attractor
+from dynkit.flows import NoCrossing
+from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.maps import Map
+from dynkit.results import Cost
+from dynkit.sweeps.archive import identity
+from dynkit.sweeps.following import kind_of, known_names
+from dynkit.sweeps.sweepable import (
+    Sweepable,
+    SweptAttractor,
+    SweptMap,
+    as_attractor,
+    sweepable,
+)
+from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
+from dynkit.workers.points import Anything, Points, Rows
+
+KIND = "map of two parameters"
+
+KINDS = tuple(OrbitKind)
+"""What the numbers of kinds stand for; -1 for no motion."""
+
+NO_MOTION = -1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a map of two parameters is to do, checked by `plan_of`; small and picklable.
+
+    Parameters
+    ----------
+    family : Sweepable or None
+        None for a map that was loaded without its system.
+    kind : str
+        The class of the system, as the user knows it.
+    names : (str, str)
+        The parameters.
+    transient, keep : int
+    observables : tuple of str
+    exponents : int
+        Over how many states the largest Lyapunov exponent is averaged; 0 for not at all.
+    start : array
+        The packed state that all points start from; empty for the system's own.
+    origin : (float, float)
+        The values at which it was packed.
+    """
+
+    family: Sweepable | None
+    kind: str
+    names: tuple[str, str]
+    transient: int
+    keep: int
+    observables: tuple[str, ...]
+    exponents: int
+    start: Array
+    origin: tuple[float, float]
+
+    def system(self, first: float, second: float) -> Sweepable:
+        """Return the system at a pair of values."""
+        if self.family is None:
+            raise ValueError("system must be given to load a map that is to simulate; got None")
+        return self.family.replace(**{self.names[0]: first, self.names[1]: second})
+
+    def motion(self, first: float, second: float) -> SweptAttractor:
+        """Simulate at a pair of values."""
+        start = self.system(*self.origin).unpack_state(self.start) if len(self.start) else None
+        return self.system(first, second).attractor(
+            transient=self.transient, impacts=self.keep, start=start
+        )
+
+    def __call__(self, pairs: Array) -> Rows:
+        """Return what is found at pairs of values, (n, 2)."""
+        n, began = len(pairs), time.perf_counter()
+        kinds = np.full(n, NO_MOTION, dtype=np.int64)
+        numbers = np.zeros((n, 3), dtype=np.int64)  # n, m, simulated
+        tolerances = np.full((n, 2), np.nan)  # asked for, found
+        largest = np.full((n, len(self.observables)), np.nan)
+        exponents = np.full(n if self.exponents else 0, np.nan)
+        endings, cost = [], Cost(0.0)
+        for row, (first, second) in enumerate(pairs.tolist()):
+            try:
+                motion = self.motion(first, second)
+                label = motion.label
+                for column, name in enumerate(self.observables):
+                    seen = motion.observable(name)
+                    largest[row, column] = seen.max() if len(seen) else np.nan
+                if self.exponents:
+                    exponents[row] = largest_exponent(as_attractor(motion), self.exponents)
+            except (ValueError, ArithmeticError, NoCrossing) as refusal:
+                endings.append(f"no motion: {type(refusal).__name__}")
+                continue
+            kinds[row] = KINDS.index(label.kind)
+            numbers[row] = label.impacts or 0, label.periods or 0, label.simulated
+            tolerances[row] = label.tolerance, label.recurrence
+            endings.append(str(motion.ending.value))
+            cost = cost + Cost(0.0, motion.cost.counts)
+        arrays: dict[str, Anything] = {
+            "kind": kinds,
+            "numbers": numbers,
+            "tolerances": tolerances,
+            "largest": largest,
+        }
+        if self.exponents:
+            arrays["exponent"] = exponents
+        return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
+
+
+def largest_exponent(attractor: Attractor, count: int) -> float:
+    """Return the largest Lyapunov exponent per state, from the states after those kept.
+
+    A quarter as many again come first, in which the direction that grows is found. NaN where the
+    motion ends.
+    """
+    states = attractor.states
+    if not len(states):
+        return float("nan")
+    try:
+        stretching = attractor.system.stretching(states[-1], count + count // 4)
+    except NoCrossing:
+        return float("nan")
+    return float(stretching.logs[count // 4 :, 0].mean())
+
+
+def plan_of(
+    system: Sweepable | Map,
+    values: object,
+    *,
+    transient: int,
+    keep: int,
+    observables: Sequence[str] | None,
+    exponents: int,
+    start: object,
+) -> tuple[Plan, tuple[Array, Array]]:
+    """Check everything that can be checked without simulating, and return the plan and the values.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+    """
+    family = sweepable(system)
+    if not isinstance(values, Mapping) or len(values) != 2:
+        raise ValueError(f"values must hold the values of two parameters by name; got {values!r}")
+    first, second = values
+    known = ", ".join(family.parameters) or "none"
+    for name in (first, second):
+        if name not in family.parameters:
+            raise ValueError(f"values must be of parameters among {known}; got {name!r}")
+    axes = _axis(first, values[first]), _axis(second, values[second])
+    origin = float(axes[0][0]), float(axes[1][0])
+    for name, axis, other in ((first, axes[0], second), (second, axes[1], first)):
+        beside = origin[1] if other == second else origin[0]
+        for place, value in enumerate(axis.tolist()):
+            try:
+                family.replace(**{name: value, other: beside})
+            except ValueError as refusal:
+                raise ValueError(f"{refusal} in values[{name!r}][{place}]") from refusal
+    packed = np.empty(0)
+    if start is not None:
+        packed = family.replace(**dict(zip(values, origin, strict=True))).pack_state(start)
+    elif isinstance(family, SweptMap):
+        raise ValueError(f"start must be a state of the map, ({family.map.dimension},); got None")
+    plan = Plan(
+        family,
+        kind_of(system),
+        (first, second),
+        non_negative_integer("transient", transient),
+        positive_integer("keep", keep),
+        known_names(family.observables, observables),
+        non_negative_integer("exponents", exponents),
+        packed,
+        origin,
+    )
+    return plan, axes
+
+
+def _axis(name: str, values: Any) -> Array:
+    axis = finite_array(f"values[{name!r}]", values, (None,)).copy()
+    if not len(axis):
+        raise ValueError(f"values[{name!r}] must hold at least one number; got none")
+    axis.setflags(write=False)
+    return axis
+
+
+def label_of(kind: int, numbers: Sequence[int], tolerances: Sequence[float]) -> OrbitLabel | None:
+    """Return the label that the numbers of a point stand for; None for no motion."""
+    if kind == NO_MOTION:
+        return None
+    impacts, periods, simulated = numbers
+    asked, found = tolerances
+    return OrbitLabel(KINDS[kind], impacts or None, periods or None, asked, found, simulated)
+
+
+@final
+class Grid(Points):
+    """All pairs of values, the second changing fastest."""
+
+    def __init__(self, plan: Plan, values: tuple[Array, Array]) -> None:
+        self._plan = plan
+        self._values = values
+
+    def __len__(self) -> int:
+        return len(self._values[0]) * len(self._values[1])
+
+    @property
+    def work(self) -> Callable[[Array], Rows]:
+        return self._plan
+
+    def task(self, first: int, last: int) -> Array:
+        i, j = np.divmod(np.arange(first, last), len(self._values[1]))
+        return np.stack([self._values[0][i], self._values[1][j]], axis=1)
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        plan = self._plan
+        return {
+            "kind": KIND,
+            "system": plan.kind,
+            "parameters": json.dumps(plan.names),
+            **identity(plan.system(*plan.origin)),
+            "transient": str(plan.transient),
+            "keep": str(plan.keep),
+            "observables": json.dumps(plan.observables),
+            "exponents": str(plan.exponents),
+        }
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        first, second = self._values
+        return {"first": first, "second": second, "start": self._plan.start}

@@ -1,0 +1,281 @@
+"""The result of a map of two parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit import store
+from dynkit.attractors import Attractor
+from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.maps import Map
+from dynkit.parameter_maps.plan import KIND, KINDS, NO_MOTION, Grid, Plan, label_of
+from dynkit.results import Cost
+from dynkit.sweeps.following import kind_of
+from dynkit.sweeps.sweepable import Sweepable, as_attractor, sweepable
+from dynkit.validation import Array
+from dynkit.workers.collecting import read_rows, refuse_other
+from dynkit.workers.points import Rows
+
+
+@final
+class ParameterMap:
+    """The kinds of motion at all pairs of values of two parameters, made by `parameter_map`.
+
+    Arrays are (k1, k2): row i belongs to value i of the first parameter, column j to value j of the
+    second one.
+
+    Examples
+    --------
+    >>> from dynkit import parameter_map
+    >>> from dynkit.systems import ImpactChain
+    >>> found = parameter_map(
+    ...     ImpactChain(frequency=0.87),
+    ...     {"frequency": [0.87, 0.88], "amplitude": [0.1]},
+    ...     progress=False,
+    ... )
+    >>> found
+    <ParameterMap: 2 x 1 values of frequency and amplitude; P(1,3) 2>
+    >>> found.impacts[0, 0].item(), found.periods[0, 0].item()
+    (1, 3)
+    >>> str(found.attractor(0, 0).label)
+    'P(1,3)'
+    """
+
+    def __init__(self, plan: Plan, values: tuple[Array, Array], rows: Rows) -> None:
+        self._plan = plan
+        self._values = values
+        self._rows = rows
+        self._shape = (len(values[0]), len(values[1]))
+        for array in rows.arrays.values():
+            array.setflags(write=False)
+
+    @classmethod
+    def load(
+        cls, path: str | os.PathLike[str], system: Sweepable | Map | None = None
+    ) -> ParameterMap:
+        """Open the store of a finished map; nothing is written, and nothing simulated.
+
+        Parameters
+        ----------
+        path : path
+        system : Map or Sweepable, optional
+            The system that was simulated, at any values of the parameters; needed for `attractor`
+            and `error`.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of a map of two parameters, when it is not
+            finished, or was made with another system.
+        """
+        file = store.place(path)
+        archive, found = read_rows(file, KIND)
+        entries, arrays = archive.entries, archive.arrays
+        values = arrays["given/first"], arrays["given/second"]
+        first, second = json.loads(entries["parameters"])
+        plan = Plan(
+            None,
+            entries["system"],
+            (first, second),
+            int(entries["transient"]),
+            int(entries["keep"]),
+            tuple(json.loads(entries["observables"])),
+            int(entries["exponents"]),
+            arrays["given/start"],
+            (float(values[0][0]), float(values[1][0])),
+        )
+        if system is not None:
+            plan = dataclasses.replace(plan, family=sweepable(system), kind=kind_of(system))
+            grid = Grid(plan, values)
+            refuse_other(file, grid, grid.entries, archive)
+        if not found.done.all():
+            raise ValueError(
+                f"store must hold a finished map; got {found.done.sum()} of {found.count} points "
+                f"in {file}"
+            )
+        return cls(plan, values, found.rows())
+
+    # --- what was asked for -----------------------------------------------------------------------
+
+    @property
+    def parameters(self) -> tuple[str, str]:
+        """Names of the two parameters."""
+        return self._plan.names
+
+    @property
+    def values(self) -> Mapping[str, Array]:
+        """Values of the two parameters by name, (k1,) and (k2,), read-only."""
+        return MappingProxyType(dict(zip(self.parameters, self._values, strict=True)))
+
+    @property
+    def transient(self) -> int:
+        """How many states were skipped at each pair."""
+        return self._plan.transient
+
+    @property
+    def keep(self) -> int:
+        """How many states were kept at each pair."""
+        return self._plan.keep
+
+    @property
+    def observables(self) -> tuple[str, ...]:
+        """Names of the observables of which the largest values were kept."""
+        return self._plan.observables
+
+    # --- what was found ---------------------------------------------------------------------------
+
+    def _grid(self, name: str) -> NDArray[np.int64]:
+        return np.asarray(self._rows.arrays[name]).reshape(*self._shape, -1)
+
+    @property
+    def impacts(self) -> NDArray[np.int64]:
+        """The n of P(n,m), or of a map's P(n), (k1, k2); 0 where it has none."""
+        return self._grid("numbers")[..., 0]
+
+    @property
+    def periods(self) -> NDArray[np.int64]:
+        """The m of P(n,m) and P(inf,m), (k1, k2); 0 where it has none."""
+        return self._grid("numbers")[..., 1]
+
+    def where(self, kind: OrbitKind) -> NDArray[np.bool_]:
+        """Return where the motion is of a kind, (k1, k2)."""
+        return np.asarray(self._grid("kind")[..., 0] == KINDS.index(kind))
+
+    @cached_property
+    def names(self) -> NDArray[np.str_]:
+        """The labels in words, (k1, k2): P(1,3), chaotic, or ``no motion``."""
+        labels = [self._label(place) for place in range(len(self._rows.arrays["kind"]))]
+        texts = ["no motion" if label is None else str(label) for label in labels]
+        found = np.array(texts).reshape(self._shape)
+        found.setflags(write=False)
+        return found
+
+    @cached_property
+    def endings(self) -> NDArray[np.str_]:
+        """Why each simulation ended, (k1, k2)."""
+        found = np.array(self._rows.texts["ending"]).reshape(self._shape)
+        found.setflags(write=False)
+        return found
+
+    def largest(self, name: str | None = None) -> Array:
+        """Return the largest kept value of an observable, (k1, k2): NaN where there is none.
+
+        Parameters
+        ----------
+        name : str, optional
+            One of `observables`; the first otherwise.
+
+        Raises
+        ------
+        ValueError
+            When it was not kept.
+        """
+        asked = self.observables[0] if name is None else name
+        if asked not in self.observables:
+            raise ValueError(f"name must be one of: {', '.join(self.observables)}; got {name!r}")
+        column: Array = self._rows.arrays["largest"][:, self.observables.index(asked)]
+        return column.reshape(self._shape)
+
+    @property
+    def exponents(self) -> Array:
+        """The largest Lyapunov exponents, per state, (k1, k2); NaN where the motion ends.
+
+        Raises
+        ------
+        ValueError
+            When none were asked for.
+        """
+        if not self._plan.exponents:
+            raise ValueError("exponents must be asked for when the map is made; got 0")
+        found: Array = self._rows.arrays["exponent"]
+        return found.reshape(self._shape)
+
+    @property
+    def recurrence(self) -> Array:
+        """How well each motion recurs, (k1, k2), relative: see `OrbitLabel.recurrence`."""
+        return self._rows.arrays["tolerances"][:, 1].reshape(self._shape)
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds of all workers, and counted work; what labels count is not in it."""
+        return self._rows.cost
+
+    def __repr__(self) -> str:
+        names, counts = np.unique(self.names, return_counts=True)
+        order = np.argsort(-counts, kind="stable")
+        shown = [f"{names[i]} {counts[i]}" for i in order[:6].tolist()]
+        shown += [f"{len(order) - 6} more"] if len(order) > 6 else []
+        first, second = self.parameters
+        return (
+            f"<ParameterMap: {self._shape[0]} x {self._shape[1]} values of {first} and {second}; "
+            f"{', '.join(shown)}>"
+        )
+
+    # --- single points ----------------------------------------------------------------------------
+
+    def label(self, i: int, j: int) -> OrbitLabel:
+        """Return the label at one pair.
+
+        Raises
+        ------
+        ValueError
+            When there is no such pair, or no motion at it.
+        """
+        label = self._label(self._place(i, j))
+        if label is None:
+            raise ValueError(f"i, j must be a pair with a motion; got ({i}, {j})")
+        if label.periods is None:
+            return label
+
+        def harmonics() -> int:
+            return self.attractor(i, j).label.harmonics or 0
+
+        return dataclasses.replace(label, count_harmonics=harmonics)
+
+    def attractor(self, i: int, j: int) -> Attractor:
+        """Return the attractor at one pair: simulated again, the same bits.
+
+        Raises
+        ------
+        ValueError
+            When there is no such pair, or no motion at it, or the map was loaded without its
+            system.
+        """
+        self._place(i, j)
+        first, second = self._values
+        return as_attractor(self._plan.motion(float(first[i]), float(second[j])))
+
+    @cached_property
+    def error(self) -> Array:
+        """How wrong the kept states may be at each pair, (k1, k2): the error of each `attractor`.
+
+        NaN where there is no motion. All is simulated again, and more than once.
+        """
+        found = np.full(self._shape, np.nan)
+        for i, j in np.argwhere(self._grid("kind")[..., 0] != NO_MOTION).tolist():
+            found[i, j] = self.attractor(i, j).error
+        found.setflags(write=False)
+        return found
+
+    def _place(self, i: int, j: int) -> int:
+        for name, place, count in (("i", i, self._shape[0]), ("j", j, self._shape[1])):
+            if not 0 <= place < count:
+                raise ValueError(f"{name} must lie in [0, {count - 1}]; got {place}")
+        return i * self._shape[1] + j
+
+    def _label(self, place: int) -> OrbitLabel | None:
+        arrays = self._rows.arrays
+        return label_of(
+            int(arrays["kind"][place]),
+            arrays["numbers"][place].tolist(),
+            arrays["tolerances"][place].tolist(),
+        )

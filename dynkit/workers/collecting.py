@@ -1,0 +1,237 @@
+"""`collect`: all points, by an executor or here, kept in a store meanwhile."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from dynkit import __version__
+from dynkit import store as stores
+from dynkit.results import Cost
+from dynkit.workers.executing import finished
+from dynkit.workers.points import Findings, Points, Rows, Tasks, chunks_of
+
+# A write may take this part of the time, and comes at most once in so many seconds.
+_SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
+
+
+def collect(
+    points: Points,
+    *,
+    executor: Executor | None,
+    store: str | os.PathLike[str] | None,
+    progress: bool,
+) -> Rows:
+    """Return what is found at all points: the same bits by any executor, and by none.
+
+    Parameters
+    ----------
+    points : Points
+    executor : Executor or None
+    store : path or None
+        Keeps the chunks that are done, and gives them again.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Raises
+    ------
+    ValueError
+        As `finished`; and for a store of other points, of another version, damaged, or in use.
+    WorkerLost
+        When the executor has lost a worker for good.
+    OSError
+        When the store cannot be written any more, on the way.
+    """
+    if store is None:
+        findings = Findings(len(points))
+        with _Bar(findings, shown=progress) as bar:
+            _go_on(points, findings, executor, None, bar)
+        return findings.rows()
+    path = stores.place(store)
+    entries = {**points.entries, "points": str(len(points))}
+    findings = _found(points, path, entries)
+    if findings.done.all():  # needs no lock, and no folder that can be written
+        return findings.rows()
+    with ExitStack() as stack:
+        stack.enter_context(stores.locked(path))
+        findings = _found(points, path, entries)  # another writer may have gone on meanwhile
+        keeper = _Keeper(path, points, entries)
+        keeper.prepare(findings)
+        bar = stack.enter_context(_Bar(findings, shown=progress))
+        try:
+            _go_on(points, findings, executor, keeper, bar)
+        finally:
+            keeper.write(findings)
+    return findings.rows()
+
+
+def _go_on(
+    points: Points,
+    findings: Findings,
+    executor: Executor | None,
+    keeper: _Keeper | None,
+    bar: _Bar,
+) -> None:
+    left = [chunk for chunk in chunks_of(len(points)) if not findings.done[slice(*chunk)].all()]
+    for number, rows in finished(points.work, Tasks(points, left), executor):
+        findings.add(slice(*left[number]), rows)
+        if keeper is not None:
+            keeper.write_when_due(findings)
+        bar.show(findings)
+
+
+def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
+    """Return what a store holds, and what was found of it.
+
+    Raises
+    ------
+    ValueError
+        As `dynkit.store.read`, and when it holds something else than this kind.
+    """
+    archive = stores.read(path)
+    if archive.entries.get("kind") != kind:
+        raise ValueError(f"store must hold a {kind}; got {path}")
+    findings = Findings(int(archive.entries["points"]))
+    done = np.zeros(findings.count, dtype=np.bool_)
+    done[archive.arrays["done"]] = True
+    arrays = _group(archive.arrays, "found")
+    known = json.loads(archive.entries["texts"])
+    codes = _group(archive.arrays, "texts")
+    texts = {name: [known[code] for code in column.tolist()] for name, column in codes.items()}
+    cost = Cost(float(archive.entries["seconds"]), json.loads(archive.entries["work"]))
+    findings.add(done, Rows(arrays, texts, cost))
+    return archive, findings
+
+
+def _group(arrays: Mapping[str, Any], name: str) -> dict[str, Any]:
+    return {
+        key.removeprefix(f"{name}/"): a for key, a in arrays.items() if key.startswith(f"{name}/")
+    }
+
+
+def _archived(points: Points, entries: Mapping[str, str], findings: Findings) -> stores.Archive:
+    rows = findings.rows()
+    known = sorted({text for texts in rows.texts.values() for text in texts})
+    code = {text: number for number, text in enumerate(known)}
+    found = {
+        "dynkit": __version__,
+        "texts": json.dumps(known),
+        "seconds": repr(rows.cost.seconds),
+        "work": json.dumps(dict(rows.cost.counts)),
+    }
+    arrays = {f"given/{name}": array for name, array in points.inputs.items()}
+    arrays |= {f"found/{name}": array for name, array in rows.arrays.items()}
+    for name, texts in rows.texts.items():
+        arrays[f"texts/{name}"] = np.array([code[text] for text in texts], dtype=np.int64)
+    arrays["done"] = np.flatnonzero(findings.done)
+    return stores.Archive({**entries, **found}, arrays)
+
+
+def _found(points: Points, path: Path, entries: Mapping[str, str]) -> Findings:
+    if not path.exists():
+        return Findings(len(points))
+    archive, findings = read_rows(path, entries["kind"])
+    refuse_other(path, points, entries, archive)
+    made = archive.entries["dynkit"]
+    if not findings.done.all() and made != __version__:
+        raise ValueError(
+            f"store {path} was made with dynkit {made}, and is not finished; got {__version__}"
+        )
+    return findings
+
+
+def refuse_other(
+    path: Path, points: Points, entries: Mapping[str, str], archive: stores.Archive
+) -> None:
+    """Refuse the archive of other points.
+
+    Raises
+    ------
+    ValueError
+        Naming the first thing that differs.
+    """
+    for name, asked in entries.items():
+        made = archive.entries.get(name, "none")
+        if made != asked:
+            short = name.removeprefix("system.")
+            raise ValueError(f"store {path} was made with {short} {made}; got {asked}")
+    for name, text in archive.entries.items():
+        if name.startswith("system.") and name not in entries:
+            short = name.removeprefix("system.")
+            raise ValueError(f"store {path} was made with {short} {text}; got none")
+    given = _group(archive.arrays, "given")
+    for name, array in points.inputs.items():
+        made_array = given.get(name)
+        if made_array is None or not np.array_equal(made_array, array):
+            raise ValueError(f"store {path} was made with other {name}")
+
+
+@final
+class _Keeper:
+    """Writes what was found to a store, as often as is cheap, and at the end."""
+
+    def __init__(self, path: Path, points: Points, entries: Mapping[str, str]) -> None:
+        self._path = path
+        self._points = points
+        self._entries = entries
+        self._written = -1
+        self._due = 0.0
+
+    def prepare(self, findings: Findings) -> None:
+        try:
+            self.write(findings)
+        except OSError as failure:
+            raise ValueError(
+                f"store must be a file that can be written; got {self._path} ({failure.strerror})"
+            ) from failure
+
+    def write(self, findings: Findings) -> None:
+        done = int(findings.done.sum())
+        if done == self._written:
+            return
+        began = time.monotonic()
+        stores.write(self._path, _archived(self._points, self._entries, findings))
+        ended = time.monotonic()
+        self._written = done
+        self._due = ended + max(_LEAST_INTERVAL, (ended - began) / _SHARE)
+
+    def write_when_due(self, findings: Findings) -> None:
+        if time.monotonic() >= self._due:
+            self.write(findings)
+
+
+@final
+class _Bar:
+    """How many points are done, on standard error, or nothing."""
+
+    def __init__(self, findings: Findings, *, shown: bool) -> None:
+        self._bar: Any = None
+        if shown:
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                total=findings.count,
+                initial=int(findings.done.sum()),
+                unit="point",
+                file=sys.stderr,
+            )
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def show(self, findings: Findings) -> None:
+        if self._bar is not None:
+            self._bar.update(int(findings.done.sum()) - self._bar.n)
