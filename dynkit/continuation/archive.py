@@ -126,6 +126,7 @@ def save_curve(curve: BifurcationCurve, path: str | os.PathLike[str]) -> None:
         **_how_made(curve),
     }
     arrays = {name: getattr(curve, name) for name in _CURVE_ARRAYS}
+    arrays["error"] = curve.error
     write_archive(path, store.Archive(entries, arrays))
 
 
@@ -137,7 +138,7 @@ def load_curve(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Bif
     with store.understood(file, _CURVE):
         numbers = {key: arrays[key] for key in _CURVE_ARRAYS}
         one, other = json.loads(entries["parameters"])
-        _refuse_ragged([*numbers.values()])
+        _refuse_ragged([*numbers.values(), arrays["error"]])
         curve = BifurcationCurve(
             kind=entries["bifurcations"],
             label=entries["label"],
@@ -145,6 +146,7 @@ def load_curve(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Bif
             **numbers,
             **_made(archive),
             _problem=None,
+            _error=arrays["error"],
         )
         first = dict(zip(curve.names, curve.parameters[0].tolist(), strict=True))
     if orbit is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -15,7 +16,7 @@ from dynkit.continuation.bifurcations import Bifurcation, given
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.endings import Bound, Ending, Reason
 from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
-from dynkit.continuation.newton import correct
+from dynkit.continuation.newton import correct, error_bound
 from dynkit.continuation.problem import Problem
 from dynkit.continuation.starting import start_points
 from dynkit.results import Cost
@@ -89,6 +90,8 @@ class BifurcationCurve:
     endings: tuple[Ending, Ending]
     cost: Cost
     _problem: Problem | None
+    _event: int = -1
+    _error: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("parameters", "unknowns", "own", "admissible", "residuals"):
@@ -98,6 +101,24 @@ class BifurcationCurve:
     def closed(self) -> bool:
         """Whether it is closed on itself; the last point is then the first again."""
         return self.endings[0].reason is Reason.CLOSED
+
+    @cached_property
+    def error(self) -> Array:
+        """To first order a bound on the distance from the exact curve, (k,), read-only.
+
+        The parameters are measured in their ranges, the unknowns in their typical sizes.
+        """
+        error = self._error
+        if error is None:
+            problem = given(self._problem, "BifurcationCurve")
+            ranges = np.ptp(self.parameters, axis=0)
+            widths = np.where(ranges > 0.0, ranges, 1.0)
+            points = zip(self.unknowns, self.own, self.parameters, strict=True)
+            error = np.array(
+                [_distance(self.kind, self._event, problem, widths, *point) for point in points]
+            )
+        error.setflags(write=False)
+        return error
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -272,7 +293,20 @@ def continue_curve(
             {"points": len(found), "newton_steps": sum(point.iterations for point in found)},
         ),
         _problem=problem,
+        _event=bifurcation.event,
     )
+
+
+def _distance(
+    kind: str, event: int, problem: Problem, widths: Array, x: Array, own: Array, p: Array
+) -> float:
+    condition, _ = condition_of(kind, event, problem, x, own, p)
+    equations = BifurcationEquations(problem, condition, widths)
+    y = np.concatenate([x, own, p])
+    scale, jacobian = equations.scale(y), equations.full_jacobian(y)
+    tangent = np.linalg.svd(jacobian * scale)[2][-1]
+    bound = error_bound(jacobian, equations.residual(y), scale, tangent, equations.rounding)
+    return float((bound / scale).max())
 
 
 def _start(
