@@ -346,10 +346,8 @@ class ImpactOscillator(DrivenStructure, Map):
             raise ValueError(f"impacts must not be given with sticking; got {impacts!r}")
         return find_sticking(self, periods)
 
-    def _run(
-        self, start: ImpactState, count: int, *, store: bool, noise: float = 0.0, seed: int = 1
-    ) -> Run:
-        return run(self, start, count, store=store, noise=noise, seed=seed)
+    def _run(self, start: ImpactState, count: int, *, store: bool) -> Run:
+        return run(self, start, count, store=store, noise=0.0, seed=1)
 
     # --- the map ----------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynkit.results import Cost
 from dynkit.systems.impact.motion import longest_sample, sample_run
-from dynkit.systems.impact.runs import Run
+from dynkit.systems.impact.runs import MOST_CELLS, Run, run
 from dynkit.systems.impact.state import ImpactState, on_table
 from dynkit.validation import Array, finite_array, positive_integer
 
@@ -24,6 +24,9 @@ TWO_PI = 2.0 * math.pi
 # Twin runs for the error, the size of their disturbances in units of 2^-52, and the factor on the
 # distance they reach.
 _TWINS, _DISTURBANCE, _SAFETY = 3, 8.0, 4.0
+
+# A twin's search for an event may take so many cells, and so many for every cell of the whole run.
+_LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 
 
 class Ending(Enum):
@@ -162,8 +165,9 @@ class ImpactRecord:
         leave out. The estimate is four times the largest distance reached so far, or the rounding
         of the largest coordinate. On a stable motion it stays near 1e-14; in chaos it grows to the
         size of the attractor, and says when single states have become meaningless.
-        Where a twin has fewer impacts it is infinite. The times are off by this over the frequency,
-        besides their own rounding: what may be turns of the table counts with all its turns.
+        Where a twin has fewer impacts, or cannot be told to leave the table or not, it is infinite.
+        The times are off by this over the frequency, besides their own rounding: what may be turns
+        of the table counts with all its turns.
 
         References
         ----------
@@ -172,11 +176,19 @@ class ImpactRecord:
         """
         worst = 2.0**-52 * abs(self.states).max(axis=1, initial=0.0)
         noise = _DISTURBANCE * 2.0**-52
+        # Where a twin rests within rounding of the table it need not be decided when it leaves.
+        most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * self._run.cells)
         for seed in range(1, _TWINS + 1):
-            twin = ImpactRecord(
+            other = run(
                 self.system,
-                self.system._run(self.start, len(self), store=True, noise=noise, seed=seed),
+                self.start,
+                len(self),
+                store=True,
+                noise=noise,
+                seed=seed,
+                most_cells=most_cells,
             )
+            twin = ImpactRecord(self.system, other)
             k = len(twin)
             gap = abs(self.system.difference(twin.states, self.states[:k])).max(axis=1, initial=0.0)
             # Phases that are turns apart may look alike; what rounding of the times hides does not.

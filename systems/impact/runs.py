@@ -69,11 +69,12 @@ def run(
     store: bool,
     noise: float,
     seed: int,
+    most_cells: int = MOST_CELLS,
 ) -> Run:
     """Simulate `count` impacts from a state of this oscillator.
 
     With noise every number of the start, and of the states after impacts, is changed by up to this
-    part of itself, pseudo-randomly.
+    part of itself, pseudo-randomly. The search for an event gives up after `most_cells`.
     """
     from dynkit.exponential.evaluation_kernels import START
     from dynkit.systems.impact import clock_kernels, kernels
@@ -111,7 +112,7 @@ def run(
             count - done,
             noise,
             band_factor(slots),
-            MOST_CELLS,
+            most_cells,
             states[done:],
             contacts,
             flight,
