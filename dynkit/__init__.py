@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from dynkit._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from dynkit.attraction import Basin, Basins, basins
     from dynkit.attractors import Attractor, MapAttractor
     from dynkit.continuation.bifurcations import Bifurcation
     from dynkit.continuation.branch import Branch
@@ -33,6 +34,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Attractor",
+    "Basin",
+    "Basins",
     "Bifurcation",
     "BifurcationCurve",
     "Branch",
@@ -54,6 +57,7 @@ __all__ = [
     "Sweep",
     "WorkerLost",
     "__version__",
+    "basins",
     "continue_curve",
     "continue_orbit",
     "explore",
@@ -66,6 +70,8 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "Attractor": "dynkit.attractors",
+        "Basin": "dynkit.attraction",
+        "Basins": "dynkit.attraction",
         "Bifurcation": "dynkit.continuation.bifurcations",
         "BifurcationCurve": "dynkit.continuation.curves",
         "Branch": "dynkit.continuation.branch",
@@ -86,6 +92,7 @@ __getattr__, __dir__ = lazy_names(
         "Stroboscope": "dynkit.sections",
         "Sweep": "dynkit.sweeps",
         "WorkerLost": "dynkit.workers",
+        "basins": "dynkit.attraction",
         "continue_curve": "dynkit.continuation.curves",
         "continue_orbit": "dynkit.continuation.continuing",
         "explore": "dynkit.continuation.exploring",

@@ -86,7 +86,7 @@ class Plan:
         n, began = len(pairs), time.perf_counter()
         kinds = np.full(n, NO_MOTION, dtype=np.int64)
         numbers = np.zeros((n, 3), dtype=np.int64)  # n, m, simulated
-        tolerances = np.full((n, 2), np.nan)  # asked for, found
+        sizes = np.full((n, 3), np.nan)  # tolerance, recurrence, chance
         largest = np.full((n, len(self.observables)), np.nan)
         exponents = np.full(n if self.exponents else 0, np.nan)
         endings, cost = [], Cost(0.0)
@@ -104,13 +104,13 @@ class Plan:
                 continue
             kinds[row] = KINDS.index(label.kind)
             numbers[row] = label.impacts or 0, label.periods or 0, label.simulated
-            tolerances[row] = label.tolerance, label.recurrence
+            sizes[row] = label.tolerance, label.recurrence, label.chance
             endings.append(str(motion.ending.value))
             cost = cost + Cost(0.0, motion.cost.counts)
         arrays: dict[str, Anything] = {
             "kind": kinds,
             "numbers": numbers,
-            "tolerances": tolerances,
+            "sizes": sizes,
             "largest": largest,
         }
         if self.exponents:
@@ -195,13 +195,21 @@ def _axis(name: str, values: Any) -> Array:
     return axis
 
 
-def label_of(kind: int, numbers: Sequence[int], tolerances: Sequence[float]) -> OrbitLabel | None:
+def label_of(kind: int, numbers: Sequence[int], sizes: Sequence[float]) -> OrbitLabel | None:
     """Return the label that the numbers of a point stand for; None for no motion."""
     if kind == NO_MOTION:
         return None
     impacts, periods, simulated = numbers
-    asked, found = tolerances
-    return OrbitLabel(KINDS[kind], impacts or None, periods or None, asked, found, simulated)
+    tolerance, recurrence, chance = sizes
+    return OrbitLabel(
+        KINDS[kind],
+        impacts or None,
+        periods or None,
+        tolerance,
+        recurrence,
+        simulated,
+        chance=chance,
+    )
 
 
 @final

@@ -17,7 +17,7 @@ from dynkit import store
 from dynkit.attractors import Attractor
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
-from dynkit.parameter_maps.plan import KIND, KINDS, NO_MOTION, Grid, Plan, label_of
+from dynkit.parameter_maps.plan import KIND, KINDS, Grid, Plan, label_of
 from dynkit.results import Cost
 from dynkit.sweeps.following import kind_of
 from dynkit.sweeps.sweepable import Sweepable, as_attractor, sweepable
@@ -68,8 +68,7 @@ class ParameterMap:
         ----------
         path : path
         system : Map or Sweepable, optional
-            The system that was simulated, at any values of the parameters; needed for `attractor`
-            and `error`.
+            The system that was simulated, at any values of the parameters; needed for `attractor`.
 
         Raises
         ------
@@ -199,10 +198,17 @@ class ParameterMap:
         found: Array = self._rows.arrays["exponent"]
         return found.reshape(self._shape)
 
-    @property
-    def recurrence(self) -> Array:
-        """How well each motion recurs, (k1, k2), relative: see `OrbitLabel.recurrence`."""
-        return self._rows.arrays["tolerances"][:, 1].reshape(self._shape)
+    @cached_property
+    def error(self) -> Array:
+        """How wrong the labels may be, (k1, k2), in the sense of their kinds: `OrbitLabel.error`.
+
+        NaN where there is no motion. The error of the states is that of each `attractor`.
+        """
+        labels = [self._label(place) for place in range(len(self._rows.arrays["kind"]))]
+        errors = [np.nan if label is None else label.error for label in labels]
+        found = np.array(errors).reshape(self._shape)
+        found.setflags(write=False)
+        return found
 
     @property
     def cost(self) -> Cost:
@@ -254,18 +260,6 @@ class ParameterMap:
         first, second = self._values
         return as_attractor(self._plan.motion(float(first[i]), float(second[j])))
 
-    @cached_property
-    def error(self) -> Array:
-        """How wrong the kept states may be at each pair, (k1, k2): the error of each `attractor`.
-
-        NaN where there is no motion. All is simulated again, and more than once.
-        """
-        found = np.full(self._shape, np.nan)
-        for i, j in np.argwhere(self._grid("kind")[..., 0] != NO_MOTION).tolist():
-            found[i, j] = self.attractor(i, j).error
-        found.setflags(write=False)
-        return found
-
     def _place(self, i: int, j: int) -> int:
         for name, place, count in (("i", i, self._shape[0]), ("j", j, self._shape[1])):
             if not 0 <= place < count:
@@ -277,5 +271,5 @@ class ParameterMap:
         return label_of(
             int(arrays["kind"][place]),
             arrays["numbers"][place].tolist(),
-            arrays["tolerances"][place].tolist(),
+            arrays["sizes"][place].tolist(),
         )

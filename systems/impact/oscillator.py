@@ -161,6 +161,23 @@ class ImpactOscillator(DrivenStructure, Map):
         v = np.zeros(n) if velocity is None else finite_array("velocity", velocity, (n,))
         return start(self, x, v, angle)
 
+    @property
+    def start_size(self) -> int:
+        """How many numbers `state_from` takes: 2N + 1."""
+        return self.dimension + 1
+
+    def state_from(self, numbers: Array) -> ImpactState:
+        """Return the `state` of N positions, N velocities and the phase, (2N + 1,).
+
+        Raises
+        ------
+        ValueError
+            As `state`.
+        """
+        n = self.degrees_of_freedom
+        given = finite_array("numbers", numbers, (self.start_size,))
+        return self.state(given[:n], given[n:-1], float(given[-1]))
+
     def _entered(self, given: ImpactState | None) -> ImpactState:
         if given is None:
             return self.state()

@@ -1,0 +1,221 @@
+"""Where single starts lead: label, a state of the orbit, and how far it is from being settled."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, cast, final, runtime_checkable
+
+import numpy as np
+
+from dynkit.flows import NoCrossing
+from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.maps import Map
+from dynkit.results import Cost
+from dynkit.sweeps.archive import identity
+from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, as_attractor
+from dynkit.validation import Array
+from dynkit.workers.points import Anything, Points, Rows
+
+KINDS = tuple(OrbitKind)
+"""What the numbers of kinds stand for, where there is a motion."""
+
+UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE = -1, -2, -3, -4
+
+OTHER_ENDS = {
+    UNSETTLED: "unsettled",
+    RUNS_AWAY: "runs away",
+    NO_CROSSING: "comes to no next crossing",
+    NO_STATE: "no state of the system",
+}
+"""What a start may come to instead of an attractor, by number."""
+
+SETTLED = 1e-10
+"""A periodic motion has settled when it recurs this well, relative to starts and states."""
+
+# States that a motion may take to settle after it was labelled.
+_BUDGET = 20_000
+# A multiplier nearer to one is not told from it.
+_SLOWEST, _ROUNDING = 0.9999, 1e-13
+
+
+@runtime_checkable
+class OffersStarts(Protocol):
+    """A system that makes its states from plain numbers.
+
+    ``state_from(numbers)`` returns what ``attractor(start=)`` takes, and refuses with ValueError
+    numbers that no state has; ``start_size`` says how many there are.
+    """
+
+    @property
+    def start_size(self) -> int:
+        """How many numbers make a state."""
+        ...
+
+    def state_from(self, numbers: Array) -> Any:
+        """Return the state that they stand for."""
+        ...
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What is found at starts, (n, s); small and picklable.
+
+    Parameters
+    ----------
+    family : Sweepable
+    transient, keep : int
+    scale : float
+        The largest number of all starts.
+    sizes : (int, int)
+        How many numbers a section state has, and a packed state.
+    """
+
+    family: Sweepable
+    transient: int
+    keep: int
+    scale: float
+    sizes: tuple[int, int]
+
+    @property
+    def moving(self) -> Map:
+        """The map that moves."""
+        return self.family.map if isinstance(self.family, SweptMap) else cast("Map", self.family)
+
+    def state(self, start: Array) -> Any:
+        """Return the state that the numbers of a start stand for."""
+        if isinstance(self.family, SweptMap):
+            return start
+        return cast("OffersStarts", self.family).state_from(start)
+
+    def motion(self, start: Array) -> SweptAttractor:
+        """Simulate from a start."""
+        return self.family.attractor(
+            transient=self.transient, impacts=self.keep, start=self.state(start)
+        )
+
+    def states_after(self, state: Any, count: int) -> tuple[Array, Any]:
+        """Return the states after one of the system, (count, d), and the last of them.
+
+        Fewer when the motion comes to rest.
+        """
+        motion = self.family.attractor(transient=1, impacts=count, start=state)
+        return as_attractor(motion).states, motion.final
+
+    def __call__(self, starts: Array) -> Rows:
+        """Return what is found at some starts."""
+        began, n = time.perf_counter(), len(starts)
+        arrays: dict[str, Anything] = {
+            "kind": np.zeros(n, dtype=np.int64),
+            "numbers": np.zeros((n, 3), dtype=np.int64),  # n, m, simulated
+            "sizes": np.full((n, 3), np.nan),  # tolerance, recurrence, chance
+            "rest": np.full(n, np.nan),
+            "state": np.full((n, self.sizes[0]), np.nan),
+            "final": np.full((n, self.sizes[1]), np.nan),
+        }
+        endings, cost = [], Cost(0.0)
+        for place, start in enumerate(starts):
+            seen = self._seen(start)
+            if isinstance(seen, int):
+                arrays["kind"][place] = seen
+                endings.append(OTHER_ENDS[seen])
+                continue
+            motion, label = seen
+            arrays["numbers"][place] = label.impacts or 0, label.periods or 0, label.simulated
+            arrays["sizes"][place] = label.tolerance, label.recurrence, label.chance
+            kind = UNSETTLED if label.kind is OrbitKind.UNSETTLED else KINDS.index(label.kind)
+            arrays["kind"][place] = kind
+            endings.append(str(motion.ending.value))
+            cost = cost + Cost(0.0, motion.cost.counts)
+            if label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
+                state, final, rest = self._settled(motion, label)
+            elif label.kind is OrbitKind.CHAOTIC:
+                state, final, rest = as_attractor(motion).states[-1], motion.final, np.nan
+            else:
+                continue
+            arrays["state"][place], arrays["rest"][place] = state, rest
+            arrays["final"][place] = self.family.pack_state(final)
+        return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
+
+    def _seen(self, start: Array) -> tuple[SweptAttractor, OrbitLabel] | int:
+        try:
+            state = self.state(start)
+        except ValueError:
+            return NO_STATE
+        try:
+            motion = self.family.attractor(transient=self.transient, impacts=self.keep, start=state)
+            return motion, motion.label
+        except NoCrossing:
+            return NO_CROSSING
+        except (ValueError, ArithmeticError):
+            return RUNS_AWAY
+
+    def _settled(self, motion: SweptAttractor, label: OrbitLabel) -> tuple[Array, Any, float]:
+        """A state of a periodic motion once it has settled, the last one, and what is still to go.
+
+        What is still to go is told from how much better it recurs from one time to the next.
+        """
+        difference, window = self.moving.difference, orbit_size(label)
+        states, final, seen = as_attractor(motion).states, motion.final, 0
+        while True:
+            if len(states) < 3 * window:
+                states, final = self.states_after(final, 3 * window)
+                seen += 3 * window
+            early, middle, late = states[-3 * window :].reshape(3, window, -1)
+            size = max(float(np.linalg.norm(late, axis=1).max()), self.scale)
+            state, then = _farthest(late), _farthest(middle)
+            found = float(np.linalg.norm(difference(middle, state), axis=1).min())
+            before = float(np.linalg.norm(difference(early, then), axis=1).min())
+            rest = found
+            if found > _ROUNDING * size:
+                rest /= 1.0 - min(found / before if before else 1.0, _SLOWEST)
+            if found <= SETTLED * size or 2 * seen + 6 * window > _BUDGET:
+                return state, final, rest
+            _, final = self.states_after(final, max(seen, window))
+            seen, states = seen + max(seen, window), states[:0]
+
+
+def _farthest(states: Array) -> Array:
+    """Of the states of a window the one of the largest norm: it is in no chatter."""
+    return np.asarray(states[np.argmax(np.linalg.norm(states, axis=1))])
+
+
+def orbit_size(label: OrbitLabel) -> int:
+    """How many states in a row hold all states of a periodic orbit."""
+    return label.impacts or label.simulated
+
+
+@final
+class Starts(Points):
+    """All starts, (n, s)."""
+
+    def __init__(self, look: Look, kind: str, starts: Array) -> None:
+        self._look = look
+        self._kind = kind
+        self._starts = starts
+
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    @property
+    def work(self) -> Callable[[Array], Rows]:
+        return self._look
+
+    def task(self, first: int, last: int) -> Array:
+        return self._starts[first:last]
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        return {
+            "kind": "basins of attraction",
+            "system": self._kind,
+            **identity(self._look.family),
+            "transient": str(self._look.transient),
+            "keep": str(self._look.keep),
+        }
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        return {"starts": self._starts}

@@ -1,0 +1,177 @@
+"""The result of `basins`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.attraction.looking import OTHER_ENDS, Look
+from dynkit.attraction.telling import Found
+from dynkit.attractors import Attractor
+from dynkit.labels import OrbitLabel
+from dynkit.results import Cost
+from dynkit.sweeps.sweepable import as_attractor
+from dynkit.validation import Array
+from dynkit.workers.points import Rows
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Basin:
+    """One attractor, and the part of the starts that lead to it.
+
+    Parameters
+    ----------
+    number : int
+        As in `Basins.numbers`.
+    label : OrbitLabel
+        Of the first start that leads there.
+    ending : str
+        Why that simulation ended: for a motion at rest, what became of it.
+    states : (n, d) array
+        The states of the orbit, in their order, read-only; some of them for chaos, none at rest.
+    start : tuple of int
+        Place of the first start that leads there.
+    count : int
+        How many starts do.
+    fraction, error : float
+        The part of all starts, and its standard error for starts that were drawn at random.
+    """
+
+    number: int
+    label: OrbitLabel
+    ending: str
+    states: Array
+    start: tuple[int, ...]
+    count: int
+    fraction: float
+    error: float
+
+    def __repr__(self) -> str:
+        return f"<Basin {self.number}: {self.label}, {self.fraction:.3g} of the starts>"
+
+
+@final
+class Basins:
+    """Which start leads to which attractor, made by `dynkit.basins`.
+
+    Examples
+    --------
+    >>> from dynkit import basins
+    >>> from dynkit.systems import Logistic
+    >>> found = basins(Logistic(rate=3.2), [[-0.1], [0.3], [0.5], [0.7]], progress=False)
+    >>> found
+    <Basins: 4 starts; P(2) 3, runs away 1>
+    >>> found.numbers.tolist(), found.basins[0].fraction
+    ([-2, 0, 0, 0], 0.75)
+    >>> found.outcome(0)
+    'runs away'
+    """
+
+    def __init__(
+        self,
+        look: Look,
+        starts: Array,
+        numbers: NDArray[np.int64],
+        attractors: Sequence[Found],
+        rows: Rows,
+    ) -> None:
+        self._look = look
+        self._attractors = tuple(attractors)
+        self._cost = rows.cost
+        self._starts = starts
+        self._numbers = numbers.reshape(starts.shape[:-1])
+        self._numbers.setflags(write=False)
+
+    @property
+    def starts(self) -> Array:
+        """The starts, (k1, k2, s) or (k, s), read-only."""
+        return self._starts
+
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """The number of each start's attractor, (k1, k2) or (k,), read-only.
+
+        Attractors are numbered in the order of the first starts that lead to them. Numbers below
+        zero stand for no attractor: -1 unsettled, -2 runs away, -3 comes to no next crossing, -4 no
+        state of the system (such as one beyond the table).
+        """
+        return self._numbers
+
+    @cached_property
+    def basins(self) -> tuple[Basin, ...]:
+        """The attractors that were found, by their numbers."""
+        count = self._numbers.size
+        out = []
+        for number, found in enumerate(self._attractors):
+            members = int((self._numbers == number).sum())
+            part = members / count
+            found.states.setflags(write=False)
+            place = np.unravel_index(found.place, self._numbers.shape)
+            out.append(
+                Basin(
+                    number,
+                    found.label,
+                    found.ending,
+                    found.states,
+                    tuple(int(i) for i in place),
+                    members,
+                    part,
+                    float(np.sqrt(part * (1.0 - part) / count)),
+                )
+            )
+        return tuple(out)
+
+    @property
+    def error(self) -> Array:
+        """Standard errors of the basins' fractions, (number of basins,), of starts at random."""
+        return np.array([basin.error for basin in self.basins])
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds of all workers, and counted work; what labels count is not in it."""
+        return self._cost
+
+    def __len__(self) -> int:
+        return len(self._attractors)
+
+    def __repr__(self) -> str:
+        shown = [f"{basin.label} {basin.count}" for basin in self.basins]
+        for number, text in OTHER_ENDS.items():
+            count = int((self._numbers == number).sum())
+            shown += [f"{text} {count}"] if count else []
+        sizes = " x ".join(map(str, self._numbers.shape))
+        return f"<Basins: {sizes} starts; {', '.join(shown)}>"
+
+    def outcome(self, *place: int) -> str:
+        """Return what became of one start, in words.
+
+        Raises
+        ------
+        ValueError
+            When there is no such start.
+        """
+        number = int(self._numbers[self._place(place)])
+        return OTHER_ENDS[number] if number < 0 else str(self._attractors[number].label)
+
+    def attractor(self, *place: int) -> Attractor:
+        """Return the attractor of one start: simulated again, the same bits.
+
+        Raises
+        ------
+        ValueError
+            When there is no such start, or it has no motion.
+        """
+        return as_attractor(self._look.motion(self._starts[self._place(place)]))
+
+    def _place(self, place: tuple[int, ...]) -> tuple[int, ...]:
+        shape: tuple[int, ...] = self._numbers.shape
+        inside = len(place) == len(shape)
+        if not inside or any(not 0 <= i < k for i, k in zip(place, shape, strict=True)):
+            raise ValueError(f"place must lie within {shape}; got {place}")
+        return place

@@ -1,0 +1,159 @@
+"""Which starts share an attractor: orbits by their states, chaos by how near its states come."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.attraction.looking import KINDS, UNSETTLED, Look, orbit_size
+from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.validation import Array
+from dynkit.workers.executing import finished
+from dynkit.workers.points import Rows, chunks_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+# Orbits are the same when a state of one is this near to the other, relative to starts and states,
+# and what each may still move; orbits that may still move more than that are not told.
+_NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
+
+# Of chaos: states that stand for the attractor, and that are held against them.
+_REFERENCE, _SAMPLE = 2000, 64
+# The median distance to the nearest of them may be so many times that of the attractor's own.
+_FACTOR = 3.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An attractor: the place of the first start that leads there, and states, (n, d)."""
+
+    place: int
+    label: OrbitLabel
+    ending: str
+    states: Array
+
+
+def told_apart(
+    look: Look, rows: Rows, executor: Executor | None
+) -> tuple[NDArray[np.int64], list[Found]]:
+    """Return the number of each start's attractor, and the attractors in the order of the starts.
+
+    Numbers below zero are those of `dynkit.attraction.looking.OTHER_ENDS`.
+    """
+    kinds: NDArray[np.int64] = rows.arrays["kind"].copy()
+    groups = [
+        *_orbits(look, rows, _places(kinds, OrbitKind.PERIODIC, OrbitKind.STICKING)),
+        *_chaos(look, rows, _places(kinds, OrbitKind.CHAOTIC), executor),
+        *_rests(rows, _places(kinds, OrbitKind.AT_REST)),
+    ]
+    numbers = np.where(kinds < 0, kinds, UNSETTLED)
+    groups.sort(key=lambda group: group[0].place)
+    for number, (_, members) in enumerate(groups):
+        numbers[members] = number
+    return numbers, [found for found, _ in groups]
+
+
+_Group = tuple[Found, NDArray[np.intp]]
+
+
+def _places(kinds: NDArray[np.int64], *asked: OrbitKind) -> NDArray[np.intp]:
+    return np.flatnonzero(np.isin(kinds, [KINDS.index(kind) for kind in asked]))
+
+
+def label_at(rows: Rows, place: int) -> OrbitLabel:
+    """Return the label of a start that has a motion."""
+    kind = int(rows.arrays["kind"][place])
+    n, m, simulated = rows.arrays["numbers"][place].tolist()
+    tolerance, recurrence, chance = rows.arrays["sizes"][place].tolist()
+    return OrbitLabel(
+        OrbitKind.UNSETTLED if kind == UNSETTLED else KINDS[kind],
+        n or None,
+        m or None,
+        tolerance,
+        recurrence,
+        simulated,
+        chance=chance,
+    )
+
+
+def _orbits(look: Look, rows: Rows, left: NDArray[np.intp]) -> Iterator[_Group]:
+    states, rests = rows.arrays["state"], rows.arrays["rest"]
+    while len(left):
+        first = int(left[0])
+        label = label_at(rows, first)
+        start = look.family.unpack_state(rows.arrays["final"][first])
+        orbit, _ = look.states_after(start, orbit_size(label))
+        size = max(float(np.linalg.norm(orbit, axis=1).max()), look.scale)
+        if not rests[first] <= _MOST * size:
+            left = left[1:]  # it is still on its way, and stays unsettled
+            continue
+        allowed = _NEAR * size + _ERRORS * (rests[left] + rests[first])
+        same = _nearest(look, orbit, states[left]) <= np.minimum(allowed, _MOST * size)
+        same[0] = True
+        yield Found(first, label, rows.texts["ending"][first], orbit), left[same]
+        left = left[~same]
+
+
+def _nearest(look: Look, reference: Array, states: Array) -> Array:
+    """Distance of each state (k, d) to the nearest of the reference, (k,)."""
+    difference = look.moving.difference
+    return np.array(
+        [np.linalg.norm(difference(reference, state), axis=1).min() for state in states]
+    )
+
+
+def _chaos(
+    look: Look, rows: Rows, left: NDArray[np.intp], executor: Executor | None
+) -> Iterator[_Group]:
+    finals = rows.arrays["final"]
+    while len(left):
+        first = int(left[0])
+        start = look.family.unpack_state(finals[first])
+        states, _ = look.states_after(start, _REFERENCE + 8 * _SAMPLE)
+        reference, own = states[:_REFERENCE], states[_REFERENCE:]
+        limit = _FACTOR * float(np.median(_nearest(look, reference, own)))
+        chunks = [left[slice(*chunk)] for chunk in chunks_of(len(left))]
+        compare = _Compared(look, reference)
+        medians = np.empty(len(left))
+        at = np.cumsum([0, *map(len, chunks)])
+        for number, found in finished(compare, [finals[chunk] for chunk in chunks], executor):
+            medians[at[number] : at[number + 1]] = found
+        same = medians <= limit
+        same[0] = True
+        yield (
+            Found(first, label_at(rows, first), rows.texts["ending"][first], reference),
+            left[same],
+        )
+        left = left[~same]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """The median distance to a chaotic attractor of the states that follow some states."""
+
+    look: Look
+    reference: Array
+
+    def __call__(self, finals: Array) -> Array:
+        medians = []
+        for packed in finals:
+            states, _ = self.look.states_after(self.look.family.unpack_state(packed), _SAMPLE)
+            medians.append(float(np.median(_nearest(self.look, self.reference, states))))
+        return np.array(medians)
+
+
+def _rests(rows: Rows, left: NDArray[np.intp]) -> Iterator[_Group]:
+    endings: Sequence[str] = rows.texts["ending"]
+    for ending in dict.fromkeys(endings[place] for place in left.tolist()):
+        members = np.array([place for place in left.tolist() if endings[place] == ending])
+        first = int(members[0])
+        none = np.empty((0, rows.arrays["state"].shape[1]))
+        yield Found(first, label_at(rows, first), ending, none), members
