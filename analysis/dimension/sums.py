@@ -56,16 +56,17 @@ class CorrelationSums:
     def error(self) -> Array:
         """One standard error of C(r), (k,), relative, from bootstrap over blocks of time.
 
-        See `dynkit.analysis.dimension.errors`; NaN where no pair is so near.
+        See `dynkit.analysis.dimension.errors`. Infinite where no pair is so near, and where there
+        are too few blocks to tell.
         """
         from dynkit.analysis.dimension.errors import standard_errors
 
-        errors = np.full(len(self.radii), np.nan)
+        errors = np.full(len(self.radii), np.inf)
         there = self.pairs > 0
         errors[there] = standard_errors(
             self.pairs[there], self.shares[:, there], np.eye(int(there.sum()))
         )
-        return errors
+        return np.where(np.isnan(errors), np.inf, errors)
 
 
 def correlation_sums(

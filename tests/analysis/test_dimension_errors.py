@@ -97,12 +97,12 @@ def test_error_of_independent_pairs_is_that_of_counting() -> None:
 
 
 def test_error_is_unknown_without_blocks() -> None:
-    assert np.isnan(correlation_sums(np.arange(10.0)[:, None], np.array([2.0])).error).all()
+    assert np.isinf(correlation_sums(np.arange(10.0)[:, None], np.array([2.0])).error).all()
 
 
-def test_error_is_nan_where_there_is_no_pair() -> None:
+def test_error_is_infinite_where_there_is_no_pair() -> None:
     sums = correlation_sums(np.arange(100.0)[:, None], np.array([0.5, 1.5]))
-    assert np.isnan(sums.error).tolist() == [True, False]
+    assert np.isinf(sums.error).tolist() == [True, False]
 
 
 # --- Takens' estimate ---------------------------------------------------------------------------

@@ -1,0 +1,208 @@
+"""Whatever a user gets says what it cost and how wrong it may be, or is listed as no result."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit import (
+    Cost,
+    ExponentialSum,
+    MapAttractor,
+    basins,
+    continue_curve,
+    continue_orbit,
+    explore,
+    parameter_map,
+    periodic_orbit,
+    sweep,
+)
+from dynkit.analysis import (
+    POD,
+    BifurcationDiagram,
+    ChatterRatios,
+    CorrelationDimension,
+    ImpactSection,
+    LyapunovSpectrum,
+    PowerSpectrum,
+    Sensitivity,
+    SpaceTime,
+    StroboscopicSection,
+    TimeSeries,
+)
+from dynkit.systems import Henon, ImpactChain, Logistic, SingleImpactOscillator
+from tests.public_classes import public_classes
+
+SYSTEM = "a system: a call is as wrong as its `accuracy`, a motion as its record or attractor says"
+OPTION = "an option: what the user says"
+VALUE = "a value inside a result, whose error and cost it shares"
+EQUATIONS = "equations and what they are made of; their solutions are the results"
+STATE = "one state of a system, as wrong as its `accuracy`; to simulate from"
+
+NO_RESULTS = {
+    "BouncingBall": SYSTEM,
+    "Duffing": SYSTEM,
+    "ExponentialSum": SYSTEM,
+    "Flow": SYSTEM,
+    "Henon": SYSTEM,
+    "HighBounce": SYSTEM,
+    "ImpactChain": SYSTEM,
+    "ImpactOscillator": SYSTEM,
+    "IntegratedFlow": SYSTEM,
+    "LagrangianStructure": SYSTEM,
+    "Logistic": SYSTEM,
+    "Lorenz": SYSTEM,
+    "Map": SYSTEM,
+    "MatrixOscillator": SYSTEM,
+    "PlayOscillator": SYSTEM,
+    "PoincareMap": SYSTEM,
+    "Rossler": SYSTEM,
+    "SingleImpactOscillator": SYSTEM,
+    "Hyperplane": OPTION,
+    "PoincareSection": OPTION,
+    "Stroboscope": OPTION,
+    "Basin": VALUE,
+    "Cost": VALUE,
+    "Ending": VALUE,
+    "Estimate": VALUE,
+    "LabelInterval": VALUE,
+    "Link": VALUE,
+    "LocalSlopes": VALUE,
+    "ScalingRegion": VALUE,
+    "Unexplored": VALUE,
+    "Crossing": STATE,
+    "ImpactState": STATE,
+    "Stretching": STATE,
+    "Condition": EQUATIONS,
+    "Event": EQUATIONS,
+    "Flight": EQUATIONS,
+    "FreeMotion": EQUATIONS,
+    "ImpactProblem": EQUATIONS,
+    "MapProblem": EQUATIONS,
+    "Passage": EQUATIONS,
+    "Problem": EQUATIONS,
+    "Scene": EQUATIONS,
+    "Solution": EQUATIONS,
+    "StickingProblem": EQUATIONS,
+    "Terms": EQUATIONS,
+    "Transitions": EQUATIONS,
+}
+
+
+@cache
+def attractor() -> Any:
+    return SingleImpactOscillator(frequency=2.6, stop=0.1).attractor(impacts=80)
+
+
+def logistic(rate: float) -> MapAttractor:
+    return MapAttractor(Logistic(rate=rate), np.array([0.3]), 100, 20)
+
+
+@cache
+def branch() -> Any:
+    orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
+    return continue_orbit(orbit, "a", bounds=(0.1, 0.5))
+
+
+RESULTS: dict[str, Callable[[], Any]] = {
+    "Basins": lambda: basins(Logistic(rate=3.2), [[-0.1], [0.3], [0.5]], progress=False),
+    "Bifurcation": lambda: branch().bifurcations[0],
+    "BifurcationCurve": lambda: continue_curve(
+        branch().bifurcations[0], ("a", "b"), bounds=((0.0, 3.0), (-0.9, 0.9)), points=3
+    ),
+    "BifurcationDiagram": lambda: BifurcationDiagram.of(RESULTS["Sweep"]()),
+    "Branch": branch,
+    "ChatterRatios": lambda: ChatterRatios(0.85 ** np.arange(40.0)),
+    "CorrelationDimension": lambda: CorrelationDimension(
+        np.random.default_rng(0).uniform(size=(2000, 1))
+    ),
+    "CorrelationSums": lambda: RESULTS["CorrelationDimension"]().sums,
+    "Harmonics": lambda: PowerSpectrum(attractor()).lines,
+    "ImpactAttractor": attractor,
+    "ImpactOrbit": lambda: attractor().periodic_orbit(),
+    "ImpactRecord": lambda: attractor().record,
+    "ImpactSection": lambda: ImpactSection(attractor()),
+    "LyapunovSpectrum": lambda: LyapunovSpectrum(attractor(), iterations=1000),
+    "MapAttractor": lambda: logistic(3.2),
+    "MapOrbit": lambda: periodic_orbit(Logistic(rate=3.9), [0.1], period=3),
+    "Modes": lambda: ImpactChain(masses=3, frequency=0.87).modes,
+    "Network": lambda: explore(
+        Logistic(rate=2.5), "rate", (2.4, 3.3), seeds=[periodic_orbit(Logistic(rate=2.5), [0.6])]
+    ),
+    "OrbitLabel": lambda: attractor().label,
+    "ParameterMap": lambda: parameter_map(
+        Henon(), {"a": [0.2, 1.2], "b": [0.0, 0.3]}, start=[0.1, 0.1], exponents=99, progress=False
+    ),
+    "POD": lambda: POD(attractor()),
+    "PowerSpectrum": lambda: PowerSpectrum(attractor(), samples=512),
+    "Root": lambda: ExponentialSum([1.0], [0.0], [1.0], [0.0]).first_root(),
+    "SecondMoments": lambda: attractor().second_moments(),
+    "Sensitivity": lambda: Sensitivity(logistic(4.0), 1e-9, 10),
+    "SpaceTime": lambda: SpaceTime(attractor()),
+    "StickingOrbit": lambda: ImpactChain(masses=1, frequency=0.408, restitution=0.3).periodic_orbit(
+        sticking=True
+    ),
+    "StroboscopicSection": lambda: StroboscopicSection(attractor()),
+    "Sweep": lambda: sweep(
+        SingleImpactOscillator(frequency=2.6, stop=0.1), "frequency", [2.5, 2.6], progress=False
+    ),
+    "TimeSeries": lambda: TimeSeries(attractor()),
+}
+"""How to make one of each."""
+
+ABSTRACT = {"Attractor", "PeriodicOrbit"}
+"""Results that others are made of: what is abstract cannot be made."""
+
+
+def test_every_public_class_is_a_result_or_listed_as_none() -> None:
+    found = {kind.__name__: place for kind, place in public_classes().items()}
+    known = NO_RESULTS.keys() | RESULTS.keys() | ABSTRACT
+    assert not {name: place for name, place in found.items() if name not in known}
+
+
+def test_what_is_listed_is_met_by_users_and_listed_once() -> None:
+    results = RESULTS.keys() | ABSTRACT
+    never_met = (NO_RESULTS.keys() | results) - {kind.__name__ for kind in public_classes()}
+    assert not never_met
+    assert not NO_RESULTS.keys() & results
+
+
+@pytest.mark.parametrize("kind", [k for k in public_classes() if k.__name__ not in NO_RESULTS])
+@pytest.mark.parametrize("member", ["cost", "error"])
+def test_cost_and_error_of_results_are_documented(kind: type, member: str) -> None:
+    text = " ".join(inspect.getdoc(getattr(base, member, None)) or "" for base in kind.__mro__)
+    own = re.search(rf"^( *|.*, ){member}(,.*)? : ", inspect.getdoc(kind) or "", re.MULTILINE)
+    assert own or len(text) > 12
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_have_a_cost_and_an_error(name: str) -> None:
+    result = RESULTS[name]()
+    assert type(result).__name__ == name
+    assert isinstance(result.cost, Cost)
+    error = np.asarray(result.error, dtype=float)
+    assert error.size
+    assert not (error < 0.0).any()
+    assert not np.isnan(error).any()
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_whatever_results_hold_is_known(name: str) -> None:
+    """What annotations do not tell: the classes of the values of all properties."""
+    result = RESULTS[name]()
+    known = NO_RESULTS.keys() | RESULTS.keys()
+    for member in dir(type(result)):
+        described = inspect.getattr_static(type(result), member)
+        if member.startswith("_") or not isinstance(described, property | cached_property):
+            continue
+        value = getattr(result, member)
+        kind = type(value[0] if isinstance(value, tuple | list) and len(value) else value)
+        if kind.__module__.startswith("dynkit"):
+            bases = {base.__name__ for base in kind.__mro__}
+            assert bases & (known | {"Enum"}), f"{name}.{member} is a {kind.__name__}"
