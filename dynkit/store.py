@@ -166,7 +166,14 @@ def understood(path: Path, kind: str) -> Generator[None]:
     """
     try:
         yield
-    except (ArithmeticError, LookupError, AttributeError, TypeError, ValueError) as fault:
+    except (
+        ArithmeticError,
+        LookupError,
+        AttributeError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as fault:
         missing = "there is no " if isinstance(fault, KeyError) else ""
         raise ValueError(
             f"store must hold all of a {kind}; got {path} ({missing}{fault})"

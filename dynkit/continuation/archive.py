@@ -24,8 +24,21 @@ if TYPE_CHECKING:
     from dynkit.orbits import PeriodicOrbit
 
 _BRANCH, _CURVE = "branch of periodic orbits", "curve of bifurcations"
-_BRANCH_ARRAYS = ("parameter", "unknowns", "multipliers", "admissible", "residuals")
-_CURVE_ARRAYS = ("parameters", "unknowns", "own", "admissible", "residuals")
+# The arrays, with their kinds of numbers and their numbers of dimensions.
+_BRANCH_ARRAYS = {
+    "parameter": ("f", 1),
+    "unknowns": ("f", 2),
+    "multipliers": ("c", 2),
+    "admissible": ("b", 1),
+    "residuals": ("f", 1),
+}
+_CURVE_ARRAYS = {
+    "parameters": ("f", 2),
+    "unknowns": ("f", 2),
+    "own": ("f", 2),
+    "admissible": ("b", 1),
+    "residuals": ("f", 1),
+}
 _OF_BIFURCATION = ("unknowns", "direction", "tangent", "own")
 
 
@@ -81,13 +94,13 @@ def load_branch(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Br
 
 def restored_branch(file: Path, archive: store.Archive) -> Branch:
     """Return the branch of an archive, without orbits; ValueError where something is missing."""
-    entries, arrays = archive.entries, archive.arrays
+    entries = archive.entries
     numbers: dict[str, Any]
     with store.understood(file, _BRANCH):
-        numbers = {key: arrays[key] for key in _BRANCH_ARRAYS}
+        numbers = _rows(archive, {**_BRANCH_ARRAYS, "error": ("f", 1)})
+        error = numbers.pop("error")
         name = entries["parameter"]
         count = int(entries["bifurcations"])
-        _refuse_ragged([*numbers.values(), arrays["error"]])
         return Branch(
             label=entries["label"],
             name=name,
@@ -96,7 +109,7 @@ def restored_branch(file: Path, archive: store.Archive) -> Branch:
             **_made(archive),
             _problem=None,
             _system=None,
-            _error=arrays["error"],
+            _error=error,
         )
 
 
@@ -133,12 +146,11 @@ def save_curve(curve: BifurcationCurve, path: str | os.PathLike[str]) -> None:
 def load_curve(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> BifurcationCurve:
     """Read a curve from a store; ValueError as `BifurcationCurve.load`."""
     file, archive = read_archive(path, _CURVE)
-    entries, arrays = archive.entries, archive.arrays
+    entries = archive.entries
     numbers: dict[str, Any]
     with store.understood(file, _CURVE):
-        numbers = {key: arrays[key] for key in _CURVE_ARRAYS}
+        numbers = _rows(archive, _CURVE_ARRAYS)
         one, other = json.loads(entries["parameters"])
-        _refuse_ragged([*numbers.values(), arrays["error"]])
         curve = BifurcationCurve(
             kind=entries["bifurcations"],
             label=entries["label"],
@@ -146,7 +158,6 @@ def load_curve(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Bif
             **numbers,
             **_made(archive),
             _problem=None,
-            _error=arrays["error"],
         )
         first = dict(zip(curve.names, curve.parameters[0].tolist(), strict=True))
     if orbit is None:
@@ -166,15 +177,21 @@ def _how_made(found: Branch | BifurcationCurve) -> dict[str, str]:
 
 def _made(archive: store.Archive) -> dict[str, Any]:
     entries = archive.entries
-    first, last = (Ending(Reason[key], text) for key, text in json.loads(entries["endings"]))
-    cost = Cost(float(entries["seconds"]), json.loads(entries["work"]))
+    first, last = (Ending(Reason[key], str(text)) for key, text in json.loads(entries["endings"]))
+    cost = Cost(float(entries["seconds"]), dict(json.loads(entries["work"])))
     return {"endings": (first, last), "cost": cost}
 
 
-def _refuse_ragged(arrays: list[Any]) -> None:
-    lengths = {len(array) for array in arrays}
+def _rows(archive: store.Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[str, Any]:
+    """The arrays with one row for each point."""
+    found = {name: archive.arrays[name] for name in kinds}
+    lengths = {len(array) for array in found.values()}
     if len(lengths) != 1 or 0 in lengths:
         raise ValueError(f"arrays of {sorted(lengths)} rows")
+    for name, (kind, dimensions) in kinds.items():
+        if found[name].dtype.kind != kind or found[name].ndim != dimensions:
+            raise ValueError(f"{name} is {found[name].dtype} {found[name].shape}")
+    return found
 
 
 def _identity(system: Map, free: Mapping[str, float]) -> dict[str, str]:
@@ -230,16 +247,16 @@ def _restored(archive: store.Archive, number: int, parameter: str) -> Bifurcatio
         array.setflags(write=False)
     multiplier = entry["multiplier"]
     return Bifurcation(
-        kind=entry["kind"],
+        kind=str(entry["kind"]),
         parameter=parameter,
-        value=entry["value"],
-        error=entry["error"],
+        value=float(entry["value"]),
+        error=float(entry["error"]),
         multiplier=None if multiplier is None else complex(*multiplier),
-        place=entry["place"],
-        touching=entry["touching"],
+        place=float(entry["place"]),
+        touching=dict(entry["touching"]),
         history=tuple(entry["history"]),
-        event=entry["event"],
-        cost=Cost(entry["seconds"], entry["work"]),
+        event=int(entry["event"]),
+        cost=Cost(float(entry["seconds"]), dict(entry["work"])),
         _problem=None,
         **arrays,
     )

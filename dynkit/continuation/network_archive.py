@@ -76,7 +76,7 @@ def load_network(path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit]) 
             tuple(Unexplored(*json.loads(entries[f"unexplored {i}"])) for i in unexplored),
             Finish[entries["finish"]],
             entries["message"],
-            Cost(float(entries["seconds"]), json.loads(entries["work"])),
+            Cost(float(entries["seconds"]), dict(json.loads(entries["work"]))),
         )
     pairs = zip(parts, network.branches, strict=True)
     branches = tuple(_with_its_orbits(file, part, branch, orbits) for part, branch in pairs)

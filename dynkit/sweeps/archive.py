@@ -14,7 +14,7 @@ from dynkit import __version__, store
 from dynkit.files import reason
 from dynkit.sweeps.following import Findings, Plan
 from dynkit.sweeps.sweepable import Sweepable
-from dynkit.validation import Array
+from dynkit.validation import Array, finite_array
 
 _KIND = "following sweep"
 # A write may take this part of the time, and comes at most once in so many seconds.
@@ -104,6 +104,8 @@ def read_sweep(path: Path) -> store.Archive:
         raise ValueError(f"store must hold a {_KIND}; got {path}")
     with store.understood(path, _KIND):
         outline = outline_of(archive)
+        finite_array("values", outline.values, (None,))
+        finite_array("start", outline.start, (None,))
         findings = findings_of(outline, archive)
         if not len(outline.values) or findings.finished > len(outline.values):
             raise ValueError(f"{findings.finished} of {len(outline.values)} values")
