@@ -1,0 +1,35 @@
+"""How much a run of the tests looks at: `HYPOTHESIS_PROFILE=thorough` looks at everything."""
+
+from __future__ import annotations
+
+import os
+from typing import Final
+
+from hypothesis import HealthCheck, settings
+
+PLAIN: Final = "dynkit"
+THOROUGH: Final = "thorough"
+
+
+def register_profiles() -> None:
+    """Make the profile that `HYPOTHESIS_PROFILE` names the one of this run."""
+    # The first example of a test may compile a kernel: no deadline.
+    settings.register_profile(PLAIN, deadline=None, print_blob=True)
+    settings.register_profile(
+        THOROUGH,
+        deadline=None,
+        print_blob=True,
+        max_examples=3000,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+    )
+    settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", PLAIN))
+
+
+def is_thorough() -> bool:
+    """Whether this run looks at everything."""
+    return os.environ.get("HYPOTHESIS_PROFILE") == THOROUGH
+
+
+def share(part: float) -> settings:
+    """Settings with a part of the profile's examples, for properties that cost more than others."""
+    return settings(max_examples=max(round(part * settings().max_examples), 1))
