@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from dynkit.figures import ink
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def write_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
     ]
     place = axes.get_xaxis_transform()
     axes.add_collection(
-        PatchCollection(bars, transform=place, clip_on=False, color="black", linewidth=0.0),
+        PatchCollection(bars, transform=place, clip_on=False, color=ink(), linewidth=0.0),
         autolim=False,
     )
     middles = 0.5 * (edges[1:] + edges[:-1])
@@ -78,7 +79,7 @@ def mark_values(axes: Axes, marks: Mapping[str, float]) -> None:
     values = np.array([value for value, _ in there])
     _write(axes, [name for _, name in there], values, _LEVEL_PITCH, 0.0, begin=1.0)
     axes.vlines(
-        values, 0.0, 1.0, transform=axes.get_xaxis_transform(), color="0.85", lw=0.4, zorder=0
+        values, 0.0, 1.0, transform=axes.get_xaxis_transform(), color=ink(0.85), lw=0.4, zorder=0
     )
 
 
@@ -100,7 +101,7 @@ def _write(
             [begin, _FOOT - 0.005],
             transform=place,
             clip_on=False,
-            color="black",
+            color=ink(),
             linewidth=0.3,
         )
         axes.text(

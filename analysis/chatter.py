@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.figures import DOTS, ink, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, non_negative_integer
 
@@ -139,7 +139,7 @@ class ChatterRatios:
             For a legend.
         """
         axes = shown_axes(ax)
-        axes.plot(self.bounces, self.ratios, markersize=1.6, label=label, **DOTS)
+        axes.plot(self.bounces, self.ratios, markersize=1.6, label=label, color=ink(), **DOTS)
         axes.set_xlabel("bounce number $n$")
         axes.set_ylabel(r"ratio of flight times $\Delta t_{n+1} / \Delta t_n$")
         return axes

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.figures import DOTS, ink, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
@@ -200,7 +200,7 @@ class BifurcationDiagram:
         name = next(iter(self.observables)) if observable is None else observable
         across, up = self.points(name)
         axes = shown_axes(ax)
-        axes.plot(across, up, markersize=size, rasterized=True, **DOTS)
+        axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
         axes.set_xlabel(self._title(self.parameter))
         axes.set_ylabel(self._title(name))
         grid = np.unique(self.values)

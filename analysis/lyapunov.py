@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.analysis.averages import LEAST, TimeAverages
-from dynkit.analysis.figures import shown_axes
 from dynkit.analysis.motions import going_on_for, last_state
 from dynkit.attractors import Attractor
+from dynkit.figures import ink, shown_axes
 from dynkit.flows import Flow
 from dynkit.maps import Map, Stretching
 from dynkit.results import Cost
@@ -335,10 +335,10 @@ class LyapunovSpectrum:
         logs = logs[:, np.isfinite(logs).all(axis=0)]
         counts = np.unique(np.geomspace(1, len(logs), _POINTS).astype(np.intp))
         means = np.cumsum(logs, axis=0)[counts - 1] / counts[:, None]
-        axes.plot(counts, means, color="black", linewidth=0.5)
+        axes.plot(counts, means, color=ink(), linewidth=0.5)
         if np.isfinite(self.exponents[0]):
             low, high = self.exponents[0] + self.error[0] * np.array([-1.0, 1.0])
-            axes.axhspan(float(low), float(high), color="0.8", zorder=0)
+            axes.axhspan(float(low), float(high), color=ink(0.8), zorder=0)
         axes.set_xscale("log")
         axes.set_xlabel("iterates $n$")
         axes.set_ylabel(r"Lyapunov exponents $\lambda_i$")

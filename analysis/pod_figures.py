@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.analysis.figures import COLUMN_WIDTH, print_style, shown_axes
+from dynkit.figures import COLUMN_WIDTH, ink, print_style, shown_axes, shown_figure
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -27,8 +27,8 @@ def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: s
     numbers = np.arange(1, len(pod.power) + 1)
     drawn = sum(line.get_marker() in _MARKERS for line in axes.lines)
     (line,) = axes.plot(
-        numbers, pod.cumulative, color="black", marker=_MARKERS[drawn % len(_MARKERS)],
-        markersize=2.8, markerfacecolor="black" if drawn % 2 == 0 else "white",
+        numbers, pod.cumulative, color=ink(), marker=_MARKERS[drawn % len(_MARKERS)],
+        markersize=2.8, markerfacecolor=ink(drawn % 2),
         markeredgewidth=0.6, linewidth=0.8, label=label, linestyle=_STYLES[drawn % len(_STYLES)],
     )  # fmt: skip
     axes.annotate(
@@ -47,7 +47,7 @@ def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: s
 
 
 def _mark_share(axes: Axes, share: float) -> None:
-    axes.axhline(share, color="0.7", linewidth=0.5, zorder=0)
+    axes.axhline(share, color=ink(0.7), linewidth=0.5, zorder=0)
     axes.annotate(
         f"{100.0 * share:g} %",
         xy=(1.0, share),
@@ -78,10 +78,10 @@ def _drawn_modes(pod: POD, axes: list[Axes], others: Array) -> list[Axes]:
         mode = pod.modes[:, k]
         j = int(np.argmax(assurance[k]))
         other = others[:, j] * (1.0 if mode @ others[:, j] >= 0.0 else -1.0)
-        panel.axhline(0.0, color="0.7", linewidth=0.5, zorder=0)
-        panel.plot(numbers, mode, "o-", color="black", markersize=2.4, label="proper orthogonal")
+        panel.axhline(0.0, color=ink(0.7), linewidth=0.5, zorder=0)
+        panel.plot(numbers, mode, "o-", color=ink(), markersize=2.4, label="proper orthogonal")
         panel.plot(
-            numbers, other, "s--", color="black", markersize=2.6, markerfacecolor="white",
+            numbers, other, "s--", color=ink(), markersize=2.6, markerfacecolor=ink(1.0),
             markeredgewidth=0.6, label="normal",
         )  # fmt: skip
         panel.set_title(f"mode {k + 1}; normal mode {j + 1}: MAC {assurance[k, j]:.3f}")
@@ -93,14 +93,11 @@ def _drawn_modes(pod: POD, axes: list[Axes], others: Array) -> list[Axes]:
 
 
 def _panels(count: int) -> list[Axes]:
-    from matplotlib import pyplot as plt
-
     columns = 1 if count == 1 else 2
     rows = -(-count // columns)
+    figure = shown_figure(columns * COLUMN_WIDTH, 2.2 * rows)
     with print_style():
-        figure, axes = plt.subplots(
-            rows, columns, squeeze=False, figsize=(columns * COLUMN_WIDTH, 2.2 * rows)
-        )
+        axes = figure.subplots(rows, columns, squeeze=False)
     panels: list[Axes] = list(axes.ravel())
     for spare in panels[count:]:
         figure.delaxes(spare)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.analysis.figures import DOTS, shown_axes
 from dynkit.analysis.series import (
     TWO_PI,
     checked_index,
@@ -21,6 +20,7 @@ from dynkit.analysis.series import (
     record_until,
 )
 from dynkit.attractors import Attractor
+from dynkit.figures import DOTS, ink, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, finite_scalar, positive_integer
 
@@ -226,7 +226,7 @@ class ImpactSection:
         velocity = table(self.phase) + self.relative_velocity
         axes = _draw(ax, np.stack([self.phase, velocity], axis=1), (0, 1), [_PHASE, name])
         turn = np.linspace(0.0, TWO_PI, 257)
-        axes.plot(turn, table(turn), "--", color="black", linewidth=0.6, zorder=1)
+        axes.plot(turn, table(turn), "--", color=ink(), linewidth=0.6, zorder=1)
         _as_phase(axes, "x")
         return axes
 
@@ -299,7 +299,7 @@ def _draw(ax: Axes | None, states: Array, chosen: tuple[int, int], names: list[s
     axes = shown_axes(ax)
     points = states[:, list(chosen)]
     size = 3.0 if _distinct(points) < _FEW else 1.2
-    axes.plot(points[:, 0], points[:, 1], markersize=size, **DOTS)
+    axes.plot(points[:, 0], points[:, 1], markersize=size, color=ink(), **DOTS)
     axes.set_xlabel(names[chosen[0]])
     axes.set_ylabel(names[chosen[1]])
     return axes

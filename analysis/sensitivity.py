@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.analysis.figures import shown_axes
 from dynkit.analysis.motions import going_on_for, last_state
 from dynkit.attractors import Attractor
+from dynkit.figures import ink, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, positive, positive_integer
 
@@ -108,7 +108,7 @@ class Sensitivity:
             Where to draw; by default a new figure of column width.
         """
         axes = shown_axes(ax)
-        axes.plot(self.distances, color="black")
+        axes.plot(self.distances, color=ink())
         axes.set_yscale("log")
         axes.set_xlabel("iterates $n$")
         axes.set_ylabel("distance")

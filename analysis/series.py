@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.analysis.figures import shown_axes
 from dynkit.attractors import Attractor
+from dynkit.figures import ink, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
@@ -136,18 +136,16 @@ class TimeSeries:
         Axes
         """
         axes = shown_axes(ax, height=1.8)
-        axes.plot(self.times, self.values, color="black", linewidth=0.8, label=self.name)
+        axes.plot(self.times, self.values, color=ink(), linewidth=0.8, label=self.name)
         attractor = self._attractor
         if (
             attractor is not None
             and self.table is not None
             and self.coordinate == contact_coordinate(attractor)
         ):
-            axes.plot(
-                self.times, self.table, "--", color="black", linewidth=0.6, label="table $x_T$"
-            )
+            axes.plot(self.times, self.table, "--", color=ink(), linewidth=0.6, label="table $x_T$")
             at = attractor.time_series(self.impacts)[:, self.coordinate]
-            axes.plot(self.impacts, at, "o", color="black", markersize=1.8, label="impacts")
+            axes.plot(self.impacts, at, "o", color=ink(), markersize=1.8, label="impacts")
         axes.set_xlabel("time $t$")
         axes.set_ylabel(self.name)
         if len(self.times) > 1:

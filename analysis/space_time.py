@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.analysis.figures import COLUMN_WIDTH, print_style
 from dynkit.analysis.series import (
     ascending,
     default_times,
@@ -17,6 +16,7 @@ from dynkit.analysis.series import (
     motion_error,
 )
 from dynkit.attractors import Attractor
+from dynkit.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
@@ -135,8 +135,8 @@ class SpaceTime:
             self.displacements[shown],
             rcount=_LINES,
             ccount=n,
-            color="white",
-            edgecolor="black",
+            color=ink(1.0),
+            edgecolor=ink(),
             linewidth=0.2,
             shade=False,
             clip_on=False,
@@ -163,10 +163,8 @@ def new_surfaces(rows: int = 1) -> tuple[Figure, list[Any]]:
 
 
 def _shown_surface() -> Any:
-    from matplotlib import pyplot as plt
-
+    figure = shown_figure(2.0 * COLUMN_WIDTH, _HEIGHT)
     with print_style():
-        figure = plt.figure(figsize=(2.0 * COLUMN_WIDTH, _HEIGHT))
         return _add_axes(figure, 1)[0]
 
 
@@ -182,7 +180,7 @@ def _add_axes(figure: Figure, rows: int) -> list[Any]:
         axes.grid(visible=False)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.pane.fill = False
-            axis.pane.set_edgecolor("0.8")
+            axis.pane.set_edgecolor(ink(0.8))
         axes.tick_params(pad=-1.0)
         axes.zaxis.get_major_locator().set_params(nbins=5)
         axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4.0, 0.0, -2.0

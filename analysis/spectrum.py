@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.analysis.figures import DOTS, shown_axes
 from dynkit.analysis.series import (
     TWO_PI,
     checked_coordinate,
@@ -17,6 +16,7 @@ from dynkit.analysis.series import (
     forcing_frequency,
 )
 from dynkit.attractors import Attractor
+from dynkit.figures import DOTS, ink, shown_axes
 from dynkit.harmonics import Harmonics, harmonics_of
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, non_negative, positive, positive_integer
@@ -277,13 +277,13 @@ class PowerSpectrum:
         """
         axes = shown_axes(ax, height=1.8)
         for k, harmonic in enumerate(self.harmonics.tolist()):
-            axes.axvline(harmonic, color="0.8" if k else "0.5", linewidth=0.6, zorder=0)
-        axes.plot(self.frequencies[1:], self.density[1:], color="black", linewidth=0.5)
+            axes.axvline(harmonic, color=ink(0.8 if k else 0.5), linewidth=0.6, zorder=0)
+        axes.plot(self.frequencies[1:], self.density[1:], color=ink(), linewidth=0.5)
         lines = self.lines
         if lines is not None:
             on = lines.frequencies <= self.nyquist
             heights = lines.power[on] / self.resolution
-            axes.plot(lines.frequencies[on], heights, markersize=2.2, **DOTS)
+            axes.plot(lines.frequencies[on], heights, markersize=2.2, color=ink(), **DOTS)
         axes.set_yscale("log")
         highest = float(self.density.max())
         if highest > 0.0:

@@ -16,7 +16,7 @@ from dynkit import sweep
 from dynkit.analysis.annotation import mark_values, spread
 from dynkit.analysis.chatter import ChatterRatios
 from dynkit.analysis.diagram import BifurcationDiagram, LabelInterval
-from dynkit.analysis.figures import new_figure, print_style, save_figure
+from dynkit.figures import new_figure, print_style, save_figure
 from dynkit.systems import ImpactChain
 from dynkit.validation import Array
 

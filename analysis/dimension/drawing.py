@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.analysis.dimension.scaling import Estimate, Outcome
-from dynkit.analysis.figures import DOTS, shown_axes
+from dynkit.figures import DOTS, ink, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,12 +23,14 @@ def draw_sums(dimension: CorrelationDimension, ax: Axes | None, label: str | Non
     sums, region = dimension.sums, dimension.region
     axes = shown_axes(ax)
     there = sums.pairs > 0
-    axes.loglog(sums.radii[there], sums.values[there], markersize=1.6, label=label, **DOTS)
+    axes.loglog(
+        sums.radii[there], sums.values[there], markersize=1.6, label=label, color=ink(), **DOTS
+    )
     if region is not None:
         inside = there & (sums.radii >= region.low) & (sums.radii <= region.high)
         radii, logs = sums.radii[inside], np.log(sums.values[inside])
         line = logs.mean() + region.slope * (np.log(radii) - np.log(radii).mean())
-        axes.loglog(radii, np.exp(line), color="black")
+        axes.loglog(radii, np.exp(line), color=ink())
     axes.set_xlabel("radius $r$")
     axes.set_ylabel("correlation sum $C(r)$")
     _describe(dimension, axes)
@@ -41,13 +43,13 @@ def draw_slopes(dimension: CorrelationDimension, ax: Axes | None, label: str | N
     axes = shown_axes(ax)
     known = slopes.errors <= _UNKNOWN * np.maximum(slopes.values, 1.0)
     radii, values, errors = (a[known] for a in (slopes.radii, slopes.values, slopes.errors))
-    axes.fill_between(radii, values - errors, values + errors, color="0.8", linewidth=0.0)
-    axes.semilogx(radii, values, color="black", label=label)
+    axes.fill_between(radii, values - errors, values + errors, color=ink(0.8), linewidth=0.0)
+    axes.semilogx(radii, values, color=ink(), label=label)
     if region is not None:
         ends = [region.low, region.high]
-        axes.semilogx(ends, 2 * [region.slope], color="black", linestyle="--")
+        axes.semilogx(ends, 2 * [region.slope], color=ink(), linestyle="--")
         if dimension.outcome is Outcome.FOUND:
-            axes.semilogx(ends, 2 * [dimension.takens.value], color="black", linestyle=":")
+            axes.semilogx(ends, 2 * [dimension.takens.value], color=ink(), linestyle=":")
     axes.set_xlabel("radius $r$")
     axes.set_ylabel(r"local slope $d \ln C / d \ln r$")
     _describe(dimension, axes)
@@ -59,7 +61,7 @@ def _describe(dimension: CorrelationDimension, axes: Axes) -> None:
     if region is None:
         axes.set_title(dimension.outcome.value)
         return
-    axes.axvspan(region.low, region.high, color="0.93", linewidth=0.0, zorder=0)
+    axes.axvspan(region.low, region.high, color=ink(0.93), linewidth=0.0, zorder=0)
     found = Estimate(dimension.value, dimension.error)
     value = f"{found.value:.3f} \\pm {found.error:.3f}"
     axes.set_title(f"$d_c = {value}$, {region.ratio:.3g}:1")

@@ -120,8 +120,8 @@ def _multiplier(found: Bifurcation) -> str:
 
 
 def _figure(branch: Branch) -> Figure:
-    from dynkit.analysis.figures import new_figure, print_style
     from dynkit.continuation.network_drawing import draw_branches
+    from dynkit.figures import new_figure, print_style
 
     figure, (axes,) = new_figure()
     with print_style():

@@ -79,10 +79,12 @@ def _section(record: ImpactRecord) -> Figure:
     """Relative velocity against phase: the impact section."""
     import math
 
-    from dynkit.analysis.figures import DOTS, new_figure
+    from dynkit.figures import DOTS, ink, new_figure
 
     figure, (axes,) = new_figure()
-    axes.plot(record.phase, record.relative_velocity, markersize=1.0, rasterized=True, **DOTS)
+    axes.plot(
+        record.phase, record.relative_velocity, markersize=1.0, rasterized=True, color=ink(), **DOTS
+    )
     axes.set_xlabel(r"phase of the table $\phi$")
     axes.set_ylabel("relative velocity after impact $u$")
     axes.set_xlim(0.0, 2.0 * math.pi)

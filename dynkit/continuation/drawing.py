@@ -1,4 +1,4 @@
-"""Figures of branches and of curves of bifurcations, black on white."""
+"""Figures of branches and of curves of bifurcations."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.figures import circles, ink, shown_axes
 from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
@@ -27,33 +28,20 @@ _CURVES: dict[str, Any] = {
     "BP": (0, (5, 2, 1, 2, 1, 2)),
     "CB": (0, (2, 3)),
 }
-_LINE: dict[str, Any] = {"color": "black", "linewidth": 0.9}
-_POINT: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "o",
-    "markersize": 3.5,
-    "markerfacecolor": "white",
-    "markeredgecolor": "black",
-    "markeredgewidth": 0.7,
-    "zorder": 3.0,
-}
 _TEXT: dict[str, Any] = {
     "textcoords": "offset points",
     "xytext": (3.0, 3.0),
     "fontsize": 7.0,
     "zorder": 4.0,
 }
-
-
 # Labels closer than this, in what is drawn, are put together.
 _CLOSE = 0.04
-_STYLE: Any = {"font.size": 8.0, "xtick.labelsize": 7.0, "ytick.labelsize": 7.0}
 
 
 def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes:
     """Draw a branch as `Branch.plot` says."""
     name = observable or sweepable(branch.system).observables[0]
-    axes = _axes(ax)
+    axes = shown_axes(ax)
     values, parameter = branch.observable(name), branch.parameter
     marked = [(b, b.orbit.observable(name)) for b in branch.bifurcations]
     inserted = sorted((b.place, b.value, row) for b, row in marked)
@@ -62,13 +50,19 @@ def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes
             x = np.concatenate([np.append(run[0], np.nan) for run in runs])
             y = np.concatenate([np.append(run[1][:, column], np.nan) for run in runs])
             label = kind if column == 0 else "_"
-            axes.plot(x, y, linestyle=LINES[kind], label=label, **_LINE)
+            axes.plot(x, y, linestyle=LINES[kind], label=label, color=ink(), linewidth=0.9)
     labels: list[tuple[str, float, float]] = []
     for bifurcation, row in marked:
         if bifurcation.kind == "BP" and not 0.0 <= bifurcation.place <= len(branch) - 1:
             continue  # where the branch ends on another one, whose bifurcation it is
         if _borders_a_motion(branch, bifurcation.place):
-            axes.plot(np.full(len(row), bifurcation.value), row, label="_", **_POINT)
+            axes.plot(
+                np.full(len(row), bifurcation.value),
+                row,
+                label="_",
+                zorder=3.0,
+                **circles(3.5, 0.7),
+            )
             labels.append((bifurcation.kind, bifurcation.value, float(row.max())))
     for text, x_place, y_place in _merged(labels, np.ptp(parameter), np.ptp(values)):
         axes.annotate(text, (x_place, y_place), **_TEXT)
@@ -140,9 +134,9 @@ def _kind(branch: Branch, place: int) -> str:
 
 def draw_curve(curve: BifurcationCurve, ax: Axes | None) -> Axes:
     """Draw a curve of bifurcations as `BifurcationCurve.plot` says."""
-    axes = _axes(ax)
+    axes = shown_axes(ax)
     x, y = curve.parameters.T
-    axes.plot(x, y, linestyle=_CURVES[curve.kind], label=curve.kind, **_LINE)
+    axes.plot(x, y, linestyle=_CURVES[curve.kind], label=curve.kind, color=ink(), linewidth=0.9)
     middle = _middle(x, y)
     axes.annotate(curve.kind, (float(x[middle]), float(y[middle])), **_TEXT)
     axes.set_xlabel(_written(curve.names[0]))
@@ -155,15 +149,6 @@ def _middle(x: Array, y: Array) -> int:
     steps = np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0))
     way = np.append(0.0, np.cumsum(steps))
     return int(np.searchsorted(way, 0.5 * way[-1]))
-
-
-def _axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    from matplotlib import pyplot as plt
-
-    with plt.rc_context(_STYLE):
-        return plt.subplots(figsize=(3.4, 2.6), layout="constrained")[1]
 
 
 def _written(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Figures of networks, black on white."""
+"""Figures of networks."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.continuation.drawing import LINES
 from dynkit.continuation.trails import Node, nodes_of
+from dynkit.figures import COLUMN_WIDTH, circles, ink, shown_axes
 from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
@@ -21,15 +22,6 @@ if TYPE_CHECKING:
     from dynkit.continuation.branch import Branch
 
 _WIDTHS = {"stable": 0.9, "unstable": 0.6, "inadmissible": 0.4}
-_POINT: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "o",
-    "markersize": 1.8,
-    "markerfacecolor": "white",
-    "markeredgecolor": "black",
-    "markeredgewidth": 0.4,
-    "zorder": 3.0,
-}
 # In points: type, and how far from its point a name may stand, the best first.
 _TYPE = 5.0
 _PLACES = ((3, 2), (3, -6), (-3, 2), (-3, -6), (0, 4), (0, -8), (5, -2), (-5, -2))
@@ -40,7 +32,7 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
     if not branches:
         raise ValueError("network must have a branch to be drawn; got none")
     name = observable or sweepable(branches[0].system).observables[0]
-    axes = _axes(ax)
+    axes = shown_axes(ax, 2.0 * COLUMN_WIDTH, 4.2)
     drawn: set[str] = set()
     marks: list[tuple[float, float, str]] = []
     for branch in branches:
@@ -63,7 +55,8 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
         if kind in drawn:
             axes.plot([], [], label=kind, **_line(kind))
     marks = sorted(set(marks))
-    axes.plot([x for x, _, _ in marks], [y for _, y, _ in marks], label="_", **_POINT)
+    at = [x for x, _, _ in marks], [y for _, y, _ in marks]
+    axes.plot(*at, label="_", zorder=3.0, **circles(1.8, 0.4))
     axes.set_xlabel(branches[0].name.replace("_", " "))
     axes.set_ylabel(name.replace("_", " "))
     write_names(axes, marks)
@@ -71,7 +64,7 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
 
 
 def _line(kind: str) -> dict[str, Any]:
-    return {"linestyle": LINES[kind], "linewidth": _WIDTHS[kind], "color": "black"}
+    return {"linestyle": LINES[kind], "linewidth": _WIDTHS[kind], "color": ink()}
 
 
 def _values(branch: Branch, nodes: list[Node], name: str) -> tuple[Array, Array]:
@@ -145,7 +138,7 @@ def write_names(axes: Axes, marks: list[tuple[float, float, str]]) -> None:
             textcoords="offset points",
             fontsize=_TYPE,
             zorder=4.0,
-            path_effects=[withStroke(linewidth=1.0, foreground="white")],
+            path_effects=[withStroke(linewidth=1.0, foreground=ink(1.0))],
         )
         free = []
         for place in _PLACES:
@@ -183,11 +176,3 @@ def _drawn(axes: Axes, frame: Any, point: float) -> Array:
     places = np.concatenate(parts)
     low, high = (frame.x0, frame.y0), (frame.x1, frame.y1)
     return np.asarray(places[((places > low) & (places < high)).all(axis=1)])
-
-
-def _axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    from matplotlib import pyplot as plt
-
-    return plt.subplots(figsize=(6.8, 4.2), layout="constrained")[1]

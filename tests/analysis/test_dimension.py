@@ -12,8 +12,8 @@ from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.coordinates import angles_of, correlation_time, extents_of
 from dynkit.analysis.dimension.scaling import TOLERANCE, Outcome
 from dynkit.analysis.dimension.sums import Norm
-from dynkit.analysis.figures import new_figure
 from dynkit.attractors import Attractor
+from dynkit.figures import new_figure
 from dynkit.labels import OrbitLabel
 from dynkit.maps import Map
 from dynkit.results import Cost

@@ -258,7 +258,7 @@ def test_the_repr_is_one_line_and_says_when_the_run_is_too_short() -> None:
 
 
 def test_the_plot_ends_in_the_exponents() -> None:
-    from dynkit.analysis.figures import new_figure
+    from dynkit.figures import new_figure
 
     _, (axes,) = new_figure()
     assert henon().plot(axes) is axes

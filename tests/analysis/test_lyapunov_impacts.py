@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynkit.analysis.figures import new_figure
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.attractors import Attractor
+from dynkit.figures import new_figure
 from dynkit.maps import Map
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
 from dynkit.validation import Array

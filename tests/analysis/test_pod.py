@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 from dynkit.analysis import POD
-from dynkit.analysis.figures import new_figure
 from dynkit.attractors import MapAttractor
+from dynkit.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 from dynkit.validation import Array
 

@@ -62,7 +62,7 @@ def test_it_is_worked_out_on_demand_with_its_cost_and_error() -> None:
 
 
 def test_the_plot_shows_the_distances() -> None:
-    from dynkit.analysis.figures import new_figure
+    from dynkit.figures import new_figure
 
     _, (axes,) = new_figure()
     attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)

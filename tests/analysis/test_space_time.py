@@ -10,9 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from dynkit.analysis import SpaceTime
-from dynkit.analysis.figures import new_figure
 from dynkit.analysis.space_time import new_surfaces
 from dynkit.attractors import MapAttractor
+from dynkit.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 
 

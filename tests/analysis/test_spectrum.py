@@ -10,8 +10,8 @@ import pytest
 from scipy import signal
 
 from dynkit.analysis import PowerSpectrum
-from dynkit.analysis.figures import new_figure
 from dynkit.attractors import MapAttractor
+from dynkit.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.validation import Array

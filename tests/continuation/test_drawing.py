@@ -31,7 +31,7 @@ def drawn(branch: Branch) -> dict[str, Any]:
 def test_kinds_of_orbits_are_told_apart_without_colour(branch: Branch) -> None:
     lines = drawn(branch)
     assert sorted(lines) == ["inadmissible", "stable", "unstable"]
-    assert {line.get_color() for line in lines.values()} == {"black"}
+    assert {line.get_color() for line in lines.values()} == {(0.0, 0.0, 0.0)}
     patterns = [str(line._unscaled_dash_pattern) for line in lines.values()]
     assert len(set(patterns)) == 3
     assert lines["stable"].get_linestyle() == "-"

@@ -39,7 +39,7 @@ def names_of(axes: Axes) -> list[Annotation]:
 
 def test_orbits_are_told_apart_without_colour(axes: Axes) -> None:
     curves = [line for line in axes.lines if line.get_linestyle() != "None"]
-    assert {line.get_color() for line in curves} == {"black"}
+    assert {line.get_color() for line in curves} == {(0.0, 0.0, 0.0)}
     handles, labels = axes.get_legend_handles_labels()
     assert labels == ["stable", "unstable", "inadmissible"]
     assert len({str(handle.get_linestyle()) for handle in handles}) > 1  # type: ignore[attr-defined]

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.analysis.diagram import BifurcationDiagram
-from dynkit.analysis.figures import DOTS, new_figure, print_style, save_figure
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
 from dynkit.cli.sweep import SYMBOLS
 from dynkit.continuation.exploring import at_motions, explore
+from dynkit.figures import DOTS, new_figure, print_style, save_figure
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from dynkit.analysis.chatter import ChatterRatios
-from dynkit.analysis.figures import DOTS, new_figure, print_style, save_figure
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
+from dynkit.figures import DOTS, ink, new_figure, print_style, save_figure
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.state import ImpactState
 from dynkit.validation import Array
@@ -122,7 +122,7 @@ def _draw(workshop: Workshop, chatter: ChatterRatios, rounded: Array, limit: flo
     least = np.spacing(limit) / 2.0
     below.plot(bounces, np.maximum(abs(rounded - limit), least), **open_circles)
     distance = np.maximum(abs(chatter.ratios - limit), least)
-    below.plot(chatter.bounces, distance, markersize=1.6, **DOTS)
+    below.plot(chatter.bounces, distance, markersize=1.6, color=ink(), **DOTS)
     below.set_yscale("log")
     below.set_xlabel("bounce number $n$")
     below.set_ylabel(r"distance to the restitution")

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.analysis.diagram import BifurcationDiagram
-from dynkit.analysis.figures import new_figure, save_figure
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import (
@@ -17,6 +16,7 @@ from dynkit.cli.reproduce.workshop import (
     error_of,
 )
 from dynkit.cli.sweep import SYMBOLS
+from dynkit.figures import new_figure, save_figure
 
 if TYPE_CHECKING:
     from dynkit.sweeps import Sweep

@@ -8,7 +8,6 @@ import numpy as np
 
 from dynkit.analysis.annotation import mark_values
 from dynkit.analysis.diagram import BifurcationDiagram
-from dynkit.analysis.figures import new_figure, print_style, save_figure
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import (
@@ -19,6 +18,7 @@ from dynkit.cli.reproduce.workshop import (
     frequencies,
 )
 from dynkit.cli.sweep import SYMBOLS
+from dynkit.figures import new_figure, print_style, save_figure
 
 if TYPE_CHECKING:
     from dynkit.sweeps import Sweep

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.analysis.figures import DOTS, new_figure, print_style, save_figure
 from dynkit.analysis.sections import ImpactSection, StroboscopicSection
 from dynkit.analysis.series import TimeSeries
 from dynkit.analysis.spectrum import PowerSpectrum
@@ -16,6 +15,7 @@ from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.settling import FAR
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
+from dynkit.figures import DOTS, new_figure, print_style, save_figure
 from dynkit.labels import OrbitKind, OrbitLabel
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import final
 
 import numpy as np
 
-from dynkit.analysis.figures import print_style, save_figure
 from dynkit.analysis.space_time import SpaceTime, new_surfaces
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
+from dynkit.figures import print_style, save_figure
 from dynkit.labels import OrbitLabel
 from dynkit.systems.impact.attractor import ImpactAttractor
 

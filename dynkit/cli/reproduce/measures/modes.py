@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynkit.analysis.figures import COLUMN_WIDTH, new_figure, print_style, save_figure
 from dynkit.analysis.pod import POD
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.measures.motions import Motion
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
+from dynkit.figures import COLUMN_WIDTH, new_figure, print_style, save_figure
 
 
 def figure_14(workshop: Workshop) -> Section:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynkit.analysis.figures import save_figure
 from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.resonances.branches import Ridge, contacts_of, ridge
 from dynkit.cli.reproduce.resonances.causes import (
@@ -28,6 +27,7 @@ from dynkit.cli.reproduce.resonances.figure import draw
 from dynkit.cli.reproduce.resonances.search import longer
 from dynkit.cli.reproduce.section import Finding, Section, table
 from dynkit.cli.reproduce.workshop import Stopwatch, Workshop
+from dynkit.figures import save_figure
 from dynkit.sweeps import Sweep
 from dynkit.systems.impact.chain import ImpactChain
 

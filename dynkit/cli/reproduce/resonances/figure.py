@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.analysis.figures import DOTS, print_style
 from dynkit.cli.reproduce.resonances.branches import contacts_of
 from dynkit.cli.sweep import SYMBOLS
+from dynkit.figures import DOTS, print_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,13 @@ if TYPE_CHECKING:
 # How much is shown on both sides of a branch, in lengths of it.
 _MARGIN = 0.6
 _DOTS: dict[str, Any] = {**DOTS, "color": "0.6", "markersize": 2.2}
-_ENDS: dict[str, Any] = {**DOTS, "marker": "D", "markeredgewidth": 0.8, "markersize": 4.0}
+_ENDS: dict[str, Any] = {
+    **DOTS,
+    "marker": "D",
+    "color": "black",
+    "markeredgewidth": 0.8,
+    "markersize": 4.0,
+}
 
 
 def draw(ridges: Sequence[Ridge], sweep: Sweep) -> Figure:
