@@ -117,13 +117,14 @@ def test_the_error_bounds_what_rounding_does_before_chaos_takes_over() -> None:
     # 2^n theta is exact, and its rounding is that of theta itself
     exact = np.sin(2.0 ** np.arange(30) * theta) ** 2
     off = np.abs(attractor.states[:, 0] - exact).max()
-    assert off / 30.0 < attractor.error < 30.0 * off
+    assert off < attractor.error < 100.0 * off
 
 
 def test_the_error_is_that_of_calls_that_are_less_accurate_than_rounding() -> None:
     # calls off by 1e-9 of states between 1/2 and 1; the cycle's multiplier is 0.16
     attractor = MapAttractor(RoughLogistic(3.2), np.array([0.3]), 700, 100)
-    assert 0.4e-9 < attractor.error < 4e-9
+    # so at most by 1.2e-9; disturbances are eight times as large
+    assert 1.2e-9 < attractor.error < 4e-8
 
 
 class RoughLogistic(Logistic):
