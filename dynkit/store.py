@@ -153,6 +153,21 @@ def _parsed(path: Path, data: bytes) -> Archive:
     return Archive(entries, arrays)
 
 
+def arrays_of(archive: Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[str, NDArray[Any]]:
+    """Return arrays by name, each of its kind of numbers (NumPy's letter) and dimensions.
+
+    Raises
+    ------
+    LookupError, ValueError
+        When one is missing, or of another kind; for `understood` to name the store.
+    """
+    found = {name: archive.arrays[name] for name in kinds}
+    for name, (kind, dimensions) in kinds.items():
+        if found[name].dtype.kind != kind or found[name].ndim != dimensions:
+            raise ValueError(f"{name} is {found[name].dtype} {found[name].shape}")
+    return found
+
+
 @contextmanager
 def understood(path: Path, kind: str) -> Generator[None]:
     """Name the store when it is whole but does not hold what one of its kind should.

@@ -149,7 +149,8 @@ def load_curve(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Bif
     entries = archive.entries
     numbers: dict[str, Any]
     with store.understood(file, _CURVE):
-        numbers = _rows(archive, _CURVE_ARRAYS)
+        numbers = _rows(archive, {**_CURVE_ARRAYS, "error": ("f", 1)})
+        error = numbers.pop("error")
         one, other = json.loads(entries["parameters"])
         curve = BifurcationCurve(
             kind=entries["bifurcations"],
@@ -158,6 +159,7 @@ def load_curve(path: str | os.PathLike[str], orbit: PeriodicOrbit | None) -> Bif
             **numbers,
             **_made(archive),
             _problem=None,
+            _error=error,
         )
         first = dict(zip(curve.names, curve.parameters[0].tolist(), strict=True))
     if orbit is None:
@@ -184,13 +186,10 @@ def _made(archive: store.Archive) -> dict[str, Any]:
 
 def _rows(archive: store.Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[str, Any]:
     """The arrays with one row for each point."""
-    found = {name: archive.arrays[name] for name in kinds}
+    found: dict[str, Any] = store.arrays_of(archive, kinds)
     lengths = {len(array) for array in found.values()}
     if len(lengths) != 1 or 0 in lengths:
         raise ValueError(f"arrays of {sorted(lengths)} rows")
-    for name, (kind, dimensions) in kinds.items():
-        if found[name].dtype.kind != kind or found[name].ndim != dimensions:
-            raise ValueError(f"{name} is {found[name].dtype} {found[name].shape}")
     return found
 
 

@@ -14,9 +14,17 @@ from dynkit import __version__, store
 from dynkit.files import reason
 from dynkit.sweeps.following import Findings, Plan
 from dynkit.sweeps.sweepable import Sweepable
-from dynkit.validation import Array, finite_array
+from dynkit.validation import Array
 
 _KIND = "following sweep"
+# Their kinds of numbers, and how many dimensions they have.
+_ARRAYS = {
+    "values": ("f", 1),
+    "start": ("f", 1),
+    "final": ("f", 2),
+    "count": ("i", 1),
+    "ending": ("i", 1),
+}
 # A write may take this part of the time, and comes at most once in so many seconds.
 _SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
 # Longer texts are cut, and told apart by their hash: HDF5 attributes are limited.
@@ -104,8 +112,8 @@ def read_sweep(path: Path) -> store.Archive:
         raise ValueError(f"store must hold a {_KIND}; got {path}")
     with store.understood(path, _KIND):
         outline = outline_of(archive)
-        finite_array("values", outline.values, (None,))
-        finite_array("start", outline.start, (None,))
+        observables = {f"observables/{name}": ("f", 2) for name in outline.observables}
+        store.arrays_of(archive, {**_ARRAYS, **observables})
         findings = findings_of(outline, archive)
         if not len(outline.values) or findings.finished > len(outline.values):
             raise ValueError(f"{findings.finished} of {len(outline.values)} values")

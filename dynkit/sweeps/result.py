@@ -77,6 +77,11 @@ class Sweep:
         plan = outline_of(archive)
         if system is not None:
             plan = dataclasses.replace(plan, family=sweepable(system), kind=kind_of(system))
+            if plan.parameter not in sweepable(system).parameters:
+                raise ValueError(
+                    f"store {file} was made with parameter {plan.parameter}; "
+                    "got a system without it"
+                )
             refuse_other(file, plan, entries_of(plan), archive)
         findings = findings_of(plan, archive)
         if findings.finished < len(plan.values):
