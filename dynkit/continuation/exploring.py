@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.continuation.ahead import Ahead
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
@@ -44,6 +47,7 @@ def explore(
     box: Any = None,
     branches: int = 100,
     points: int = 50_000,
+    executor: Executor | None = None,
 ) -> Network:
     """Return the network of branches of periodic orbits, as far as a budget reaches.
 
@@ -75,6 +79,10 @@ def explore(
     branches, points : int
         The budget: how many branches, and how many points on them. It is looked at before each
         branch.
+    executor : concurrent.futures.Executor, optional
+        Who searches, continues and switches ahead of time: processes, threads, Dask, MPI. What
+        turns out to be a part of what is known is thrown away, so the network is the same bits by
+        any executor with any number of workers, and by none; only seconds differ.
 
     Returns
     -------
@@ -108,6 +116,7 @@ def explore(
         (most, longest),
         positive_integer("branches", branches),
         positive_integer("points", points),
+        Ahead(executor),
     )
     finish, failure = Finish.COMPLETE, ""
     try:
@@ -122,6 +131,8 @@ def explore(
         if not exploration.found:
             raise
         finish, failure = Finish.FAILED, f": {type(error).__name__}: {error}"
+    finally:
+        exploration.ahead.close()
     return exploration.network(finish, failure, time.perf_counter() - began)
 
 
@@ -133,7 +144,7 @@ def _starts(
     values: int,
     seeds: Iterable[PeriodicOrbit] | None,
     box: Any,
-) -> Iterator[PeriodicOrbit]:
+) -> Sequence[Callable[[], list[PeriodicOrbit]]]:
     if not isinstance(system, Map):
         raise ValueError(f"system must be a Map; got {system!r}")
     if parameter not in system.parameters:
@@ -143,7 +154,7 @@ def _starts(
     if seeds is not None:
         if box is not None:
             raise ValueError(f"box must not be given beside seeds; got {box!r}")
-        return iter(list(seeds))
+        return [partial(list, [orbit]) for orbit in seeds]
     low, high = bounds
     at = [low + (high - low) * (i + 0.5) / count for i in range(count)]
     systems = [system.replace(**{parameter: value}) for value in at]
@@ -159,6 +170,33 @@ class _UsedUp(Exception):
 
 
 @final
+@dataclass(eq=False)
+class _Group:
+    """Orbits that come of one call, once it was made."""
+
+    key: Hashable
+    call: Callable[[], list[PeriodicOrbit]]
+    leads: list[_Lead] | None = None
+
+    def have(self, orbits: list[PeriodicOrbit] | None) -> list[_Lead]:
+        """Take the orbits, when they are there."""
+        if self.leads is None and orbits is not None:
+            self.leads = [_Lead((self.key, i), orbit) for i, orbit in enumerate(orbits)]
+        return self.leads or []
+
+
+@final
+@dataclass(eq=False)
+class _Lead:
+    """An orbit, the branch that it lies on, and how many it was held against."""
+
+    key: Hashable
+    orbit: PeriodicOrbit
+    known: int | None = None
+    distinct: int = 0
+
+
+@final
 @dataclass
 class _Exploration:
     """What was found so far, and what is still to be done."""
@@ -168,6 +206,7 @@ class _Exploration:
     largest: tuple[int, int]
     most_branches: int
     most_points: int
+    ahead: Ahead
     found: list[Branch] = field(default_factory=list)
     trails: list[Trail] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
@@ -175,8 +214,9 @@ class _Exploration:
     waiting: deque[tuple[int, int]] = field(default_factory=deque)
     starting: str = ""
     points: int = 0
+    coming: deque[_Group] = field(default_factory=deque)
 
-    def run(self, starts: Iterator[PeriodicOrbit]) -> None:
+    def run(self, starts: Sequence[Callable[[], list[PeriodicOrbit]]]) -> None:
         """Explore from orbits to start from, one after the other, then breadth first.
 
         Raises
@@ -185,36 +225,41 @@ class _Exploration:
             When the budget is used up.
         """
         self.starting = "the first orbit to start from"
-        for orbit in starts:
-            value = orbit.system.parameters[self.parameter]
-            self.starting = f"orbits to start from, from {orbit.label} at {value:.6g} on"
-            if not self._follows(orbit):
-                continue
-            try:
-                self._number_of(orbit)
-            except _REFUSALS as refusal:
-                why = f"continuing {orbit.label} at {value:.6g} fails: {refusal}"
-                self.left.append(Unexplored(None, None, why))
+        self.coming.extend(_Group(("start", i), call) for i, call in enumerate(starts))
+        while self.coming:
+            for lead in self._leads_of(self.coming[0]):
+                orbit = lead.orbit
+                value = orbit.system.parameters[self.parameter]
+                self.starting = f"orbits to start from, from {orbit.label} at {value:.6g} on"
+                if not self._follows(orbit):
+                    continue
+                try:
+                    self._number_of(lead)
+                except _REFUSALS as refusal:
+                    why = f"continuing {orbit.label} at {value:.6g} fails: {refusal}"
+                    self.left.append(Unexplored(None, None, why))
+            self.coming.popleft()
         self.starting = ""
+        self.coming.extend(self._group(*place) for place in self.waiting)
         while self.waiting:
-            number, place = self.waiting[0]
-            self._switch(number, place)
+            self._switch(*self.waiting[0])
             self.waiting.popleft()
+            self.coming.popleft()
 
     def _switch(self, number: int, place: int) -> None:
         bifurcation = self.found[number].bifurcations[place]
         try:
-            orbits = [_once(orbit) for orbit in bifurcation.switch()]
+            leads = self._leads_of(self.coming[0])
         except _REFUSALS as refusal:
             self.left.append(Unexplored(number, place, f"switching fails: {refusal}"))
             return
-        if not orbits and bifurcation.kind != "GR":
+        if not leads and bifurcation.kind != "GR":
             self.left.append(Unexplored(number, place, "no orbit was found on another branch"))
-        for orbit in orbits:
-            if not self._follows(orbit):
+        for lead in leads:
+            if not self._follows(lead.orbit):
                 continue
             try:
-                to = self._number_of(orbit)
+                to = self._number_of(lead)
             except _REFUSALS as refusal:
                 self.left.append(Unexplored(number, place, f"continuing fails: {refusal}"))
                 continue
@@ -222,19 +267,68 @@ class _Exploration:
             if to != number and link not in self.links:
                 self.links.append(link)
 
+    def _group(self, number: int, place: int) -> _Group:
+        call = partial(_switched, self.found[number].bifurcations[place])
+        return _Group(("switch", number, place), call)
+
+    def _leads_of(self, group: _Group) -> list[_Lead]:
+        """The orbits of a group."""
+        self._look_ahead()
+        if group.leads is None:
+            group.have(self.ahead.result(group.key, group.call))
+        return group.have(None)
+
+    def _look_ahead(self) -> None:
+        """Begin what is likely to be needed: the next groups, and branches of their orbits.
+
+        Of the orbits of one label, which likely lie on one branch, only one is continued at a time.
+        """
+        busy: set[str] = set()
+        for group in self.coming:
+            if not self.ahead.has_room:
+                return
+            if group.leads is None:
+                self.ahead.begin(group.key, group.call)
+            for lead in group.have(self.ahead.seen(group.key)):
+                label = lead.orbit.label
+                if label in busy or not self._follows(lead.orbit):
+                    continue
+                if lead.key in self.ahead:
+                    busy.add(label)
+                elif self._known(lead) is None:
+                    self.ahead.begin(lead.key, self._continued(lead.orbit, _POINTS))
+                    busy.add(label)
+
+    def _continued(self, orbit: PeriodicOrbit, points: int) -> Callable[[], Branch]:
+        return partial(continue_orbit, orbit, self.parameter, bounds=self.bounds, points=points)
+
     def _follows(self, orbit: PeriodicOrbit) -> bool:
         impacts, periods = self.largest
         return len(orbit.states) <= impacts and getattr(orbit, "periods", 1) <= periods
 
-    def _number_of(self, orbit: PeriodicOrbit) -> int:
+    def _known(self, lead: _Lead) -> int | None:
+        """The number of the branch that an orbit lies on, of those that are found."""
+        while lead.known is None and lead.distinct < len(self.found):
+            number = lead.distinct
+            same_label = self.found[number].label == lead.orbit.label
+            if same_label and self.trails[number].holds(lead.orbit):
+                lead.known = number
+            lead.distinct += 1
+        return lead.known
+
+    def _number_of(self, lead: _Lead) -> int:
         """The number of the branch that an orbit lies on, which is continued when it is new."""
-        for number, (branch, trail) in enumerate(zip(self.found, self.trails, strict=True)):
-            if branch.label == orbit.label and trail.holds(orbit):
-                return number
+        known = self._known(lead)
+        if known is not None:
+            self.ahead.drop(lead.key)
+            return known
         if len(self.found) >= self.most_branches or self.points >= self.most_points:
             raise _UsedUp
         left = min(_POINTS, self.most_points - self.points)
-        branch = continue_orbit(orbit, self.parameter, bounds=self.bounds, points=left)
+        if left < _POINTS:
+            self.ahead.drop(lead.key)
+        self._look_ahead()
+        branch = self.ahead.result(lead.key, self._continued(lead.orbit, left))
         trail = Trail(branch)
         number = len(self.found)
         self.found.append(branch)
@@ -243,6 +337,8 @@ class _Exploration:
         for place, bifurcation in enumerate(branch.bifurcations):
             if bifurcation.kind in _LEADING and at_motions(branch, bifurcation):
                 self.waiting.append((number, place))
+                if not self.starting:
+                    self.coming.append(self._group(number, place))
         return number
 
     def network(self, finish: Finish, failure: str, seconds: float) -> Network:
@@ -278,6 +374,10 @@ def at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:
     """Whether a point beside it is a motion of the system."""
     before, after = math.ceil(bifurcation.place) - 1, math.floor(bifurcation.place) + 1
     return bool(branch.admissible[max(before, 0) : after + 1].any())
+
+
+def _switched(bifurcation: Bifurcation) -> list[PeriodicOrbit]:
+    return [_once(orbit) for orbit in bifurcation.switch()]
 
 
 def _once(orbit: PeriodicOrbit) -> PeriodicOrbit:

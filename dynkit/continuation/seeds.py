@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, final, runtime_checkable
 
 import numpy as np
 
@@ -48,32 +49,61 @@ def checked_box(box: Any, dimension: int) -> Array:
     return found
 
 
-def offered(systems: Sequence[Map], impacts: int, periods: int) -> Iterator[PeriodicOrbit]:
-    """Yield all P(1,m) that the systems offer, then the admissible P(n,m) of more impacts."""
-    for n in range(1, min(impacts, SEARCHED) + 1):
-        for m in range(1, periods + 1):
-            for system in systems:
-                assert isinstance(system, OffersOrbits)
-                found = system.periodic_orbits(impacts=n, periods=m)
-                yield from (orbit for orbit in found if n == 1 or orbit.admissible)
+@final
+@dataclass(frozen=True, eq=False)
+class Offers:
+    """P(n,m) that a system offers: all of them for n = 1, the admissible ones of more impacts."""
+
+    system: Map
+    impacts: int
+    periods: int
+
+    def __call__(self) -> list[PeriodicOrbit]:
+        assert isinstance(self.system, OffersOrbits)
+        found = self.system.periodic_orbits(impacts=self.impacts, periods=self.periods)
+        return [orbit for orbit in found if self.impacts == 1 or orbit.admissible]
 
 
-def searched(systems: Sequence[Map], box: Array, states: int) -> Iterator[PeriodicOrbit]:
-    """Yield orbits of maps that Newton's method finds from guesses in a box, always the same."""
-    from dynkit.map_orbits import periodic_orbit
+def offered(systems: Sequence[Map], impacts: int, periods: int) -> list[Offers]:
+    """Return what to ask the systems for: all P(1,m), then P(n,m) of more impacts."""
+    return [
+        Offers(system, n, m)
+        for n in range(1, min(impacts, SEARCHED) + 1)
+        for m in range(1, periods + 1)
+        for system in systems
+    ]
 
-    for n in range(1, min(states, SEARCHED) + 1):
+
+@final
+@dataclass(frozen=True, eq=False)
+class Search:
+    """P(n) of a map that Newton's method finds from guesses in a box, always the same."""
+
+    system: Map
+    box: Array
+    states: int
+
+    def __call__(self) -> list[PeriodicOrbit]:
+        from dynkit.map_orbits import periodic_orbit
+
+        system, box, n = self.system, self.box, self.states
+        found: list[PeriodicOrbit] = []
         random = np.random.default_rng(n)
-        guesses = random.uniform(box[:, 0], box[:, 1], (_GUESSES, len(box)))
-        for system in systems:
-            for guess in guesses:
-                try:
-                    orbit = periodic_orbit(system, guess, period=n)
-                    small = abs(orbit.states) <= _ROUNDING * abs(box).max()
-                    if small.any():
-                        # numbers that have no digits but rounding are zero
-                        orbit = periodic_orbit(system, np.where(small, 0.0, orbit.states))
-                except (ValueError, NoConvergence, NoSolution):
-                    continue
-                if orbit.period == n:
-                    yield orbit
+        for guess in random.uniform(box[:, 0], box[:, 1], (_GUESSES, len(box))):
+            try:
+                orbit = periodic_orbit(system, guess, period=n)
+                small = abs(orbit.states) <= _ROUNDING * abs(box).max()
+                if small.any():
+                    # numbers that have no digits but rounding are zero
+                    orbit = periodic_orbit(system, np.where(small, 0.0, orbit.states))
+            except (ValueError, NoConvergence, NoSolution):
+                continue
+            if orbit.period == n:
+                found.append(orbit)
+        return found
+
+
+def searched(systems: Sequence[Map], box: Array, states: int) -> list[Search]:
+    """Return the searches for orbits of maps, of up to so many states."""
+    counts = range(1, min(states, SEARCHED) + 1)
+    return [Search(system, box, n) for n in counts for system in systems]

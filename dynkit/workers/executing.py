@@ -21,6 +21,10 @@ class WorkerLost(RuntimeError):
     """A worker died, or cannot be reached, and its executor does not start the work again."""
 
 
+class NotSendable(ValueError):
+    """A system that cannot be sent to the workers of an executor."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Outcome(Generic[_Result]):
@@ -51,7 +55,7 @@ def finished(
 
     Raises
     ------
-    ValueError
+    NotSendable
         When the work cannot be pickled, or not be imported by the workers.
     WorkerLost
         When the executor has lost a worker for good, after what was finished.
@@ -91,7 +95,15 @@ def finished(
 
 
 def submit(executor: Executor, packed: bytes, task: Any) -> Future[Outcome[Any]]:
-    """Hand a task on, for packed work; `outcome_of` tells what became of it."""
+    """Hand a task on, for packed work; `outcome_of` tells what became of it.
+
+    Raises
+    ------
+    ValueError
+        When it is no executor.
+    """
+    if not callable(getattr(executor, "submit", None)):
+        raise ValueError(f"executor must be a concurrent.futures.Executor; got {executor!r}")
     try:
         return executor.submit(perform, packed, task)
     except RuntimeError as error:  # the pool is broken, or was shut down
@@ -113,13 +125,13 @@ def pack(work: object) -> bytes:
 
     Raises
     ------
-    ValueError
+    NotSendable
         When there are none.
     """
     try:
         return pickle.dumps(work)
     except Exception as error:  # pickle raises its own, and whatever an object raises
-        raise ValueError(
+        raise NotSendable(
             f"system must be picklable to be sent to an executor; got one for which {error}"
         ) from error
 
@@ -130,7 +142,7 @@ def perform(packed: bytes, task: Any) -> Outcome[Any]:
         work = _unpacked(packed)
     except Exception as error:  # of whatever kind: the module may be another one here
         return Outcome(
-            error=ValueError(
+            error=NotSendable(
                 "system must be of a class that the workers of the executor can import, from a "
                 f"file of its own; got one for which {type(error).__name__}: {error}"
             )
