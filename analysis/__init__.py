@@ -15,12 +15,19 @@ if TYPE_CHECKING:
     from dynkit.analysis.series import TimeSeries
     from dynkit.analysis.space_time import SpaceTime
     from dynkit.analysis.spectrum import PowerSpectrum
+    from dynkit.analysis.work_precision.exact import ExactImpacts
+    from dynkit.analysis.work_precision.measuring import WorkPrecision
+    from dynkit.analysis.work_precision.methods import FoundImpacts, ImpactMethod
+    from dynkit.analysis.work_precision.peers import impact_methods
 
 __all__ = [
     "POD",
     "BifurcationDiagram",
     "ChatterRatios",
     "CorrelationDimension",
+    "ExactImpacts",
+    "FoundImpacts",
+    "ImpactMethod",
     "ImpactSection",
     "LyapunovSpectrum",
     "PowerSpectrum",
@@ -28,6 +35,8 @@ __all__ = [
     "SpaceTime",
     "StroboscopicSection",
     "TimeSeries",
+    "WorkPrecision",
+    "impact_methods",
 ]
 
 __getattr__, __dir__ = lazy_names(
@@ -36,6 +45,9 @@ __getattr__, __dir__ = lazy_names(
         "BifurcationDiagram": "dynkit.analysis.diagram",
         "ChatterRatios": "dynkit.analysis.chatter",
         "CorrelationDimension": "dynkit.analysis.dimension.dimension",
+        "ExactImpacts": "dynkit.analysis.work_precision.exact",
+        "FoundImpacts": "dynkit.analysis.work_precision.methods",
+        "ImpactMethod": "dynkit.analysis.work_precision.methods",
         "ImpactSection": "dynkit.analysis.sections",
         "LyapunovSpectrum": "dynkit.analysis.lyapunov",
         "POD": "dynkit.analysis.pod",
@@ -44,5 +56,7 @@ __getattr__, __dir__ = lazy_names(
         "SpaceTime": "dynkit.analysis.space_time",
         "StroboscopicSection": "dynkit.analysis.sections",
         "TimeSeries": "dynkit.analysis.series",
+        "WorkPrecision": "dynkit.analysis.work_precision.measuring",
+        "impact_methods": "dynkit.analysis.work_precision.peers",
     },
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.figures import DOTS, ink, shown_axes
+from dynkit.figures import DOTS, ink, print_style, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, non_negative_integer
 
@@ -128,6 +128,7 @@ class ChatterRatios:
             )
         return float(abs(self.ratios[low - 1 : high] - limit).max())
 
+    @print_style()
     def plot(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
         """Draw the ratios against the bounce number.
 

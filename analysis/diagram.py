@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.figures import DOTS, ink, shown_axes
+from dynkit.figures import DOTS, ink, print_style, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
@@ -171,6 +171,7 @@ class BifurcationDiagram:
         there = ~np.isnan(numbers.ravel())
         return across[there], numbers.ravel()[there]
 
+    @print_style()
     def plot(
         self, ax: Axes | None = None, *, observable: str | None = None, size: float = 0.7
     ) -> Axes:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynkit.analysis.averages import LEAST, TimeAverages
 from dynkit.analysis.motions import going_on_for, last_state
 from dynkit.attractors import Attractor
-from dynkit.figures import ink, shown_axes
+from dynkit.figures import ink, print_style, shown_axes
 from dynkit.flows import Flow
 from dynkit.maps import Map, Stretching
 from dynkit.results import Cost
@@ -322,6 +322,7 @@ class LyapunovSpectrum:
             f"dimension {self.dimension:.4g}{short}>"
         )
 
+    @print_style()
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw how the averages converge with the number of iterates, and the largest one's error.
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _STYLES, _MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D")
 
 
+@print_style()
 def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: str | None) -> Axes:
     """Draw as `POD.plot` says."""
     from matplotlib.ticker import MaxNLocator
@@ -60,18 +61,12 @@ def _mark_share(axes: Axes, share: float) -> None:
     )
 
 
+@print_style()
 def draw_modes(pod: POD, ax: Sequence[Axes] | None, count: int, others: Array) -> list[Axes]:
     """Draw as `POD.plot_modes` says."""
-    if ax is None:
-        axes = _panels(count)
-        with print_style():
-            return _drawn_modes(pod, axes, others)
-    return _drawn_modes(pod, list(ax), others)
-
-
-def _drawn_modes(pod: POD, axes: list[Axes], others: Array) -> list[Axes]:
     from matplotlib.ticker import MaxNLocator
 
+    axes = _panels(count) if ax is None else list(ax)
     numbers = np.arange(1, len(pod.power) + 1)
     assurance = pod.modal_assurance(others)
     for k, panel in enumerate(axes):
@@ -96,8 +91,7 @@ def _panels(count: int) -> list[Axes]:
     columns = 1 if count == 1 else 2
     rows = -(-count // columns)
     figure = shown_figure(columns * COLUMN_WIDTH, 2.2 * rows)
-    with print_style():
-        axes = figure.subplots(rows, columns, squeeze=False)
+    axes = figure.subplots(rows, columns, squeeze=False)
     panels: list[Axes] = list(axes.ravel())
     for spare in panels[count:]:
         figure.delaxes(spare)

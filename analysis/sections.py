@@ -20,7 +20,7 @@ from dynkit.analysis.series import (
     record_until,
 )
 from dynkit.attractors import Attractor
-from dynkit.figures import DOTS, ink, shown_axes
+from dynkit.figures import DOTS, ink, print_style, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, finite_scalar, positive_integer
 
@@ -194,6 +194,7 @@ class ImpactSection:
         """Estimate of the largest error of the states; zero of an array."""
         return motion_error(self._attractor, 0.0)
 
+    @print_style()
     def plot_velocity(self, ax: Axes | None = None) -> Axes:
         """Draw the velocity of the contact coordinate after impacts against the phase.
 
@@ -295,6 +296,7 @@ def _chosen(
     )
 
 
+@print_style()
 def _draw(ax: Axes | None, states: Array, chosen: tuple[int, int], names: list[str]) -> Axes:
     axes = shown_axes(ax)
     points = states[:, list(chosen)]

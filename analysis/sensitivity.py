@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.analysis.motions import going_on_for, last_state
 from dynkit.attractors import Attractor
-from dynkit.figures import ink, shown_axes
+from dynkit.figures import ink, print_style, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, positive, positive_integer
 
@@ -99,6 +99,7 @@ class Sensitivity:
         first, last = self.distances[[0, -1]].tolist()
         return f"<Sensitivity of {name}: {first:.2g} to {last:.2g} in {self._iterations} iterates>"
 
+    @print_style()
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the distance against the number of iterates.
 

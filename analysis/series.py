@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.attractors import Attractor
-from dynkit.figures import ink, shown_axes
+from dynkit.figures import ink, print_style, shown_axes
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
@@ -121,6 +121,7 @@ class TimeSeries:
         """
         return motion_error(self._attractor, float(self.times.max(initial=0.0)))
 
+    @print_style()
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the values against time, the table dashed, the impacts as dots.
 

@@ -101,6 +101,7 @@ class SpaceTime:
         """Estimate of the largest error of the displacements; zero of an array."""
         return motion_error(self._attractor, float(self.times.max(initial=0.0)))
 
+    @print_style()
     def plot(self, ax: Axes3D | None = None) -> Axes3D:
         """Draw the displacements as a surface over time and the masses.
 
@@ -164,8 +165,7 @@ def new_surfaces(rows: int = 1) -> tuple[Figure, list[Any]]:
 
 def _shown_surface() -> Any:
     figure = shown_figure(2.0 * COLUMN_WIDTH, _HEIGHT)
-    with print_style():
-        return _add_axes(figure, 1)[0]
+    return _add_axes(figure, 1)[0]
 
 
 def _add_axes(figure: Figure, rows: int) -> list[Any]:

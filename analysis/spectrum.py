@@ -16,7 +16,7 @@ from dynkit.analysis.series import (
     forcing_frequency,
 )
 from dynkit.attractors import Attractor
-from dynkit.figures import DOTS, ink, shown_axes
+from dynkit.figures import DOTS, ink, print_style, shown_axes
 from dynkit.harmonics import Harmonics, harmonics_of
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, non_negative, positive, positive_integer
@@ -259,6 +259,7 @@ class PowerSpectrum:
         within = (self.frequencies >= first) & (self.frequencies <= last)
         return float(self.density[within].sum() * self.frequencies[1])
 
+    @print_style()
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the density, logarithmic, against the angular frequency, with the table's harmonics.
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,11 +44,12 @@ DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0
 """Settings of a cloud of points; size and colour are the drawer's choice."""
 
 
-def print_style() -> AbstractContextManager[None]:
-    """Return a context in which figures get the type sizes and lines of `PRINT_STYLE`.
+@contextmanager
+def print_style() -> Generator[None, None, None]:
+    """Give figures the type sizes and lines of `PRINT_STYLE`: a context, and a decorator.
 
     What a user has set, by ``matplotlib.rcParams`` or a style sheet, to something else than
-    matplotlib's default stays as it is.
+    matplotlib's default stays as it is; so does all else that is set within.
 
     Examples
     --------
@@ -57,14 +58,17 @@ def print_style() -> AbstractContextManager[None]:
     >>> axes.xaxis.label.get_size()
     8.0
     """
-    from matplotlib import rc_context, rcParams, rcParamsDefault
+    from matplotlib import rcParams, rcParamsDefault
 
     now: Any = rcParams  # matplotlib's own type lists every name that it knows
     default: Any = rcParamsDefault
-    settings: Any = {
-        name: value for name, value in PRINT_STYLE.items() if now[name] == default[name]
-    }
-    return rc_context(settings)
+    before = {name: now[name] for name in PRINT_STYLE if now[name] == default[name]}
+    now.update({name: PRINT_STYLE[name] for name in before})
+    try:
+        yield
+    finally:
+        # not matplotlib's rc_context: what pyplot sets as it loads its backend must last
+        now.update(before)
 
 
 def ink(lightness: float = 0.0) -> tuple[float, float, float]:
@@ -114,7 +118,6 @@ def shown_figure(width: float = COLUMN_WIDTH, height: float = 2.6) -> Figure:
     """Return a new figure that pyplot shows; sizes in inches."""
     from matplotlib import pyplot as plt
 
-    # not within `print_style`: what pyplot sets as it loads its backend must last
     return plt.figure(figsize=(width, height), layout="constrained")
 
 

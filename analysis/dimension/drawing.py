@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.analysis.dimension.scaling import Estimate, Outcome
-from dynkit.figures import DOTS, ink, shown_axes
+from dynkit.figures import DOTS, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _UNKNOWN = 0.5
 
 
+@print_style()
 def draw_sums(dimension: CorrelationDimension, ax: Axes | None, label: str | None) -> Axes:
     """Draw the correlation sum against the radius, and the scaling region with its line."""
     sums, region = dimension.sums, dimension.region
@@ -37,6 +38,7 @@ def draw_sums(dimension: CorrelationDimension, ax: Axes | None, label: str | Non
     return axes
 
 
+@print_style()
 def draw_slopes(dimension: CorrelationDimension, ax: Axes | None, label: str | None) -> Axes:
     """Draw the local slopes with one standard error, the scaling region and both estimates."""
     slopes, region = dimension.local_slopes, dimension.region

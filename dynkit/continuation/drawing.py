@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.figures import circles, ink, shown_axes
+from dynkit.figures import circles, ink, print_style, shown_axes
 from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
@@ -38,6 +38,7 @@ _TEXT: dict[str, Any] = {
 _CLOSE = 0.04
 
 
+@print_style()
 def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes:
     """Draw a branch as `Branch.plot` says."""
     name = observable or sweepable(branch.system).observables[0]
@@ -132,6 +133,7 @@ def _kind(branch: Branch, place: int) -> str:
     return "stable" if branch.stable[place] else "unstable"
 
 
+@print_style()
 def draw_curve(curve: BifurcationCurve, ax: Axes | None) -> Axes:
     """Draw a curve of bifurcations as `BifurcationCurve.plot` says."""
     axes = shown_axes(ax)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynkit.continuation.drawing import LINES
 from dynkit.continuation.trails import Node, nodes_of
-from dynkit.figures import COLUMN_WIDTH, circles, ink, shown_axes
+from dynkit.figures import COLUMN_WIDTH, circles, ink, print_style, shown_axes
 from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
@@ -27,6 +27,7 @@ _TYPE = 5.0
 _PLACES = ((3, 2), (3, -6), (-3, 2), (-3, -6), (0, 4), (0, -8), (5, -2), (-5, -2))
 
 
+@print_style()
 def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str | None) -> Axes:
     """Draw branches as `Network.plot` says."""
     if not branches:
