@@ -9,7 +9,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
 
-run: .venv/.ready  ## reproduce the paper's figures: results/report.md
+run: .venv/.ready  ## reproduce the paper's figures: results/report.html
 	$(BIN)/dynkit reproduce --out results
 
 test: .venv/.dev  ## run the tests

@@ -54,12 +54,13 @@ def report(results: Path) -> str:
 def test_reproduce_writes_a_report_and_each_figure_twice(results: Path) -> None:
     figures = {f"{name}.{end}" for name in ITEMS if name[:6] == "figure" for end in ("png", "svg")}
     expected = figures - {f"{name}.{end}" for name in LONG for end in ("png", "svg")}
-    expected |= {"report.md"}
+    expected |= {"report.md", "report.html"}
     assert {path.name for path in results.iterdir()} == expected
 
 
 def test_reproduced_figures_are_small(results: Path) -> None:
-    assert max(path.stat().st_size for path in results.iterdir()) < 1_000_000
+    figures = [*results.glob("*.png"), *results.glob("*.svg")]
+    assert max(path.stat().st_size for path in figures) < 1_000_000
 
 
 def test_report_embeds_every_figure(results: Path, report: str) -> None:
@@ -109,7 +110,7 @@ def test_report_measures_how_slowly_the_sticking_motion_settles(report: str) -> 
 def test_reproduce_of_some_items_writes_only_these(tmp_path: Path) -> None:
     folder = tmp_path / "here" / "results"
     assert main(["reproduce", "--out", str(folder), "--only", "table-a1"]) == 0
-    assert [path.name for path in folder.iterdir()] == ["report.md"]
+    assert sorted(path.name for path in folder.iterdir()) == ["report.html", "report.md"]
 
 
 def test_steady_table_has_one_velocity_at_all_frequencies() -> None:

@@ -19,7 +19,7 @@ BESIDE = "figure-4-branches"
 
 
 def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Path:
-    """Make the items, their figures as PNG and SVG, and ``report.md``.
+    """Make the items, their figures as PNG and SVG, ``report.md``, and all in ``report.html``.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
     Returns
     -------
     Path
-        The report.
+        The page.
 
     Raises
     ------
@@ -68,9 +68,7 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
             note = ", meanwhile" if name in waiting else ""
             print(f"{sections[name].total:.1f} s{note}", file=log, flush=True)
     seconds = time.perf_counter() - began
-    report = write_report(
-        folder / "report.md", [sections[name] for name in names], workshop.warm_up(), seconds
-    )
+    report = write_report(folder, [sections[name] for name in names], workshop.warm_up(), seconds)
     print(f"written: {report} ({seconds:.1f} s in all)", file=log)
     return report
 

@@ -1,4 +1,4 @@
-"""`report.md`: what the paper says and what was found, side by side."""
+"""`report.md` and `report.html`: what the paper says and what was found, side by side."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 from dynkit import __version__
 from dynkit.cli.output import write_text
 from dynkit.cli.reproduce import paper
+from dynkit.cli.reproduce.page import write_page
 from dynkit.cli.reproduce.section import Section, table
 
-_HEAD = """\
-# Cusumano & Bai (1993), reproduced
-
+_TITLE = "Cusumano & Bai (1993), reproduced"
+_OPENING = """\
 J. P. Cusumano, B.-Y. Bai, "Period-infinity periodic motions, chaos, and spatial coherence in a 10
 degree of freedom impact oscillator", Chaos, Solitons & Fractals 3 (1993) 515-535.
 
@@ -23,8 +23,10 @@ All numbers found are computed by the run that wrote this report. All quantities
 """
 
 
-def write_report(path: Path, sections: Sequence[Section], compiling: float, seconds: float) -> Path:
-    """Write the report, and return its path."""
+def write_report(
+    folder: Path, sections: Sequence[Section], compiling: float, seconds: float
+) -> Path:
+    """Write the report, as Markdown and as a page, and return the page's path."""
     rows = [
         [finding.what, finding.paper, finding.found, finding.error]
         for section in sections
@@ -32,19 +34,23 @@ def write_report(path: Path, sections: Sequence[Section], compiling: float, seco
     ]
     times = [[section.item, f"{section.total:.2f}", _parts(section)] for section in sections]
     left_out = [item for item in paper.ITEMS if item not in [each.item for each in sections]]
-    parts = [
-        _HEAD,
-        "## Summary\n\n" + table(["what", "paper", "found", "error estimate"], rows),
-        *(_written(section) for section in sections),
-        "## Cost\n\n"
-        + table(["item", "seconds", "of which"], times)
-        + f"\n\nCompiling or loading the kernels: {compiling:.1f} s. In all: {seconds:.1f} s.\n\n"
-        + _machine(),
+    cost = [
+        table(["item", "seconds", "of which"], times),
+        f"Compiling or loading the kernels: {compiling:.1f} s. In all: {seconds:.1f} s.",
+        _machine(),
     ]
     if left_out:
-        parts.append(f"Left out of this run: {', '.join(left_out)}.")
-    write_text(path, "\n\n".join(part.strip() for part in parts) + "\n")
-    return path
+        cost.append(f"Left out of this run: {', '.join(left_out)}.")
+    closing = "\n\n".join(cost)
+    parts = [
+        f"# {_TITLE}",
+        _OPENING,
+        "## Summary\n\n" + table(["what", "paper", "found", "error estimate"], rows),
+        *(_written(section) for section in sections),
+        f"## Cost\n\n{closing}",
+    ]
+    write_text(folder / "report.md", "\n\n".join(part.strip() for part in parts) + "\n")
+    return write_page(folder / "report.html", _TITLE, _OPENING, sections, [("Cost", closing)])
 
 
 def _written(section: Section) -> str:
