@@ -68,12 +68,15 @@ def _kernel_sources() -> list[Path]:
 
 @cache
 def cache_folder() -> Path:
-    """Folder of the compiled kernels, named after a hash of their sources.
+    """Folder of the compiled kernels, named after a hash of their sources and Numba's version.
 
     The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder. Where others
     may write to that folder, or the user may not, it is a temporary folder of this process.
     """
-    digest = hashlib.sha256()
+    import numba
+
+    # versions of Numba would overwrite each other's index
+    digest = hashlib.sha256(numba.__version__.encode())
     for source in _kernel_sources():
         digest.update(source.name.encode())
         digest.update(source.read_bytes())
@@ -85,6 +88,8 @@ def kernel(
     *, reorder: bool = False, fuse: bool = False, inline: bool = False, nogil: bool = False
 ) -> Callable[[_Function], _Function]:
     """Compile a kernel on its first call and keep the machine code in `cache_folder`.
+
+    With ``NUMBA_DISABLE_JIT=1`` in the environment it stays what it is, some hundred times slower.
 
     Parameters
     ----------
@@ -100,6 +105,7 @@ def kernel(
         they modify.
     """
     import numba
+    import numpy as np
 
     # The runtime's reference counting takes longer than the loops over a few slots; without it
     # kernels cannot allocate, so they work in the buffers that they are given.
@@ -114,6 +120,9 @@ def kernel(
     settings: Any = numba.config
 
     def decorate(function: _Function) -> _Function:
+        if settings.DISABLE_JIT:  # the same arithmetic: what is divided by zero is infinite
+            plain: _Function = np.errstate(all="ignore")(function)
+            return plain
         previous = settings.CACHE_DIR
         settings.CACHE_DIR = str(cache_folder())
         try:
