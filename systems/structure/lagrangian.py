@@ -31,11 +31,10 @@ class LagrangianStructure(ABC):
     A subclass owes:
 
     1. `degrees_of_freedom`, a property or a class attribute;
-    2. `kinetic(v)` and `potential(x)`, and `dissipation(v)` where there are losses: each gets a
-    tuple of
-       real SymPy symbols, one per degree of freedom, and returns an expression that is a quadratic
-       form in them. The coordinates are measured from equilibrium. Coefficients are plain numbers:
-       the structure's own parameters, put in;
+    2. ``kinetic(v)`` and ``potential(x)``, and ``dissipation(v)`` where there are losses: each gets
+       a tuple of real SymPy symbols, one per degree of freedom, and returns an expression that is a
+       quadratic form in them. The coordinates are measured from equilibrium. Coefficients are plain
+       numbers: the structure's own parameters, put in;
     3. immutability: matrices and modes are derived once, when first asked for. A frozen dataclass
        fits best.
 
