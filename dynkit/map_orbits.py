@@ -206,6 +206,7 @@ class MapOrbit(PeriodicOrbit):
         rounding = _ROUNDINGS * self._system.accuracy * size / problem.units
         bound = error_bound(
             problem.linearization(self._x, _NONE),
+            self._x,
             problem.residual(self._x, _NONE),
             problem.scale(self._x),
             None,

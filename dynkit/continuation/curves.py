@@ -305,7 +305,7 @@ def _distance(
     y = np.concatenate([x, own, p])
     scale, jacobian = equations.scale(y), equations.full_jacobian(y)
     tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    bound = error_bound(jacobian, equations.residual(y), scale, tangent, equations.rounding)
+    bound = error_bound(jacobian, y, equations.residual(y), scale, tangent, equations.rounding)
     return float((bound / scale).max())
 
 

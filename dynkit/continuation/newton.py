@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 ROUNDING = 2.0**-52
 # Residuals below are rounding; above the second they are wrong, whatever Newton's method says.
 _FLOOR, _ACCEPTABLE = 16.0 * ROUNDING, 1e-10
+_OF_UNKNOWNS = 4.0 * ROUNDING
 
 
 class NoConvergence(RuntimeError):
@@ -208,12 +209,13 @@ def bordered_direction(jacobian: Array, scale: Array, row: Array) -> Direction |
 
 
 def error_bound(
-    jacobian: Array, f: Array, scale: Array, row: Array | None, rounding: Any = _FLOOR
+    jacobian: Array, y: Array, f: Array, scale: Array, row: Array | None, rounding: Any = _FLOOR
 ) -> Array:
-    """Return how far a solution with residual f may be from the exact one, unknown by unknown.
+    """Return how far a solution y with residual f may be from the exact one, unknown by unknown.
 
     It is twice |inverse of the derivative| (|f| + rounding): to first order a bound when the
-    equations are right to `rounding`.
+    equations are right to `rounding`, and to four roundings of what the unknowns add to them, which
+    counts where these are large.
     """
     n, q = jacobian.shape
     matrix = np.empty((q, q))
@@ -224,7 +226,8 @@ def error_bound(
         inverse = np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
         return np.full(q, np.inf)
-    return np.asarray(2.0 * scale * (abs(inverse[:, :n]) @ (abs(f) + rounding)))
+    left = abs(f) + rounding + _OF_UNKNOWNS * (abs(jacobian) @ abs(y))
+    return np.asarray(2.0 * scale * (abs(inverse[:, :n]) @ left))
 
 
 @final
