@@ -109,7 +109,7 @@ def _terms(energy: str, expression: object) -> tuple[Any, ...]:
     from sympy import Add, Expr, sympify
 
     if isinstance(expression, int | float | np.number) and not isinstance(expression, bool):
-        expression = sympify(expression)
+        expression = sympify(expression, strict=True)
     if not isinstance(expression, Expr) or not expression.is_commutative:
         raise ValueError(f"{energy} must return a SymPy expression; got {expression!r}")
     terms: tuple[Any, ...] = Add.make_args(expression)

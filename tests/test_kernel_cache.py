@@ -1,0 +1,61 @@
+"""The kernel cache holds code: only the user may write to its folder."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numba
+import pytest
+
+from dynkit.compiled import cache_folder
+
+
+@pytest.fixture
+def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cache_folder.cache_clear()
+    yield tmp_path
+    cache_folder.cache_clear()
+
+
+def again() -> Path:
+    cache_folder.cache_clear()
+    return cache_folder()
+
+
+def test_the_folder_is_the_users_alone(base: Path) -> None:
+    folder = again()
+    assert folder.is_relative_to(base)
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o722, 0o702, 0o720])
+def test_a_folder_that_others_may_write_to_is_not_used(base: Path, mode: int) -> None:
+    folder = again()
+    folder.chmod(mode)
+    other = again()
+    assert not other.is_relative_to(base)
+    assert other.stat().st_mode & 0o077 == 0
+    other.rmdir()
+
+
+def test_a_folder_of_somebody_else_is_not_used(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = again()
+    monkeypatch.setattr("os.geteuid", lambda: folder.stat().st_uid + 1)
+    other = again()
+    assert other != folder
+    other.rmdir()
+
+
+def test_a_file_in_its_place_is_not_used(base: Path) -> None:
+    (base / "dynkit").write_text("mine")
+    other = again()
+    assert not other.is_relative_to(base)
+    other.rmdir()
+
+
+def test_another_version_of_numba_has_another_folder(
+    base: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = again()
+    monkeypatch.setattr(numba, "__version__", "0.1")
+    assert again() != folder
