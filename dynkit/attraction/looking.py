@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, cast, final, runtime_checkable
 
@@ -106,7 +106,16 @@ class Look:
 
     def __call__(self, starts: Array) -> Rows:
         """Return what is found at some starts."""
-        began, n = time.perf_counter(), len(starts)
+        began = time.perf_counter()
+        return self._rows([self._seen(start) for start in starts], began)
+
+    def rows_from(self, states: Sequence[Any]) -> Rows:
+        """Return what is found when nothing is skipped after some states."""
+        began = time.perf_counter()
+        return self._rows([self._followed(state, 0) for state in states], began)
+
+    def _rows(self, seen: Sequence[SweptAttractor | int], began: float) -> Rows:
+        n = len(seen)
         arrays: dict[str, Anything] = {
             "kind": np.zeros(n, dtype=np.int64),
             "numbers": np.zeros((n, 3), dtype=np.int64),  # n, m, simulated
@@ -116,13 +125,12 @@ class Look:
             "final": np.full((n, self.sizes[1]), np.nan),
         }
         endings, cost = [], Cost(0.0)
-        for place, start in enumerate(starts):
-            seen = self._seen(start)
-            if isinstance(seen, int):
-                arrays["kind"][place] = seen
-                endings.append(OTHER_ENDS[seen])
+        for place, motion in enumerate(seen):
+            if isinstance(motion, int):
+                arrays["kind"][place] = motion
+                endings.append(OTHER_ENDS[motion])
                 continue
-            motion, label = seen
+            label = motion.label
             arrays["numbers"][place] = label.impacts or 0, label.periods or 0, label.simulated
             arrays["sizes"][place] = label.tolerance, label.recurrence, label.chance
             kind = UNSETTLED if label.kind is OrbitKind.UNSETTLED else KINDS.index(label.kind)
@@ -139,18 +147,23 @@ class Look:
             arrays["final"][place] = self.family.pack_state(final)
         return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
 
-    def _seen(self, start: Array) -> tuple[SweptAttractor, OrbitLabel] | int:
+    def _seen(self, start: Array) -> SweptAttractor | int:
         try:
             state = self.state(start)
         except ValueError:
             return NO_STATE
+        return self._followed(state, self.transient)
+
+    def _followed(self, state: Any, transient: int) -> SweptAttractor | int:
+        """The motion from a state, labelled, or the number of what it comes to instead."""
         try:
-            motion = self.family.attractor(transient=self.transient, impacts=self.keep, start=state)
-            return motion, motion.label
+            motion = self.family.attractor(transient=transient, impacts=self.keep, start=state)
+            _ = motion.label
         except NoCrossing:
             return NO_CROSSING
         except (ValueError, ArithmeticError):
             return RUNS_AWAY
+        return motion
 
     def _settled(self, motion: SweptAttractor, label: OrbitLabel) -> tuple[Array, Any, float]:
         """A state of a periodic motion once it has settled, the last one, and what is still to go.

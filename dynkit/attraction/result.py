@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from dynkit.results import Cost
 from dynkit.sweeps.sweepable import as_attractor
 from dynkit.validation import Array
 from dynkit.workers.points import Rows
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @final
@@ -168,6 +171,21 @@ class Basins:
             When there is no such start, or it has no motion.
         """
         return as_attractor(self._look.motion(self._starts[self._place(place)]))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the basins over the starts, and return the axes.
+
+        Of starts in two directions, (k1, k2, s), the basins as regions, and the attractors of
+        two-dimensional maps; of starts in a row, (k, s), the fractions with their standard errors.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where; a new figure of column width otherwise.
+        """
+        from dynkit.attraction.drawing import draw_basins
+
+        return draw_basins(self, ax)
 
     def _place(self, place: tuple[int, ...]) -> tuple[int, ...]:
         shape: tuple[int, ...] = self._numbers.shape

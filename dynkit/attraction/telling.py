@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynkit.attraction.looking import KINDS, UNSETTLED, Look, orbit_size
 from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.sweeps.sweepable import as_attractor
 from dynkit.validation import Array
 from dynkit.workers.executing import finished
 from dynkit.workers.points import Rows, chunks_of
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 _NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
 
 # Of chaos: states that stand for the attractor, and that are held against them.
-_REFERENCE, _SAMPLE = 2000, 64
+_REFERENCE, _OWN, _SAMPLE = 2000, 512, 64
 # The median distance to the nearest of them may be so many times that of the attractor's own.
 _FACTOR = 3.0
 
@@ -47,12 +48,9 @@ def told_apart(
 
     Numbers below zero are those of `dynkit.attraction.looking.OTHER_ENDS`.
     """
-    kinds: NDArray[np.int64] = rows.arrays["kind"].copy()
-    groups = [
-        *_orbits(look, rows, _places(kinds, OrbitKind.PERIODIC, OrbitKind.STICKING)),
-        *_chaos(look, rows, _places(kinds, OrbitKind.CHAOTIC), executor),
-        *_rests(rows, _places(kinds, OrbitKind.AT_REST)),
-    ]
+    chaos, rows = _chaos(look, rows, executor)
+    groups = [*chaos, *_orbits(look, rows), *_rests(rows)]
+    kinds: NDArray[np.int64] = rows.arrays["kind"]
     numbers = np.where(kinds < 0, kinds, UNSETTLED)
     groups.sort(key=lambda group: group[0].place)
     for number, (_, members) in enumerate(groups):
@@ -63,8 +61,8 @@ def told_apart(
 _Group = tuple[Found, NDArray[np.intp]]
 
 
-def _places(kinds: NDArray[np.int64], *asked: OrbitKind) -> NDArray[np.intp]:
-    return np.flatnonzero(np.isin(kinds, [KINDS.index(kind) for kind in asked]))
+def _places(rows: Rows, *asked: OrbitKind) -> NDArray[np.intp]:
+    return np.flatnonzero(np.isin(rows.arrays["kind"], [KINDS.index(kind) for kind in asked]))
 
 
 def label_at(rows: Rows, place: int) -> OrbitLabel:
@@ -83,8 +81,9 @@ def label_at(rows: Rows, place: int) -> OrbitLabel:
     )
 
 
-def _orbits(look: Look, rows: Rows, left: NDArray[np.intp]) -> Iterator[_Group]:
+def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:
     states, rests = rows.arrays["state"], rows.arrays["rest"]
+    left = _places(rows, OrbitKind.PERIODIC, OrbitKind.STICKING)
     while len(left):
         first = int(left[0])
         label = label_at(rows, first)
@@ -109,29 +108,49 @@ def _nearest(look: Look, reference: Array, states: Array) -> Array:
     )
 
 
-def _chaos(
-    look: Look, rows: Rows, left: NDArray[np.intp], executor: Executor | None
-) -> Iterator[_Group]:
-    finals = rows.arrays["final"]
+def _chaos(look: Look, rows: Rows, executor: Executor | None) -> tuple[list[_Group], Rows]:
+    """The chaotic attractors; and the rows, in which chaos that died out is what it came to."""
+    finals, groups, ended = rows.arrays["final"], [], {}
+    left = _places(rows, OrbitKind.CHAOTIC)
     while len(left):
         first = int(left[0])
         start = look.family.unpack_state(finals[first])
-        states, _ = look.states_after(start, _REFERENCE + 8 * _SAMPLE)
+        motion = look.family.attractor(transient=1, impacts=_REFERENCE + _OWN, start=start)
+        later = look.rows_from([motion.final])
+        if later.arrays["kind"][0] != KINDS.index(OrbitKind.CHAOTIC):
+            ended[first] = later
+            left = left[1:]
+            continue
+        states = as_attractor(motion).states
         reference, own = states[:_REFERENCE], states[_REFERENCE:]
         limit = _FACTOR * float(np.median(_nearest(look, reference, own)))
-        chunks = [left[slice(*chunk)] for chunk in chunks_of(len(left))]
-        compare = _Compared(look, reference)
-        medians = np.empty(len(left))
-        at = np.cumsum([0, *map(len, chunks)])
-        for number, found in finished(compare, [finals[chunk] for chunk in chunks], executor):
-            medians[at[number] : at[number + 1]] = found
-        same = medians <= limit
+        same = _medians(look, reference, finals[left], executor) <= limit
         same[0] = True
-        yield (
-            Found(first, label_at(rows, first), rows.texts["ending"][first], reference),
-            left[same],
-        )
+        found = Found(first, label_at(rows, first), rows.texts["ending"][first], reference)
+        groups.append((found, left[same]))
         left = left[~same]
+    return groups, _changed(rows, ended)
+
+
+def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
+    arrays = {name: array.copy() for name, array in rows.arrays.items()}
+    texts = {name: list(every) for name, every in rows.texts.items()}
+    for place, later in changes.items():
+        for name, array in arrays.items():
+            array[place] = later.arrays[name][0]
+        for name, every in texts.items():
+            every[place] = later.texts[name][0]
+    return Rows(arrays, texts, rows.cost)
+
+
+def _medians(look: Look, reference: Array, finals: Array, executor: Executor | None) -> Array:
+    """Median distance to a chaotic attractor of what follows packed states (k, p), (k,)."""
+    chunks = chunks_of(len(finals))
+    medians = np.empty(len(finals))
+    tasks = [finals[slice(*chunk)] for chunk in chunks]
+    for number, found in finished(_Compared(look, reference), tasks, executor):
+        medians[slice(*chunks[number])] = found
+    return medians
 
 
 @final
@@ -150,8 +169,9 @@ class _Compared:
         return np.array(medians)
 
 
-def _rests(rows: Rows, left: NDArray[np.intp]) -> Iterator[_Group]:
+def _rests(rows: Rows) -> Iterator[_Group]:
     endings: Sequence[str] = rows.texts["ending"]
+    left = _places(rows, OrbitKind.AT_REST)
     for ending in dict.fromkeys(endings[place] for place in left.tolist()):
         members = np.array([place for place in left.tolist() if endings[place] == ending])
         first = int(members[0])

@@ -248,4 +248,6 @@ class Grid(Points):
     @property
     def inputs(self) -> Mapping[str, Anything]:
         first, second = self._values
-        return {"first": first, "second": second, "start": self._plan.start}
+        one, other = self._plan.names
+        values = {f"values of {one}": first, f"values of {other}": second}
+        return {**values, "start": self._plan.start}

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from functools import cached_property
 from types import MappingProxyType
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from dynkit.sweeps.sweepable import Sweepable, as_attractor, sweepable
 from dynkit.validation import Array
 from dynkit.workers.collecting import read_rows, refuse_other
 from dynkit.workers.points import Rows
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @final
@@ -79,8 +82,8 @@ class ParameterMap:
         file = store.place(path)
         archive, found = read_rows(file, KIND)
         entries, arrays = archive.entries, archive.arrays
-        values = arrays["given/first"], arrays["given/second"]
         first, second = json.loads(entries["parameters"])
+        values = arrays[f"given/values of {first}"], arrays[f"given/values of {second}"]
         plan = Plan(
             None,
             entries["system"],
@@ -259,6 +262,21 @@ class ParameterMap:
         self._place(i, j)
         first, second = self._values
         return as_attractor(self._plan.motion(float(first[i]), float(second[j])))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the kinds of motion over the plane of the two parameters, and return the axes.
+
+        The commonest labels have colours, lighter for shorter periods, which differ in grey too,
+        and their names stand in their regions where there is room. Chaos is black.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where; a new figure of column width otherwise.
+        """
+        from dynkit.parameter_maps.drawing import draw_map
+
+        return draw_map(self, ax)
 
     def _place(self, i: int, j: int) -> int:
         for name, place, count in (("i", i, self._shape[0]), ("j", j, self._shape[1])):

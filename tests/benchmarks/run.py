@@ -27,6 +27,7 @@ from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.lyapunov import lyapunov_speed
 from tests.benchmarks.report import table
+from tests.benchmarks.scaling import scaling
 from tests.benchmarks.sticking import sticking
 from tests.benchmarks.structures import structures
 from tests.reference import solve_ivp_peer
@@ -206,6 +207,7 @@ def main() -> None:
     continuation()
     sticking()
     dimensions()
+    scaling()
     start_up()
     beside_solve_ivp()
     grazing()

@@ -1,0 +1,125 @@
+"""Maps of two parameters."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit import ParameterMap, parameter_map
+from dynkit.labels import OrbitKind
+from dynkit.systems import Henon, ImpactChain
+from tests.scaling.cases import SHORT, START, VALUES, bits, mapped
+
+CHAIN = ImpactChain(masses=3, frequency=0.9)
+PAIRS = {"frequency": [0.5, 0.9, 1.2], "damping": [0.1, 0.3]}
+
+
+@pytest.fixture(scope="module")
+def chain_map() -> ParameterMap:
+    return parameter_map(CHAIN, PAIRS, transient=100, keep=60, exponents=40, progress=False)
+
+
+def test_each_pair_starts_by_itself(chain_map: ParameterMap) -> None:
+    for i, frequency in enumerate(PAIRS["frequency"]):
+        for j, damping in enumerate(PAIRS["damping"]):
+            alone = CHAIN.replace(frequency=frequency, damping=damping)
+            attractor = alone.attractor(transient=100, impacts=60)
+            assert chain_map.label(i, j) == attractor.label
+            assert chain_map.largest()[i, j] == attractor.observable("relative_velocity").max()
+            assert chain_map.error[i, j] == attractor.label.error
+            assert chain_map.attractor(i, j).states.tobytes() == attractor.states.tobytes()
+
+
+def test_arrays_tell_what_labels_tell(chain_map: ParameterMap) -> None:
+    for i, j in np.ndindex(3, 2):
+        label = chain_map.label(i, j)
+        assert chain_map.names[i, j] == str(label)
+        assert chain_map.impacts[i, j] == (label.impacts or 0)
+        assert chain_map.periods[i, j] == (label.periods or 0)
+        assert [kind for kind in OrbitKind if chain_map.where(kind)[i, j]] == [label.kind]
+
+
+def test_labels_count_harmonics_when_they_are_asked(chain_map: ParameterMap) -> None:
+    expected = CHAIN.replace(frequency=0.5, damping=0.1).attractor(transient=100, impacts=60)
+    assert chain_map.label(0, 0).harmonics == expected.label.harmonics
+
+
+def test_exponents_are_negative_on_periodic_motions(chain_map: ParameterMap) -> None:
+    assert (chain_map.exponents[chain_map.where(OrbitKind.PERIODIC)] < 0.0).all()
+
+
+def test_the_exponent_of_the_quadratic_map_at_2_is_log_2() -> None:
+    found = parameter_map(
+        Henon(), {"a": [1.9999999], "b": [0.0]}, start=[0.3, 0.0], exponents=4000, **SHORT
+    )
+    # with b = 0 it is the quadratic map, conjugate to the logistic one: log 2 at a = 2
+    assert found.names[0, 0] == "chaotic"
+    assert found.exponents[0, 0] == pytest.approx(np.log(2.0), abs=0.03)
+
+
+def test_a_pair_whose_motion_runs_away_has_no_motion() -> None:
+    found = parameter_map(Henon(), {"a": [1.0, 5.0], "b": [0.3]}, start=START, **SHORT)
+    assert found.names[:, 0].tolist() == ["P(4)", "no motion"]
+    assert np.isnan(found.error[1, 0])
+    assert np.isnan(found.largest()[1, 0])
+    with pytest.raises(ValueError, match=r"i, j must be a pair with a motion; got \(1, 0\)"):
+        found.label(1, 0)
+
+
+def test_a_loaded_map_is_the_one_that_was_stored(tmp_path: Path) -> None:
+    found = mapped(store=tmp_path / "x.h5")
+    loaded = ParameterMap.load(tmp_path / "x.h5", Henon())
+    assert bits(loaded) == bits(found)
+    assert loaded.values["b"].tolist() == VALUES["b"].tolist()
+    assert loaded.attractor(1, 2).states.tobytes() == found.attractor(1, 2).states.tobytes()
+
+
+def test_a_map_loaded_without_its_system_says_so(tmp_path: Path) -> None:
+    mapped(store=tmp_path / "x.h5")
+    loaded = ParameterMap.load(tmp_path / "x.h5")
+    assert str(loaded.label(0, 0)) == loaded.names[0, 0]
+    with pytest.raises(ValueError, match="system must be given to load a map"):
+        loaded.attractor(0, 0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"values": {"a": [1.0]}}, "values must hold the values of two parameters by name; got"),
+        ({"values": [1.0, 2.0]}, "values must hold the values of two parameters by name; got"),
+        ({"values": {"a": [1.0], "c": [1.0]}}, "values must be of parameters among a, b; got 'c'"),
+        ({"values": {"a": [1.0], "b": []}}, r"values\['b'\] must hold at least one number; got"),
+        ({"values": {"a": [1.0], "b": [np.nan]}}, r"values\['b'\]\[0\] must be a finite number"),
+        ({"start": None}, r"start must be a state of the map, \(2,\); got None"),
+        ({"start": [1.0]}, r"start must have shape \(2,\); got shape \(1,\)"),
+        ({"keep": 0}, "keep must be a positive integer; got 0"),
+        ({"transient": -1}, "transient must be zero or a positive integer; got -1"),
+        ({"exponents": -1}, "exponents must be zero or a positive integer; got -1"),
+        ({"observables": ["energy"]}, r"observables must be among state\[0\], state\[1\]; got"),
+        ({"system": "map"}, "system must be a Map or Sweepable; got 'map'"),
+    ],
+)
+def test_bad_input_is_refused_by_name_and_nothing_is_written(
+    tmp_path: Path, changed: dict[str, Any], message: str
+) -> None:
+    usual: dict[str, Any] = {"system": Henon(), "values": VALUES, "start": START, **SHORT}
+    with pytest.raises(ValueError, match=message):
+        parameter_map(**{**usual, **changed}, store=tmp_path / "x.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_values_that_the_system_refuses_are_named() -> None:
+    with pytest.raises(ValueError, match=r"must be positive; got 0\.0 in values\['frequency'\]\[1"):
+        parameter_map(CHAIN, {"frequency": [0.5, 0.0], "damping": [0.1]}, progress=False)
+
+
+@pytest.mark.parametrize(("i", "j"), [(-1, 0), (7, 0), (0, 6)])
+def test_a_place_beyond_the_map_is_refused(i: int, j: int) -> None:
+    with pytest.raises(ValueError, match="must lie in"):
+        mapped().label(i, j)
+
+
+def test_progress_is_shown_by_points(capsys: pytest.CaptureFixture[str]) -> None:
+    mapped(progress=True)
+    assert "42/42" in capsys.readouterr().err
