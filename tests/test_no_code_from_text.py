@@ -122,7 +122,7 @@ json.dump([codes, heard], sys.stdout)
 
 def attacks(folder: Path) -> list[list[str]]:
     """Every option of every command with every payload, given directly and in a TOML file."""
-    tasks = []
+    tasks: list[list[str]] = []
     commands = {"simulate": SIMULATE, "sweep": SWEEP, "continue": CONTINUE}
     for command, options in commands.items():
         for option in options:
