@@ -13,12 +13,12 @@ THOROUGH: Final = "thorough"
 
 def register_profiles() -> None:
     """Make the profile that `HYPOTHESIS_PROFILE` names the one of this run."""
-    # The first example of a test may compile a kernel: no deadline.
-    settings.register_profile(PLAIN, deadline=None, print_blob=True)
+    # The first example of a test may compile a kernel: neither a deadline nor a pace.
+    plain = settings(deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow])
+    settings.register_profile(PLAIN, plain)
     settings.register_profile(
         THOROUGH,
-        deadline=None,
-        print_blob=True,
+        plain,
         max_examples=3000,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
     )
