@@ -2,18 +2,28 @@
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# The oldest versions that are supported, in an environment of their own; TESTS= picks some tests.
+OLDEST_PYTHON ?= python3.11
+OLDEST := .venv-oldest
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check bench clean
+.PHONY: help run test test-plain test-oldest check bench docs tutorials clean
 
 help:  ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
 
 run: .venv/.ready  ## reproduce the paper's figures: results/report.html
 	$(BIN)/dynkit reproduce --out results
 
 test: .venv/.dev  ## run the tests
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal
+
+test-plain: .venv/.dev  ## run tests of the kernels with the JIT switched off
+	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal -m plain tests
+
+# What newer libraries warn of when older ones use them is not ours to mend: warnings are no errors.
+test-oldest: $(OLDEST)/.ready  ## run the tests on the oldest supported versions
+	OMP_NUM_THREADS=1 $(OLDEST)/bin/python -m pytest --numprocesses auto --dist worksteal -W default $(TESTS)
 
 check: .venv/.dev  ## lint, format, types, layers
 	$(BIN)/ruff check
@@ -24,8 +34,14 @@ check: .venv/.dev  ## lint, format, types, layers
 bench: .venv/.dev  ## run the benchmarks
 	$(BIN)/python tests/benchmarks/run.py
 
+docs: .venv/.docs  ## build the documentation: docs/_build/index.html
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
+
+tutorials: .venv/.dev  ## execute the tutorials and write their outputs into them
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.notebooks
+
 clean:  ## remove environment, results and caches
-	rm -rf .venv results build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
+	rm -rf .venv $(OLDEST) results docs/_build docs/api/generated docs/tutorials build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
 		.mypy_cache .pytest_cache .ruff_cache
 	find dynkit systems analysis tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
@@ -39,4 +55,14 @@ clean:  ## remove environment, results and caches
 
 .venv/.dev: .venv/.ready
 	@$(INSTALL) --editable '.[dev]'
+	@touch $@
+
+.venv/.docs: .venv/.ready
+	@$(INSTALL) --editable '.[docs]'
+	@touch $@
+
+$(OLDEST)/.ready: pyproject.toml tests/oldest.txt
+	@echo "Setting up $(OLDEST)"
+	@$(OLDEST_PYTHON) -m venv --clear $(OLDEST)
+	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --constraint tests/oldest.txt --editable '.[dev]'
 	@touch $@

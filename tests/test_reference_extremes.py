@@ -8,6 +8,7 @@ import mpmath
 import pytest
 from mpmath import mp, mpf
 
+from tests.effort import is_thorough
 from tests.reference.extremes import extreme_cases, integer_springs, large_cases
 from tests.reference.impact_chain import ReferenceChain
 from tests.reference.uniform_chain import UniformChain
@@ -28,7 +29,8 @@ def test_integer_springs_carry_the_frequency_one(n: int) -> None:
         assert springs[i] * (here - inner) + springs[i + 1] * (here - outer) == here
 
 
-@pytest.mark.parametrize("name", FEW)
+# Half a minute in all: a plain run looks at every third.
+@pytest.mark.parametrize("name", FEW if is_thorough() else FEW[::3])
 def test_more_bits_change_nothing_in_fifty_digits(name: str) -> None:
     case = extreme_cases()[name]
     few, many = case.simulate(), case.simulate(1024)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -35,6 +36,15 @@ def general(damping: Any = DAMPING, **changes: Any) -> GeneralOscillator:
         "constant_forces": [0.5, 0.0, -0.25],
     }
     return GeneralOscillator(MASS, damping, STIFFNESS, **(parameters | changes))
+
+
+@cache
+def motion(
+    restitution: float, impacts: int, far_stop: float | None = None
+) -> tuple[GeneralOscillator, History]:
+    """The motion from the start, which several tests look at."""
+    oscillator = general(restitution=restitution, far_stop=far_stop)
+    return oscillator, oscillator.simulate(*START, impacts=impacts)
 
 
 def quadratic(matrix: Any, x: Any) -> Any:
@@ -209,7 +219,7 @@ def test_the_contact_coordinate_can_be_any() -> None:
         constant_forces=[-0.25, 0.5, 0.0],
     )
     start = [[part[i] for i in order] for part in START]
-    ours = general(restitution=0.25).simulate(*START, impacts=150)
+    _, ours = motion(0.25, 150)
     theirs = other.simulate(start[0], start[1], impacts=150)
     assert len(ours.contacts) == len(theirs.contacts) > 0
     for one, two in zip(ours.contacts, theirs.contacts, strict=True):
@@ -229,8 +239,7 @@ def gap_at(oscillator: GeneralOscillator, history: History, time: Any) -> Any:
 
 @pytest.mark.parametrize("restitution", [0.0, 0.25, 0.75, 1.0])
 def test_gaps_are_never_negative(restitution: float) -> None:
-    oscillator = general(restitution=restitution, far_stop=1.0625)
-    history = oscillator.simulate(*START, impacts=100)
+    oscillator, history = motion(restitution, 100, 1.0625)
     last = float(history.impacts[-1].time)
     with mp.workdps(DIGITS):
         gaps = [gap_at(oscillator, history, t) for t in np.linspace(0.0, last, 400)[:-1].tolist()]
@@ -241,8 +250,7 @@ def test_gaps_are_never_negative(restitution: float) -> None:
 
 @pytest.mark.parametrize("restitution", [0.0, 0.25])
 def test_release_is_where_the_free_acceleration_is_that_of_the_table(restitution: float) -> None:
-    oscillator = general(restitution=restitution)
-    history = oscillator.simulate(*START, impacts=150)
+    oscillator, history = motion(restitution, 150)
     with mp.workdps(DIGITS):
         inverse = mpmath.matrix(MASS) ** -1
         forces = [mpf("0.5"), mpmath.mpc(0, "0.25"), mpmath.mpc("-0.125", "0.5")]
@@ -265,7 +273,7 @@ def test_release_is_where_the_free_acceleration_is_that_of_the_table(restitution
 
 
 def test_the_cut_of_a_chatter_costs_nothing_in_fifty_digits() -> None:
-    history = general(restitution=0.25).simulate(*START, impacts=150)
+    _, history = motion(0.25, 150)
     assert 0 < history.chatter_error < mpf("1e-58")
 
 
