@@ -13,6 +13,7 @@ from dynkit.map_problems import TURN, MapProblem, angles, sizes
 from dynkit.maps import Map
 from dynkit.orbits import PeriodicOrbit
 from dynkit.results import Cost
+from dynkit.showing import told
 from dynkit.validation import Array, finite_array, positive_integer
 
 # States of an orbit that agree so well, relative, are tried as one: a doubling leaves them so near
@@ -144,7 +145,9 @@ class MapOrbit(PeriodicOrbit):
         return MapOrbit, (self._system, self._x, self._history, self._cost)
 
     def __repr__(self) -> str:
-        return f"<{self.label} of {self.system!r}: {'stable' if self.stable else 'unstable'}>"
+        return (
+            f"<{self.label} of {told(self.system, 6)}: {'stable' if self.stable else 'unstable'}>"
+        )
 
     @property
     def system(self) -> Map:

@@ -9,13 +9,14 @@ from typing import Any, Self, cast, final
 import numpy as np
 
 from dynkit.differences import parameter_difference
+from dynkit.showing import Shown
 from dynkit.validation import Array, finite_array, finite_scalar, non_negative_integer
 
 _CLEAR = 1e3
 """So many errors of single numbers long a direction must be, for a log that is right to 1e-3."""
 
 
-class Family:
+class Family(Shown):
     """What has named numeric parameters, and is changed by `replace`.
 
     For a frozen dataclass both are given: every argument that is a number is a parameter. A class

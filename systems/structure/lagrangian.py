@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from dynkit.showing import Facts, Shown
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.energies import quadratic_form, symbols
 from dynkit.systems.structure.modes import Modes, modes_of
@@ -24,8 +25,11 @@ if TYPE_CHECKING:
 # Elements per matrix, summed over the derivations that are kept for later: about 160 MB.
 _MOST_KEPT = 4_000_000
 
+# A table shows so many modes, and does not derive those of more masses.
+_MODES, _MASSES = 5, 100
 
-class LagrangianStructure(ABC):
+
+class LagrangianStructure(Shown, ABC):
     """A linear structure M x'' + C x' + K x = f, given by its energies as SymPy expressions.
 
     A subclass owes:
@@ -140,6 +144,21 @@ class LagrangianStructure(ABC):
         check_semidefinite("the stiffness matrix of potential", stiffness.dense)
         check_semidefinite("the damping matrix of dissipation", damping.dense)
         return Derivation(mass, damping, stiffness, exact=True)
+
+    def _facts(self) -> Facts:
+        n = self.degrees_of_freedom
+        facts: Facts = [*super()._facts(), ("degrees of freedom", n)]
+        if n > _MASSES and "_derivation" not in vars(self):
+            return facts
+        try:
+            modes = self.modes
+        except ValueError as refusal:
+            return [*facts, ("modes", refusal)]
+        found = zip(modes.frequencies[:_MODES], modes.decay, strict=False)
+        for k, (frequency, decay) in enumerate(found, start=1):
+            ratio = f", damping ratio {decay / frequency:.4g}" if frequency else ", a rigid body"
+            facts.append((f"mode {k}", f"natural frequency {frequency:.6g}{ratio}"))
+        return facts
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in vars(self).items() if name != "_derivation"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from dynkit.orbits import PeriodicOrbit
 from dynkit.results import Cost
+from dynkit.showing import told
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.validation import Array
 
@@ -46,7 +46,7 @@ class DrivenOrbit(PeriodicOrbit):
         if not self.admissible:
             kind = f"inadmissible, {kind}"
         largest = abs(self.multipliers[0])
-        return f"<{self.label} of {_named(self.system)}: {kind}, multipliers up to {largest:.4g}>"
+        return f"<{self.label} of {told(self.system, 6)}: {kind}, multipliers up to {largest:.4g}>"
 
     @property
     def system(self) -> ImpactOscillator:
@@ -109,15 +109,3 @@ class DrivenOrbit(PeriodicOrbit):
     def unknowns(self) -> Array:
         """The solution, (m,), of the equations of its `problem`; read-only."""
         return self._x
-
-
-def _named(system: ImpactOscillator) -> str:
-    """The class of an oscillator, with what differs from its defaults and is short."""
-    told = [
-        f"{entry.name}={value:.6g}" if isinstance(value, float) else f"{entry.name}={value!r}"
-        for entry in fields(system)
-        if entry.init
-        and isinstance(value := getattr(system, entry.name), float | int | str)
-        and value != entry.default
-    ]
-    return f"{type(system).__name__}({', '.join(told)})"
