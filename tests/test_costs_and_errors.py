@@ -28,6 +28,7 @@ from dynkit.analysis import (
     BifurcationDiagram,
     ChatterRatios,
     CorrelationDimension,
+    ExactImpacts,
     ImpactSection,
     LyapunovSpectrum,
     PowerSpectrum,
@@ -35,6 +36,8 @@ from dynkit.analysis import (
     SpaceTime,
     StroboscopicSection,
     TimeSeries,
+    WorkPrecision,
+    impact_methods,
 )
 from dynkit.systems import Henon, ImpactChain, Logistic, SingleImpactOscillator
 from tests.public_classes import public_classes
@@ -65,6 +68,7 @@ NO_RESULTS = {
     "Rossler": SYSTEM,
     "SingleImpactOscillator": SYSTEM,
     "Hyperplane": OPTION,
+    "ImpactMethod": OPTION,
     "PoincareSection": OPTION,
     "Stroboscope": OPTION,
     "Basin": VALUE,
@@ -73,7 +77,10 @@ NO_RESULTS = {
     "Estimate": VALUE,
     "LabelInterval": VALUE,
     "Link": VALUE,
+    "ExactImpacts": VALUE,
+    "FoundImpacts": VALUE,
     "LocalSlopes": VALUE,
+    "Measurement": VALUE,
     "ScalingRegion": VALUE,
     "Unexplored": VALUE,
     "Crossing": STATE,
@@ -108,6 +115,14 @@ def logistic(rate: float) -> MapAttractor:
 def branch() -> Any:
     orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
     return continue_orbit(orbit, "a", bounds=(0.1, 0.5))
+
+
+def exact_impacts() -> ExactImpacts:
+    return ExactImpacts(
+        system=ImpactChain(masses=1, damping=0.0, amplitude=0.0, frequency=1.0),
+        position=[1.0], velocity=[0.0], until=2.0,
+        times=[np.pi / 2], positions=[[0.0]], velocities=[[0.85]],
+    )  # fmt: skip
 
 
 RESULTS: dict[str, Callable[[], Any]] = {
@@ -153,6 +168,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
         SingleImpactOscillator(frequency=2.6, stop=0.1), "frequency", [2.5, 2.6], progress=False
     ),
     "TimeSeries": lambda: TimeSeries(attractor()),
+    "WorkPrecision": lambda: WorkPrecision({"exact": exact_impacts()}, impact_methods(["dynkit"])),
 }
 """How to make one of each."""
 

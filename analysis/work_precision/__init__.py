@@ -1,0 +1,1 @@
+"""Error against run time: methods that simulate impacts, beside exact impacts."""

@@ -1,0 +1,111 @@
+"""Found impacts beside exact ones: which belong together, and how far they are apart."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.analysis.work_precision.exact import ExactImpacts
+from dynkit.analysis.work_precision.methods import FoundImpacts
+from dynkit.validation import Array
+
+NEAR = 0.05
+"""Part of the period within which a found impact may be an exact one."""
+
+
+@final
+@dataclass(frozen=True)
+class Comparison:
+    """What was right and wrong in one simulation.
+
+    Parameters
+    ----------
+    impacts : int
+        Exact impacts and releases.
+    missed, invented : int
+        Exact ones that were not found; found ones that are none.
+    error : float
+        Largest error of those that were found, 0 without any.
+    """
+
+    impacts: int
+    missed: int
+    invented: int
+    error: float
+
+    @property
+    def right(self) -> bool:
+        """Whether none is missed and none invented."""
+        return not (self.missed or self.invented)
+
+
+def compare(found: FoundImpacts, exact: ExactImpacts) -> Comparison:
+    """Compare found impacts and releases with exact ones, up to the end of these.
+
+    Found and exact ones are matched in the order of time, each with one at most, none with one that
+    is further away than `NEAR` of the period: as many as possible of them, then as near as
+    possible.
+    """
+    times, near = found.times, NEAR * exact.period
+    ours, theirs = matched(times, exact.times, near)
+    errors = exact.errors(times[ours], found.positions[ours], found.velocities[ours], theirs)
+    let, go = matched(found.releases, exact.releases, near)
+    late = exact.lateness(found.releases[let], go)
+    wrong = (times <= exact.until) & ~_within(times, exact.chatters)
+    wrong[ours] = False
+    early = found.releases <= exact.until
+    early[let] = False
+    return Comparison(
+        len(exact.times) + len(exact.releases),
+        len(exact.times) - len(theirs) + len(exact.releases) - len(go),
+        int(wrong.sum()) + int(early.sum()),
+        max(float(errors.max(initial=0.0)), float(late.max(initial=0.0))),
+    )
+
+
+def matched(found: Array, exact: Array, near: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Match two ascending lists of times; return the places of the pairs in both.
+
+    Parameters
+    ----------
+    found, exact : (k,), (n,)
+    near : float
+        No pair is further apart.
+
+    Examples
+    --------
+    >>> matched(np.array([1.0, 1.9, 3.1]), np.array([0.9, 3.0, 4.0]), 0.2)
+    (array([0, 2]), array([0, 1]))
+    """
+    k, n = len(found), len(exact)
+    # an unmatched one costs more than half of the largest distance: pairs are as many as can be
+    alone = near * (1.0 + k + n)
+    cost = np.empty((k + 1, n + 1))
+    cost[:, 0], cost[0] = alone * np.arange(k + 1), alone * np.arange(n + 1)
+    for i in range(k):
+        apart = abs(found[i] - exact)
+        for j in range(n):
+            together = cost[i, j] + apart[j] if apart[j] <= near else math.inf
+            cost[i + 1, j + 1] = min(together, cost[i, j + 1] + alone, cost[i + 1, j] + alone)
+    pairs = []
+    i, j = k, n
+    while i and j:
+        apart = abs(found[i - 1] - exact[j - 1])
+        if apart <= near and cost[i, j] == cost[i - 1, j - 1] + apart:
+            pairs.append((i - 1, j - 1))
+            i, j = i - 1, j - 1
+        elif cost[i, j] == cost[i - 1, j] + alone:
+            i -= 1
+        else:
+            j -= 1
+    table = np.array(pairs[::-1], dtype=np.intp).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
+
+
+def _within(times: Array, intervals: Array) -> NDArray[np.bool_]:
+    inside = (intervals[:, :1] <= times) & (times <= intervals[:, 1:])
+    return np.asarray(inside.any(axis=0))

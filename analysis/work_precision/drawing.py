@@ -1,0 +1,114 @@
+"""Figures of error against run time."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from dynkit.analysis.figures import print_style, shown_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from dynkit.analysis.work_precision.measuring import Measurement, WorkPrecision
+
+_WIDTH, _HEIGHT, _COLUMNS = 7.0, 2.3, 2
+_LOST = 30.0
+"""Where in a panel a run with a missed or invented impact is drawn: above all errors."""
+
+# told apart in black and white: markers, dashes, and full or hollow
+_MARKERS = ("*", "o", "s", "^", "v", "D", "X", "P", "h", "<", ">", "p")
+_DASHES: tuple[Any, ...] = ("-", "-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
+_COLORS = ("black", "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown",
+           "tab:pink", "tab:gray", "tab:olive", "tab:cyan")  # fmt: skip
+
+
+def draw_job(measured: WorkPrecision, job: str, ax: Axes | None) -> Axes:
+    """Draw one job, with a legend."""
+    axes = shown_axes(ax, height=3.0)
+    _draw(measured, job, axes)
+    axes.legend(fontsize=5.5, loc="best")
+    return axes
+
+
+def draw_all(measured: WorkPrecision) -> Figure:
+    """Return a figure with a panel for each job, and one legend."""
+    from matplotlib.figure import Figure
+
+    rows = math.ceil(len(measured.jobs) / _COLUMNS)
+    with print_style():
+        figure = Figure(figsize=(_WIDTH, _HEIGHT * rows + 0.5))
+        grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+        for job, axes in zip(measured.jobs, grid, strict=False):
+            _draw(measured, job, axes)
+            axes.set_title(job)
+        for axes in grid[len(measured.jobs) :]:
+            axes.set_axis_off()
+        entries: dict[str, Any] = {}
+        for axes in grid:
+            for line, name in zip(*axes.get_legend_handles_labels(), strict=True):
+                entries.setdefault(name, line)
+        figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=5)
+    return figure
+
+
+def _draw(measured: WorkPrecision, job: str, axes: Axes) -> None:
+    several = len(measured.jobs[job]) > 1
+    axes.set_xscale("log")
+    if several:
+        axes.set_yscale("symlog", linthresh=1.0)
+    else:
+        axes.set_yscale("log")
+    for k, method in enumerate(measured.methods):
+        rows = [
+            one
+            for one in measured
+            if one.job == job and one.method == method.name and not math.isnan(one.seconds)
+        ]
+        if rows:
+            _line(axes, rows, k, several=several)
+    axes.set_xlabel("seconds")
+    if several:
+        starts = len(measured.jobs[job])
+        axes.set_ylabel(f"starts lost, of {starts}")
+        axes.set_ylim(-0.3, 1.6 * starts)
+        ticks = [0, 1, 10, 100, starts]
+        axes.set_yticks(ticks, [str(tick) for tick in ticks])
+        axes.yaxis.set_minor_locator(_none())
+        return
+    axes.set_ylabel("error")
+    axes.set_ylim(1e-17, 10.0 * _LOST)
+    axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1.0, _LOST], [
+        "$10^{-16}$", "$10^{-12}$", "$10^{-8}$", "$10^{-4}$", "1", "lost"
+    ])  # fmt: skip
+    axes.yaxis.set_minor_locator(_none())
+    floor = measured.floors[job]
+    if floor > 0.0:
+        axes.axhline(floor, color="0.6", linewidth=0.6, label="rounding of the start")
+
+
+def _line(axes: Axes, rows: list[Measurement], k: int, *, several: bool) -> None:
+    style: dict[str, Any] = {
+        "marker": _MARKERS[k % len(_MARKERS)],
+        "markersize": 7.0 if k == 0 else 3.5,
+        "markeredgewidth": 0.7,
+        "markerfacecolor": _COLORS[k % len(_COLORS)] if k % 2 == 0 else "white",
+        "color": _COLORS[k % len(_COLORS)],
+        "linestyle": _DASHES[k % len(_DASHES)],
+        "linewidth": 0.7,
+        "label": rows[0].method,
+        "zorder": 4.0 if k == 0 else 3.0,
+    }
+    seconds = [one.seconds for one in rows]
+    if several:
+        axes.plot(seconds, [one.lost for one in rows], clip_on=False, **style)
+        return
+    heights = [max(one.error, 2.0**-53) if one.right else _LOST for one in rows]
+    axes.plot(seconds, heights, **style)
+
+
+def _none() -> Any:
+    from matplotlib.ticker import NullLocator
+
+    return NullLocator()

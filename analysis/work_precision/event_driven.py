@@ -1,0 +1,169 @@
+"""Flights that end at events: the loop of every method that integrates from one impact to the next.
+
+What a competent user of such an integrator adds to it stands here: the impact law, the change to
+contact when bounces have become small, the release, and the start of flights whose event function
+is zero where they begin.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import final
+
+import numpy as np
+
+from dynkit.analysis.work_precision.methods import FoundImpacts, GaveUp
+from dynkit.analysis.work_precision.models import ImpactModel
+from dynkit.validation import Array
+
+BLIND = 1e-3
+"""Part of the period after a release in which no impact is looked for: the gap opens from zero
+with the third power of the time, and its sign there is that of rounding."""
+
+SMALLEST = 1e-12
+"""No finer tolerance makes bounces smaller that are followed."""
+
+
+class Integrator(ABC):
+    """Integrates an `ImpactModel` to its next event; states are positions, then velocities."""
+
+    def __init__(self, model: ImpactModel) -> None:
+        self.model = model
+
+    @abstractmethod
+    def fly(
+        self, time: float, state: Array, end: float, flight: float
+    ) -> tuple[float, Array, bool]:
+        """Free flight to the next impact or to the end: time, state (2N,), whether it is an impact.
+
+        ``flight`` is an estimate of its duration, infinite without one.
+        """
+
+    @abstractmethod
+    def pass_freely(self, time: float, state: Array, end: float) -> Array:
+        """Free flight to the end, without looking for impacts: state (2N,)."""
+
+    @abstractmethod
+    def hold(self, time: float, state: Array, end: float) -> tuple[float, Array, bool]:
+        """Contact until its force falls through zero, or to the end; states (2N - 2,) of others."""
+
+    @abstractmethod
+    def work(self) -> dict[str, int]:
+        """What was done so far."""
+
+
+@final
+class ContactMatrices:
+    """Contact: the other coordinates, driven by the table, and the force of the table."""
+
+    def __init__(self, model: ImpactModel) -> None:
+        c, others = model.contact, model.others
+        self.model, self.others = model, others
+        inner = np.ix_(others, others)
+        inverse = np.linalg.inv(model.mass[inner])
+        self.inverse = inverse
+        n = len(others)
+        stiffness, damping = model.stiffness[inner], model.damping[inner]
+        self.matrix = np.zeros((2 * n, 2 * n))
+        self.matrix[:n, n:] = np.eye(n)
+        self.matrix[n:, :n], self.matrix[n:, n:] = -inverse @ stiffness, -inverse @ damping
+        # what the table does to the others: by its position, velocity and acceleration
+        columns = (model.stiffness, model.damping, model.mass)
+        self.drive = -inverse @ np.stack([part[others, c] for part in columns], axis=1)
+        # the force that the others leave to the table
+        row = np.concatenate([model.stiffness[c, others], model.damping[c, others]])
+        self.row = row + model.mass[c, others] @ self.matrix[n:]
+        self.own = np.array([part[c, c] for part in columns]) + model.mass[c, others] @ self.drive
+
+    def rate(self, time: float, y: Array) -> Array:
+        """Derivative (2N - 2,) of positions and velocities of the others."""
+        out = self.matrix @ y
+        n, model = len(self.others), self.model
+        out[n:] += self.drive @ np.array(model.table(time))
+        if model.forced:
+            out[n:] += self.inverse @ model.forces(time)[self.others]
+        return np.asarray(out)
+
+    def force(self, time: float, y: Array) -> float:
+        """Force of the table towards the structure's side."""
+        model, c = self.model, self.model.contact
+        pull = float(self.row @ y + self.own @ np.array(model.table(time)))
+        if model.forced:
+            acting = model.forces(time)
+            inner = float(model.mass[c, self.others] @ (self.inverse @ acting[self.others]))
+            pull += inner - float(acting[c])
+        return model.sign * pull
+
+
+def simulate(integrator: Integrator, stick_below: float) -> FoundImpacts:
+    """Simulate to the end of the model.
+
+    Parameters
+    ----------
+    integrator : Integrator
+    stick_below : float
+        A mass that is pressed onto the table stays there once its relative velocity after an impact
+        is below this. What is left of the chatter would move it by about the square of that.
+    """
+    model = integrator.model
+    contact = ContactMatrices(model)
+    n, c, end, kick = model.size, model.contact, model.until, model.kick
+    state, time = np.concatenate([model.position, model.velocity]), 0.0
+    rows: list[tuple[float, Array]] = []
+    releases: list[float] = []
+    flight = math.inf
+    while time < end:
+        time, state, hit = integrator.fly(time, state, end, flight)
+        if not hit:
+            break
+        if not np.isfinite(state).all():
+            raise GaveUp("gave up: not finite")
+        there, speed, _ = model.table(time)
+        approach = state[n + c] - speed
+        state = state.copy()
+        state[n:] -= (1.0 + model.restitution) * approach * kick
+        state[c], state[n + c] = there, speed - model.restitution * approach
+        rows.append((time, state))
+        rebound = abs(model.restitution * approach)
+        y = state[np.concatenate([contact.others, n + contact.others])]
+        force = contact.force(time, y)
+        pressed = force > 0.0
+        # the gap closes with the acceleration force / (mass that the table feels)
+        flight = 2.0 * rebound / (force * _compliance(model)) if pressed else math.inf
+        if pressed and rebound <= stick_below:
+            state = state.copy()
+            state[n:] -= model.sign * rebound * kick
+            y = state[np.concatenate([contact.others, n + contact.others])]
+            time, y, released = integrator.hold(time, y, end)
+            if not released:
+                break
+            releases.append(time)
+            there, speed, _ = model.table(time)
+            state = np.empty(2 * n)
+            state[contact.others], state[n + contact.others] = y[: n - 1], y[n - 1 :]
+            state[c], state[n + c] = there, speed
+            later = min(end, time + BLIND * 2.0 * math.pi / model.frequency)
+            state, time, flight = integrator.pass_freely(time, state, later), later, math.inf
+    return FoundImpacts(
+        np.array([row[0] for row in rows]),
+        np.array([row[1][:n] for row in rows]).reshape(-1, n),
+        np.array([row[1][n:] for row in rows]).reshape(-1, n),
+        np.array(releases),
+        integrator.work(),
+    )
+
+
+def _compliance(model: ImpactModel) -> float:
+    """Acceleration of the contact coordinate by a unit force on it."""
+    return float(np.linalg.solve(model.mass, np.eye(model.size)[model.contact])[model.contact])
+
+
+def smallest_bounce(model: ImpactModel, tolerance: float) -> float:
+    """The relative velocity below which a mass sticks: its square is of the tolerance's order.
+
+    Not less than what rounding hides: a bounce of 1e-6 of the table's velocity rises by some 1e-13
+    of its amplitude.
+    """
+    speed = max(model.amplitude * model.frequency, 1e-3 * float(abs(model.velocity).max()))
+    return math.sqrt(max(tolerance, SMALLEST)) * speed

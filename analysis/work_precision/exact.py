@@ -1,0 +1,181 @@
+"""Exact impacts: what the methods are measured by."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.validation import Array, finite_array, finite_scalar, positive
+
+_DOUBLE, _PAIR = 2.0**-53, 2.0**-105
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExactImpacts:
+    """A start of a system, and all its impacts and releases up to a time, from a reference.
+
+    Numbers with more digits than a double are given as ``Decimal`` or as texts; 32 digits are kept.
+
+    Parameters
+    ----------
+    system : object
+        What the methods simulate. Those of dynkit take an `ImpactOscillator`, or anything that has
+        its attributes.
+    position, velocity : (N,) array_like
+        To start from, doubles.
+    phase : float
+        Of the table at the start.
+    until : float
+        Up to this time after the start impacts are compared.
+    times : (n,) array_like
+        Times of the impacts, ascending.
+    positions, velocities : (n, k) array_like
+        At the impacts, and just after them.
+    coordinates : sequence of int
+        Which coordinates these are; by default all.
+    releases : (m,) array_like
+        Times at which the table lets a mass go that stuck to it.
+    chatters : (l, 2) array_like
+        Intervals in which bounces are too many to be compared one by one: the impacts that a method
+        finds there count neither as right nor as wrong, and none are given.
+    conditioning : float, optional
+        How many times a relative disturbance of the start is found in the errors of the impacts;
+        rounding the start costs this times 2^-53.
+    period : float, optional
+        By which errors of times are judged; by default that of the table.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    Examples
+    --------
+    A ball that falls by one in one unit of time:
+
+    >>> exact = ExactImpacts(
+    ...     system="a ball", position=[1.0], velocity=[0.0], until=1.5, period=1.0,
+    ...     times=["1.0"], positions=[["0.0"]], velocities=[["1.6"]],
+    ... )
+    >>> exact.errors([1.25], [[0.0]], [[1.6]])
+    array([0.25])
+    """
+
+    system: Any
+    position: Any
+    velocity: Any
+    phase: float = 0.0
+    until: float
+    times: Any
+    positions: Any
+    velocities: Any
+    coordinates: tuple[int, ...] = ()
+    releases: Any = ()
+    chatters: Any = ()
+    conditioning: float = math.nan
+    period: float = math.nan
+    _pairs: dict[str, Array] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        position = finite_array("position", self.position, (None,))
+        n = len(position)
+        self._set("position", position)
+        self._set("velocity", finite_array("velocity", self.velocity, (n,)))
+        self._set("phase", finite_scalar("phase", self.phase))
+        self._set("until", positive("until", self.until))
+        if math.isnan(self.period):
+            self._set("period", 2.0 * math.pi / positive("frequency", self.system.frequency))
+        self._set("period", positive("period", self.period))
+        self._set("coordinates", tuple(self.coordinates) or tuple(range(n)))
+        for k in self.coordinates:
+            if not 0 <= k < n:
+                raise ValueError(f"coordinates must lie in [0, {n - 1}]; got {k}")
+        chatters = self.chatters if len(self.chatters) else np.zeros((0, 2))
+        self._set("chatters", finite_array("chatters", chatters, (None, 2)))
+        self._pair("times", (None,))
+        count, width = len(self.times), len(self.coordinates)
+        self._pair("positions", (count, width))
+        self._pair("velocities", (count, width))
+        self._pair("releases", (None,))
+        for name in ("times", "releases"):
+            moments = getattr(self, name)
+            if (np.diff(moments) < 0.0).any():
+                raise ValueError(f"{name} must ascend; got {moments.tolist()}")
+            for moment in moments[(moments < 0.0) | (moments > self.until)][:1].tolist():
+                raise ValueError(f"{name} must lie in [0, until = {self.until}]; got {moment}")
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _pair(self, name: str, shape: tuple[int | None, ...]) -> None:
+        """Keep numbers as doubles and what is left of them."""
+        numbers = np.array(getattr(self, name), dtype=object)
+        if not numbers.size:
+            numbers = numbers.reshape([length or 0 for length in shape])
+        try:
+            high = np.array([float(x) for x in numbers.flat]).reshape(numbers.shape)
+        except (TypeError, ValueError):
+            raise ValueError(f"{name} must hold numbers; got {getattr(self, name)!r}") from None
+        finite_array(name, high, shape)
+        low = [_rest(x, y) for x, y in zip(numbers.flat, high.flat, strict=True)]
+        high.setflags(write=False)
+        self._set(name, high)
+        self._pairs[name] = np.array(low).reshape(high.shape)
+
+    @property
+    def rounding(self) -> float:
+        """Relative rounding of the numbers that were given: that of doubles, or of two of them."""
+        return _PAIR if any(part.any() for part in self._pairs.values()) else _DOUBLE
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Largest position and largest velocity of the impacts, by which errors are judged."""
+        sizes = (float(abs(x).max(initial=0.0)) for x in (self.positions, self.velocities))
+        first, second = (x or 1.0 for x in sizes)
+        return first, second
+
+    def errors(
+        self, times: object, positions: object, velocities: object, which: object = None
+    ) -> Array:
+        """Return the error of each impact, (n,).
+
+        That is the largest of: the error of the time over the period, of a position over the
+        largest position of all impacts, of a velocity over the largest velocity.
+
+        Parameters
+        ----------
+        times : (n,) array_like
+        positions, velocities : (n, N) array_like
+            Of all coordinates.
+        which : (n,) array_like of int, optional
+            Numbers of the exact impacts; by default 0 to n - 1.
+        """
+        t, kept = np.asarray(times, dtype=np.float64), list(self.coordinates)
+        chosen = np.arange(len(t)) if which is None else np.asarray(which, dtype=np.intp)
+        x, v = (np.asarray(part, dtype=np.float64) for part in (positions, velocities))
+        late = abs(self._off("times", t, chosen)) / self.period
+        parts = [
+            abs(self._off(name, part[:, kept], chosen)).max(axis=1, initial=0.0) / size
+            for name, part, size in zip(("positions", "velocities"), (x, v), self.size, strict=True)
+        ]
+        return np.asarray(np.max([late, *parts], axis=0))
+
+    def lateness(self, releases: object, which: object) -> Array:
+        """Return the errors of release times over the period, (m,); arguments as in `errors`."""
+        found, chosen = np.asarray(releases, dtype=np.float64), np.asarray(which, dtype=np.intp)
+        return np.asarray(abs(self._off("releases", found, chosen)) / self.period)
+
+    def _off(self, name: str, found: Array, which: Any) -> Array:
+        # the first difference is exact where it is small
+        return np.asarray((found - getattr(self, name)[which]) - self._pairs[name][which])
+
+
+def _rest(number: Any, double: float) -> float:
+    if isinstance(number, float | int | np.generic):
+        return 0.0
+    return float(Decimal(str(number)) - Decimal(double))

@@ -1,0 +1,56 @@
+"""dynkit's own simulation: closed-form motion, certified roots."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from dynkit.analysis.work_precision.exact import ExactImpacts
+from dynkit.analysis.work_precision.methods import FoundImpacts, ImpactMethod, Simulation, Unsuited
+
+
+@final
+class ExactMaps(ImpactMethod):
+    """``system.simulate`` of dynkit; it has no tolerance.
+
+    Impacts are asked for by number, one more than there are to be, and then twice as many as before
+    while the end is not reached. Positions and velocities are made from the modal coordinates
+    within the time that is taken.
+    """
+
+    name = "dynkit"
+    tolerances = (0.0,)
+
+    def prepare(self, exact: ExactImpacts, tolerance: float) -> Simulation:
+        for name in ("state", "simulate"):
+            if not hasattr(exact.system, name):
+                raise Unsuited(f"not made for it: it has no {name}")
+        if tolerance:
+            raise ValueError(f"tolerance must be 0, as there is none; got {tolerance}")
+        system, count = exact.system, len(exact.times) + 1
+        start = system.state(exact.position, exact.velocity, exact.phase)
+        system.simulate(impacts=1, start=start)
+
+        def simulate(_: int) -> FoundImpacts:
+            asked = count
+            records, begins = [system.simulate(impacts=asked, start=start)], [0.0]
+            while len(records[-1]) == asked and _end(records[-1], begins[-1]) <= exact.until:
+                asked *= 2
+                begins.append(_end(records[-1], begins[-1]))
+                records.append(system.simulate(impacts=asked, start=records[-1].final))
+            parts = list(zip(records, begins, strict=True))
+            released = np.concatenate([record.sticking[:, 1] + begin for record, begin in parts])
+            return FoundImpacts(
+                np.concatenate([record.time + begin for record, begin in parts]),
+                np.concatenate([record.position for record in records]),
+                np.concatenate([record.velocity for record in records]),
+                released[np.isfinite(released)],
+                {"cells": sum(record.cost.counts["cells"] for record in records)},
+            )
+
+        return simulate
+
+
+def _end(record: object, begin: float) -> float:
+    return begin + float(record.time[-1])  # type: ignore[attr-defined]
