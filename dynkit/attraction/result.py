@@ -56,7 +56,7 @@ class Basin:
     error: float
 
     def __repr__(self) -> str:
-        return f"<Basin {self.number}: {self.label}, {self.fraction:.3g} of the starts>"
+        return f"<Basin {self.number}: {self.label}, of {self.count} starts>"
 
 
 @final
