@@ -49,8 +49,9 @@ def load_independent(file: Path, system: Sweepable | Map | None) -> tuple[Plan, 
         As `Sweep.load`.
     """
     archive, found = read_rows(file, KIND)
-    given = {name: archive.arrays[f"given/{name}"] for name in ("values", "start")}
-    plan = replace(outline_of(store.Archive(archive.entries, given)), follow=False)
+    with store.understood(file, KIND):
+        given = {name: archive.arrays[f"given/{name}"] for name in ("values", "start")}
+        plan = replace(outline_of(store.Archive(archive.entries, given)), follow=False)
     if system is not None:
         plan = replace(plan, family=sweepable(system), kind=kind_of(system))
         points = _Values(plan)
@@ -60,7 +61,8 @@ def load_independent(file: Path, system: Sweepable | Map | None) -> tuple[Plan, 
             f"store must hold a finished sweep; got {found.done.sum()} of {found.count} values "
             f"in {file}"
         )
-    return plan, _findings(plan, found.rows())
+    with store.understood(file, KIND):
+        return plan, _findings(plan, found.rows())
 
 
 def _findings(plan: Plan, rows: Rows) -> Findings:

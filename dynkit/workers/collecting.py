@@ -16,6 +16,7 @@ import numpy as np
 
 from dynkit import __version__
 from dynkit import store as stores
+from dynkit.files import reason
 from dynkit.results import Cost
 from dynkit.workers.executing import finished
 from dynkit.workers.points import Findings, Points, Rows, Tasks, chunks_of
@@ -100,15 +101,16 @@ def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
     archive = stores.read(path)
     if archive.entries.get("kind") != kind:
         raise ValueError(f"store must hold a {kind}; got {path}")
-    findings = Findings(int(archive.entries["points"]))
-    done = np.zeros(findings.count, dtype=np.bool_)
-    done[archive.arrays["done"]] = True
-    arrays = _group(archive.arrays, "found")
-    known = json.loads(archive.entries["texts"])
-    codes = _group(archive.arrays, "texts")
-    texts = {name: [known[code] for code in column.tolist()] for name, column in codes.items()}
-    cost = Cost(float(archive.entries["seconds"]), json.loads(archive.entries["work"]))
-    findings.add(done, Rows(arrays, texts, cost))
+    with stores.understood(path, kind):
+        findings = Findings(int(archive.entries["points"]))
+        done = np.zeros(findings.count, dtype=np.bool_)
+        done[archive.arrays["done"]] = True
+        arrays = _group(archive.arrays, "found")
+        known = json.loads(archive.entries["texts"])
+        codes = _group(archive.arrays, "texts")
+        texts = {name: [known[code] for code in column.tolist()] for name, column in codes.items()}
+        cost = Cost(float(archive.entries["seconds"]), json.loads(archive.entries["work"]))
+        findings.add(done, Rows(arrays, texts, cost))
     return archive, findings
 
 
@@ -190,9 +192,7 @@ class _Keeper:
         try:
             self.write(findings)
         except OSError as failure:
-            raise ValueError(
-                f"store must be a file that can be written; got {self._path} ({failure.strerror})"
-            ) from failure
+            raise ValueError(reason(failure)) from failure
 
     def write(self, findings: Findings) -> None:
         done = int(findings.done.sum())
