@@ -69,6 +69,7 @@ def test_counts_are_those_of_the_naive_algorithm(
 
 @pytest.mark.parametrize("norm", ["maximum", "euclidean"])
 @pytest.mark.parametrize("angles", [{0: TURN}, {3: 1.0}, {1: 0.5, 4: TURN}])
+@pytest.mark.plain
 def test_counts_with_angles_are_those_of_the_naive_algorithm(
     norm: Norm, angles: dict[int, float]
 ) -> None:
@@ -79,6 +80,7 @@ def test_counts_with_angles_are_those_of_the_naive_algorithm(
 
 
 @pytest.mark.parametrize("n", [2, 3, 63, 64, 65, 129])
+@pytest.mark.plain
 def test_counts_of_few_states_are_those_of_the_naive_algorithm(n: int) -> None:
     states = scattered(n, 2, "plain")
     assert correlation_sums(states, RADII).pairs.tolist() == naive_pairs(states, RADII)
@@ -111,6 +113,7 @@ def test_counts_at_radii_of_every_size_are_those_of_the_naive_algorithm(norm: No
 
 
 @pytest.mark.parametrize("norm", ["maximum", "euclidean"])
+@pytest.mark.plain
 def test_distance_that_equals_a_radius_is_counted(norm: Norm) -> None:
     states = scattered(200, 3, "plain")
     radii = np.unique(distances(states, norm, {})[np.tril_indices(200, -1)])
@@ -118,6 +121,7 @@ def test_distance_that_equals_a_radius_is_counted(norm: Norm) -> None:
     assert sums.pairs.tolist() == naive_pairs(states, radii, norm)
 
 
+@pytest.mark.plain
 def test_angle_beyond_a_turn_counts_as_within_it() -> None:
     sums = correlation_sums(
         np.array([[0.1], [0.1 + 3.0 * TURN]]), np.array([1e-9, 1e-3]), angles={0: TURN}
@@ -125,6 +129,7 @@ def test_angle_beyond_a_turn_counts_as_within_it() -> None:
     assert sums.pairs[-1] == 1
 
 
+@pytest.mark.plain
 def test_last_coordinate_can_be_named_from_the_end() -> None:
     states = scattered(100, 3, "plain")
     named = [correlation_sums(states, RADII, angles={k: 1.0}).pairs.tolist() for k in (2, -1)]
@@ -146,6 +151,7 @@ def test_values_are_the_part_of_all_pairs() -> None:
 
 
 @pytest.mark.parametrize("theiler", [0, 5])
+@pytest.mark.plain
 def test_shares_count_the_pairs_of_each_block(theiler: int) -> None:
     states = scattered(640, 2, "plain")
     shares = correlation_sums(states, RADII, theiler=theiler).shares

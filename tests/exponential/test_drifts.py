@@ -80,6 +80,7 @@ def test_no_sum_falls_below_its_tail(mode: str, drive: str) -> None:
 
 @pytest.mark.parametrize("mode", ["at resonance, damped", "dragged"])
 @pytest.mark.parametrize("drive", ["by the table", "by weights"])
+@pytest.mark.plain
 def test_in_the_end_the_tail_is_steady_motion_and_drift(mode: str, drive: str) -> None:
     pairs = scene(mode, drive)
     propagators = Propagators.of(pairs)
@@ -96,6 +97,7 @@ def test_in_the_end_the_tail_is_steady_motion_and_drift(mode: str, drive: str) -
     assert tail(sums, states, START) == pytest.approx(lowest, rel=1e-4, abs=0.0)
 
 
+@pytest.mark.plain
 def test_a_steady_response_moves_with_what_drives_it() -> None:
     pairs = scene("at resonance, damped", "by both")
     responses = Responses.of(pairs)
@@ -109,6 +111,7 @@ def test_a_steady_response_moves_with_what_drives_it() -> None:
         assert abs(response @ drive - own @ response - push).max() <= 1e-14 * size
 
 
+@pytest.mark.plain
 def test_no_mode_has_a_steady_response_to_a_push_that_it_cannot_hold() -> None:
     responses = Responses.of(scene("dragged", "by weights"))
     assert not len(responses.slots)

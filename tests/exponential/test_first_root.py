@@ -121,6 +121,7 @@ def test_grazing_states_are_decided_outside_the_rounding_band(seed: int, sign: f
         assert shallow <= 2.0 * found.band[i], (i, claim[i], found.band[i], proved)
 
 
+@pytest.mark.plain
 def test_a_touch_is_reported_as_such() -> None:
     root = ExponentialSum([1.0], [0.0], [1.0], [0.0], offset=1.0).first_root()
     assert root.kind is RootKind.TOUCH
@@ -128,6 +129,7 @@ def test_a_touch_is_reported_as_such() -> None:
 
 
 @pytest.mark.parametrize("damping", [0.5, 0.999999999, 1.0, 1.000000001, 1.09, 1.11, 3.0, 1e4, 1e8])
+@pytest.mark.plain
 def test_any_damping_keeps_the_digits(damping: float) -> None:
     """One mode released at rest above a stop: against the closed form at 50 digits."""
     import mpmath as mp
@@ -150,6 +152,7 @@ def test_any_damping_keeps_the_digits(damping: float) -> None:
     assert float(error) < 4e-16
 
 
+@pytest.mark.plain
 def test_a_stiff_mode_costs_few_cells() -> None:
     """A mode a hundred million times as fast dies out: its time constant does not set the cells."""
     slow = ExponentialSum([1.0], [0.0], [1.0], [0.01], offset=-0.2).first_root()
@@ -158,6 +161,7 @@ def test_a_stiff_mode_costs_few_cells() -> None:
     assert cells[0] < 4 * cells[1] + 120
 
 
+@pytest.mark.plain
 def test_what_can_never_happen_is_known() -> None:
     root = ExponentialSum([1.0], [0.0], [1.0], [0.1], offset=1e-3).first_root()
     assert root.kind is RootKind.ROOT
@@ -168,6 +172,7 @@ def test_what_can_never_happen_is_known() -> None:
     assert missed.kind is RootKind.NEVER
 
 
+@pytest.mark.plain
 def test_the_limit_is_kept_and_says_how_far_it_came() -> None:
     # Both at their lowest at once is far away.
     frequency = [1.0, math.sqrt(2.0)]
@@ -201,6 +206,7 @@ def test_a_start_that_is_not_positive_is_refused() -> None:
 
 @pytest.mark.parametrize("cell_end", [2.0**k for k in range(-4, 5)])
 @pytest.mark.parametrize("offset", [0.0, 1.0, -1.0])
+@pytest.mark.plain
 def test_a_root_at_the_end_of_a_cell_is_a_root(cell_end: float, offset: float) -> None:
     """Cells end at powers of two: there, and an ulp either side, a crossing is no touch."""
     end = cell_end * (1.0 + offset * 2.0**-52)

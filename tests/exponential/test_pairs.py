@@ -9,6 +9,8 @@ from scipy.linalg import expm
 from dynkit.exponential.pairs import Pairs
 from dynkit.validation import Array
 
+pytestmark = pytest.mark.plain
+
 TIMES = np.concatenate([[0.0], np.logspace(-3, 2, 60)])
 
 

@@ -114,6 +114,7 @@ def test_elastic_impacts_never_stick(frequency: float) -> None:
 
 
 @pytest.mark.parametrize("frequency", FREQUENCIES)
+@pytest.mark.plain
 def test_dead_impacts_stick_where_they_press_and_only_there(frequency: float) -> None:
     record = ImpactChain(frequency=frequency, restitution=0.0).simulate(impacts=100)
     assert (record.relative_velocity == 0.0).all()
@@ -148,6 +149,7 @@ def test_the_table_pushes_throughout_contact(frequency: float, restitution: floa
 
 
 @pytest.mark.parametrize("frequency", FREQUENCIES)
+@pytest.mark.plain
 def test_the_force_vanishes_at_the_release(frequency: float) -> None:
     chain = ImpactChain(frequency=frequency)
     record = chain.simulate(impacts=300)
@@ -161,6 +163,7 @@ def test_the_force_vanishes_at_the_release(frequency: float) -> None:
 
 @pytest.mark.parametrize("n", [1, 3, 10])
 @pytest.mark.parametrize("restitution", [0.0, 0.85])
+@pytest.mark.plain
 def test_a_table_that_always_pushes_is_never_left(n: int, restitution: float) -> None:
     # A static press of about 0.3/n against accelerations of the table below 0.1 * 0.1^2.
     chain = ImpactChain(masses=n, restitution=restitution, offset=0.3, frequency=0.1)

@@ -17,6 +17,8 @@ from dynkit.systems.impact.record import Ending
 from tests.impact.exact import exact_errors
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 
+pytestmark = pytest.mark.plain
+
 # --- impacts where a cell of the search ends -----------------------------------------------------
 
 

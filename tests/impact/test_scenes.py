@@ -248,6 +248,7 @@ def test_impacts_are_off_by_less_than_the_record_says(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.plain
 def test_scenes_end_as_they_do(name: str) -> None:
     record, _, exact = simulated(name)
     endings = {
@@ -262,6 +263,7 @@ def test_scenes_end_as_they_do(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in SCENES if "rest" in name or "stick" in name])
+@pytest.mark.plain
 def test_contacts_begin_and_end_when_they_do(name: str) -> None:
     record, _, exact = simulated(name)
     assert exact.contacts
@@ -271,6 +273,7 @@ def test_contacts_begin_and_end_when_they_do(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.plain
 def test_motion_between_impacts_is_sampled_exactly(name: str) -> None:
     record, reference, exact = simulated(name)
     last = min(record.time[-1], float(exact.impacts[-1].time))

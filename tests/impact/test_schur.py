@@ -60,24 +60,28 @@ def test_equal_eigenvalues_change_places_without_loss(seed: int, n: int) -> None
     check(np.random.default_rng(seed).integers(-1, 2, size=(n, n)).astype(float), seed)
 
 
+@pytest.mark.plain
 def test_jordan_blocks_of_complex_eigenvalues_change_places_without_loss() -> None:
     turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
     matrix = np.kron(np.eye(3), turn) + np.kron(np.eye(3, k=1), np.eye(2))
     check(matrix, 1)
 
 
+@pytest.mark.plain
 def test_complex_eigenvalues_take_blocks_of_two() -> None:
     matrix = np.diag([3.0, 2.0, 0.0, 0.0]) + np.kron([[0, 0], [0, 1.0]], [[1.0, 1.0], [-1.0, 1.0]])
     assert sorted(form_of(matrix).size) == [1, 1, 2]
 
 
 @pytest.mark.parametrize("number", range(4))
+@pytest.mark.plain
 def test_the_block_that_leads_keeps_its_eigenvalue(number: int) -> None:
     form = form_of(np.diag([1.0, 2.0, 3.0, 4.0]) + np.triu(np.ones((4, 4)), 1))
     before = [form.lead([k])[1].high[0, 0] for k in range(4)]
     assert form.lead([number])[1].high[0, 0] == pytest.approx(before[number], abs=1e-15)
 
 
+@pytest.mark.plain
 def test_rows_before_the_start_stay_triangular() -> None:
     matrix = np.array([[0.0, 1.0, 2.0], [0.0, 3.0, 1.0], [0.0, 1.0, 4.0]])
     form = SchurForm(DoubleDouble(matrix, np.zeros((3, 3))), 1)

@@ -149,6 +149,7 @@ def test_error_is_small_beside_the_products(motion: str) -> None:
     assert moments.error < limit * moments.products.max() / moments.durations[0]
 
 
+@pytest.mark.plain
 def test_one_mass_agrees_with_many_digits() -> None:
     chain = ImpactChain(masses=1, frequency=0.4, offset=0.05)
     start = chain.attractor().final
@@ -173,6 +174,7 @@ def test_one_mass_agrees_with_many_digits() -> None:
         assert abs(moments.products[0, 0, 0] - total) <= moments.error * began[-1]
 
 
+@pytest.mark.plain
 def test_closed_forms_need_no_nodes() -> None:
     assert simulated("sticking").second_moments().cost.counts["nodes"] == 0
 

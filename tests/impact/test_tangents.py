@@ -157,6 +157,7 @@ def test_contact_takes_two_directions(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FLYING)
+@pytest.mark.plain
 def test_the_sum_is_the_logarithm_of_the_determinant(name: str) -> None:
     system = FLYING[name]
     found = system.stretching(start(name), 60)
@@ -170,6 +171,7 @@ def test_the_sum_is_the_logarithm_of_the_determinant(name: str) -> None:
     assert gap.max() < 1e-9 * max(1.0, abs(expected).max())
 
 
+@pytest.mark.plain
 def test_the_state_after_is_that_of_the_simulation() -> None:
     chain = FLYING["chaos"]
     found = chain.stretching(start("chaos"), 20)
@@ -187,6 +189,7 @@ def test_runs_are_cut_without_a_trace() -> None:
     assert abs(whole_run.logs[1024:] - whole_run.logs[1000:1024].mean(axis=0)).max() < 20.0
 
 
+@pytest.mark.plain
 def test_a_touch_counts_as_no_impact() -> None:
     chain = FLYING["P(1,3)"]
     state = chain.impact_state(start("P(1,3)"))
@@ -198,6 +201,7 @@ def test_a_touch_counts_as_no_impact() -> None:
     assert (steps.lost == 0).all()
 
 
+@pytest.mark.plain
 def test_where_no_impact_follows_there_is_no_stretching() -> None:
     chain = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
     state = np.array([-10.0, 0.0, 0.5, 0.0])
@@ -214,6 +218,7 @@ def test_one_disturbance_grows_as_the_first_direction_does() -> None:
     assert one[200:] == pytest.approx(whole_frame[200:], abs=1e-9)
 
 
+@pytest.mark.plain
 def test_where_the_motion_ends_nothing_grows() -> None:
     chain = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
     start = chain.impact_state(np.array([-10.0, 0.0, 0.5, 0.0]))

@@ -148,6 +148,7 @@ def test_errors_of_states_stay_below_their_bound(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.plain
 def test_multipliers_are_those_of_the_exact_map(name: str) -> None:
     for orbit, exact in found(name):
         assert distance(orbit.multipliers, exact.multipliers) <= ASKED

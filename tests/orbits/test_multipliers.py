@@ -75,6 +75,7 @@ def test_large_and_small_ones_are_right_relative_to_themselves(
 
 
 @pytest.mark.parametrize("d", [2, 3, 6])
+@pytest.mark.plain
 def test_random_factors(d: int) -> None:
     rng = np.random.default_rng(d)
     for _ in range(5):
@@ -86,6 +87,7 @@ def test_random_factors(d: int) -> None:
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-6, 1e-10, 0.0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.plain
 def test_nearly_equal_moduli(gap: float, sign: float) -> None:
     rng = np.random.default_rng(1)
     n = 20
@@ -99,6 +101,7 @@ def test_nearly_equal_moduli(gap: float, sign: float) -> None:
 
 @pytest.mark.parametrize("radius", [1.0 - 1e-9, 1.0, 1.0 + 1e-9])
 @pytest.mark.parametrize("angle", [1e-3, 0.3, 1.5, 3.1])
+@pytest.mark.plain
 def test_complex_pairs_are_conjugate_to_the_last_bit(radius: float, angle: float) -> None:
     rng = np.random.default_rng(2)
     n = 12
@@ -118,6 +121,7 @@ def test_complex_pairs_are_conjugate_to_the_last_bit(radius: float, angle: float
 
 @pytest.mark.parametrize("inside", [True, False])
 @pytest.mark.parametrize("segments", [1, 2, 3, 4, 6, 12, 24])
+@pytest.mark.plain
 def test_stability_does_not_depend_on_the_number_of_segments(segments: int, inside: bool) -> None:
     rng = np.random.default_rng(3)
     n, largest = 24, 1.0 - 1e-11 if inside else 1.0 + 1e-11
@@ -135,6 +139,7 @@ def test_stability_does_not_depend_on_the_number_of_segments(segments: int, insi
 
 
 @pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.plain
 def test_defective_ones_are_right_to_half_of_the_digits(turned: bool) -> None:
     rng = np.random.default_rng(4)
     n = 10
@@ -145,6 +150,7 @@ def test_defective_ones_are_right_to_half_of_the_digits(turned: bool) -> None:
 
 
 @pytest.mark.parametrize("growth", [1e2, 1e4, 1e6])
+@pytest.mark.plain
 def test_growth_that_is_taken_back_costs_what_rounding_costs(growth: float) -> None:
     rng = np.random.default_rng(5)
     shear = np.array([[1.0, growth], [0.0, 1.0]])
@@ -158,6 +164,7 @@ def test_growth_that_is_taken_back_costs_what_rounding_costs(growth: float) -> N
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
+@pytest.mark.plain
 def test_a_zero_factor_makes_all_of_them_zero(place: int) -> None:
     factors = np.random.default_rng(6).normal(size=(3, 4, 4))
     factors[place] = 0.0
@@ -165,6 +172,7 @@ def test_a_zero_factor_makes_all_of_them_zero(place: int) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 6])
+@pytest.mark.plain
 def test_a_nilpotent_product_has_zeros_only(count: int) -> None:
     chain = np.diag(np.ones(4), 1)
     assert not product_eigenvalues([chain] * count + [np.eye(5)]).any()
@@ -172,6 +180,7 @@ def test_a_nilpotent_product_has_zeros_only(count: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
+@pytest.mark.plain
 def test_singular_factors_with_exact_zeros(seed: int) -> None:
     rng = np.random.default_rng(seed)
     factors = np.rint(3.0 * rng.normal(size=(4, 4, 4)))
@@ -205,6 +214,7 @@ def test_no_spread_makes_it_fail() -> None:
             assert abs(found.real.sum() - logs.sum()) < allowed
 
 
+@pytest.mark.plain
 def test_permutations_keep_their_modulus() -> None:
     found = product_eigenvalues([np.roll(np.eye(5), 1, axis=0)] * 3)
     assert abs(found) == pytest.approx(1.0, abs=10.0 * 5 * 3 * ROUNDING)
@@ -231,11 +241,13 @@ def test_logarithms_have_no_limits() -> None:
     assert found.imag == pytest.approx([np.pi, 0.0, 0.0])
 
 
+@pytest.mark.plain
 def test_what_is_too_large_is_infinite_and_what_is_too_small_is_zero() -> None:
     found = product_eigenvalues([np.diag([1e150, 1.0, 1e-150])] * 3)
     assert found.tolist() == [np.inf, 1.0, 0.0]
 
 
+@pytest.mark.plain
 def test_a_single_factor_takes_the_short_way() -> None:
     matrix = np.random.default_rng(8).normal(size=(5, 5))
     expected = np.linalg.eigvals(matrix)
@@ -244,6 +256,7 @@ def test_a_single_factor_takes_the_short_way() -> None:
     assert (np.diff(abs(found)) <= 0.0).all()
 
 
+@pytest.mark.plain
 def test_numbers_are_multiplied() -> None:
     assert product_eigenvalues([[[2.0]], [[-3.0]], [[0.25]]]).tolist() == [-1.5]
 
