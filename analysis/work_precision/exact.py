@@ -44,8 +44,8 @@ class ExactImpacts:
         Intervals in which bounces are too many to be compared one by one: the impacts that a method
         finds there count neither as right nor as wrong, and none are given.
     conditioning : float, optional
-        How many times a relative disturbance of the start is found in the errors of the impacts;
-        rounding the start costs this times 2^-53.
+        About how many times a relative disturbance of the start is found in the errors of the
+        impacts; rounding the start costs this times 2^-53.
     period : float, optional
         By which errors of times are judged; by default that of the table.
 

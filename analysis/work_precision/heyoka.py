@@ -15,7 +15,13 @@ from dynkit.analysis.work_precision.event_driven import (
     smallest_bounce,
 )
 from dynkit.analysis.work_precision.exact import ExactImpacts
-from dynkit.analysis.work_precision.methods import GaveUp, ImpactMethod, Simulation, Unsuited
+from dynkit.analysis.work_precision.methods import (
+    GaveUp,
+    ImpactMethod,
+    OverBudget,
+    Simulation,
+    Unsuited,
+)
 from dynkit.analysis.work_precision.models import ImpactModel
 from dynkit.validation import Array
 
@@ -113,7 +119,7 @@ class _Taylor(Integrator):
         outcome, _, _, steps, *_ = integrator.propagate_until(end, max_steps=max(self._left, 1))
         self._left -= steps
         if outcome == self._exhausted or self._left <= 0:
-            raise GaveUp(f"gave up after {self._budget} steps")
+            raise OverBudget("steps")
         hit = int(outcome) == -1  # the first terminal event
         if not hit and outcome != self._limit:
             raise GaveUp(f"gave up: {outcome}")

@@ -15,6 +15,7 @@ from dynkit.analysis.work_precision.methods import (
     FoundImpacts,
     GaveUp,
     ImpactMethod,
+    OverBudget,
     Simulation,
     Unsuited,
 )
@@ -249,7 +250,8 @@ def _measure(
         try:
             found.append(run(left))
         except GaveUp as failure:
-            remark = str(failure)
+            over = isinstance(failure, OverBudget)
+            remark = f"gave up after {method.budget} {failure.unit}" if over else str(failure)
             break
         for name, count in found[-1].work.items():
             work[name] = work.get(name, 0) + count

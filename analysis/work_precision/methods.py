@@ -52,7 +52,16 @@ Simulation: TypeAlias = Callable[[int], FoundImpacts]
 
 
 class GaveUp(Exception):
-    """The budget of work was exceeded, or the method broke down; the message says which."""
+    """The method broke down; the message says how."""
+
+
+@final
+class OverBudget(GaveUp):
+    """The budget of work was exceeded, which is counted in this unit."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__(f"gave up: more {unit} than allowed")
+        self.unit = unit
 
 
 class Unsuited(Exception):

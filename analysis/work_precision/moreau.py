@@ -9,7 +9,13 @@ from typing import final
 import numpy as np
 
 from dynkit.analysis.work_precision.exact import ExactImpacts
-from dynkit.analysis.work_precision.methods import FoundImpacts, GaveUp, ImpactMethod, Simulation
+from dynkit.analysis.work_precision.methods import (
+    FoundImpacts,
+    GaveUp,
+    ImpactMethod,
+    OverBudget,
+    Simulation,
+)
 from dynkit.analysis.work_precision.models import ImpactModel
 from dynkit.validation import Array
 
@@ -83,7 +89,7 @@ class MoreauTimeStepping(ImpactMethod):
         def simulate(budget: int) -> FoundImpacts:
             most = budget * TEN * TEN // max(n, TEN) ** 2
             if steps > most:
-                raise GaveUp(f"gave up: {steps} steps are more than {most}")
+                raise OverBudget("steps")
             return through(steps)
 
         through(1)  # compiles

@@ -14,6 +14,7 @@ from dynkit.analysis.work_precision.methods import (
     FoundImpacts,
     GaveUp,
     ImpactMethod,
+    OverBudget,
     Simulation,
     Unsuited,
 )
@@ -172,8 +173,10 @@ def _simulate(model: ImpactModel, parts: _Parts, tolerance: float, budget: int) 
         times, states, releases,
     )  # fmt: skip
     if status != DONE:
-        reasons = {BUDGET: f"{budget} samples", FULL: f"{MOST} impacts"}
-        raise GaveUp(f"gave up after {reasons.get(status, 'Newton steps that did not converge')}")
+        if status == BUDGET:
+            raise OverBudget("samples")
+        reason = f"more than {MOST} impacts" if status == FULL else "Newton's method fails"
+        raise GaveUp(f"gave up: {reason}")
     kept = states[:impacts]
     x, v = kept[:, 0] @ parts.shape.T, kept[:, 1] @ parts.shape.T
     return FoundImpacts(times[:impacts], x, v, releases[:released], {"samples": samples})

@@ -11,8 +11,8 @@ import numpy as np
 from dynkit.analysis.work_precision.exact import ExactImpacts
 from dynkit.analysis.work_precision.methods import (
     FoundImpacts,
-    GaveUp,
     ImpactMethod,
+    OverBudget,
     Simulation,
     Unsuited,
 )
@@ -63,7 +63,7 @@ class Siconos(ImpactMethod):
 def _simulate(kernel: Any, model: ImpactModel, h: float, budget: int) -> FoundImpacts:
     steps = math.ceil(model.until / h)
     if steps > budget:
-        raise GaveUp(f"gave up: {steps} steps are more than {budget}")
+        raise OverBudget("steps")
     n, c = model.size, model.contact
     unit = np.eye(n)[c]
     columns = np.stack([model.stiffness[:, c], model.damping[:, c], model.mass[:, c]], axis=1)
@@ -72,8 +72,8 @@ def _simulate(kernel: Any, model: ImpactModel, h: float, budget: int) -> FoundIm
         model.position - there * unit, model.velocity - speed * unit, model.mass, model.stiffness,
         model.damping,
     )  # fmt: skip
-    force = np.zeros(n)
-    structure.setFExtPtr(force)
+    structure.setFExtPtr(np.zeros(n))
+    force = structure.fExt()  # a view: the array that was given is copied
     relation = kernel.LagrangianLinearTIR((model.sign * unit).reshape(1, n).copy())
     contact = kernel.Interaction(kernel.NewtonImpactNSL(model.restitution), relation)
     whole = kernel.NonSmoothDynamicalSystem(0.0, steps * h)

@@ -16,7 +16,12 @@ from dynkit.analysis.work_precision.event_driven import (
     smallest_bounce,
 )
 from dynkit.analysis.work_precision.exact import ExactImpacts
-from dynkit.analysis.work_precision.methods import GaveUp, ImpactMethod, Simulation
+from dynkit.analysis.work_precision.methods import (
+    GaveUp,
+    ImpactMethod,
+    OverBudget,
+    Simulation,
+)
 from dynkit.analysis.work_precision.models import ImpactModel
 from dynkit.validation import Array
 
@@ -136,7 +141,7 @@ class _SciPy(Integrator):
         def counted(t: float, y: Array) -> Array:
             self._left -= 1
             if self._left < 0:
-                raise GaveUp(f"gave up after {self._budget} evaluations")
+                raise OverBudget("evaluations")
             return rate(t, y)
 
         options = {**self._options, **({"jac": matrix} if self._implicit else {})}

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from dynkit.analysis import ExactImpacts, FoundImpacts, ImpactMethod, WorkPrecision
 from dynkit.analysis.work_precision.comparing import compare, matched
-from dynkit.analysis.work_precision.methods import GaveUp, Simulation, Unsuited
+from dynkit.analysis.work_precision.methods import OverBudget, Simulation, Unsuited
 from dynkit.systems import ImpactChain
 from tests.analysis.work_precision_cases import bounces
 
@@ -63,7 +63,7 @@ class Tired(Shifted):
 
     def prepare(self, exact: ExactImpacts, tolerance: float) -> Simulation:
         def simulate(budget: int) -> FoundImpacts:
-            raise GaveUp(f"gave up after {budget} looks")
+            raise OverBudget("looks")
 
         return simulate
 

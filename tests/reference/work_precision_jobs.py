@@ -166,12 +166,19 @@ def near_grazing() -> Iterator[Start]:
 
 
 def entry_of(start: Start) -> dict[str, Any]:
-    """The entry of a start, with its exact impacts computed anew."""
+    """The entry of a start, with its exact impacts and their conditioning computed anew."""
+    history = start.simulate()
+    until, _, kept = _compared(history, start)
+    releases = [c.release for c in history.contacts if c.release <= until]
+    return {**values_of(start), "conditioning": _conditioning(start, history, kept, releases)}
+
+
+def values_of(start: Start) -> dict[str, Any]:
+    """The same without the conditioning, which takes two more simulations."""
     case, history = start.case, start.simulate()
     until, intervals, kept = _compared(history, start)
     chosen = list(start.coordinates) or list(range(len(case.position)))
     releases = [c.release for c in history.contacts if c.release <= until]
-    factor = _conditioning(start, history, kept, releases)
     arguments = {
         "masses": len(case.masses),
         "springs": 1.0 if set(case.springs) == {1.0} else list(case.springs),
@@ -195,7 +202,6 @@ def entry_of(start: Start) -> dict[str, Any]:
             "velocities": [[_text(impact.velocity[i]) for i in chosen] for impact in kept],
             "releases": [_text(release) for release in releases],
             "chatters": intervals,
-            "conditioning": factor,
         }
 
 
