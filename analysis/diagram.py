@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.figures import DOTS, ink, print_style, shown_axes
+from dynkit.drawing import dots, draw_diagram
+from dynkit.figures import print_style
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
@@ -162,14 +163,8 @@ class BifurcationDiagram:
         ValueError
             When there is no such observable.
         """
-        if observable not in self.observables:
-            raise ValueError(
-                f"observable must be one of: {', '.join(self.observables)}; got {observable!r}"
-            )
-        numbers = self.observables[observable]
-        across = np.repeat(self.values, numbers.shape[1])
-        there = ~np.isnan(numbers.ravel())
-        return across[there], numbers.ravel()[there]
+        self._check(observable)
+        return dots(self.values, self.observables[observable])
 
     @print_style()
     def plot(
@@ -199,20 +194,20 @@ class BifurcationDiagram:
             When there is no such observable.
         """
         name = next(iter(self.observables)) if observable is None else observable
-        across, up = self.points(name)
-        axes = shown_axes(ax)
-        axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
-        axes.set_xlabel(self._title(self.parameter))
-        axes.set_ylabel(self._title(name))
-        grid = np.unique(self.values)
-        if len(grid) > 1:  # half a step of room, for the dots at the ends
-            first, last = 0.5 * (grid[1] - grid[0]), 0.5 * (grid[-1] - grid[-2])
-            axes.set_xlim(grid[0] - first, grid[-1] + last)
+        self._check(name)
+        titles = self._title(self.parameter), self._title(name)
+        axes = draw_diagram(ax, self.values, self.observables[name], titles, size)
         if self.intervals:
             from dynkit.analysis.annotation import write_intervals
 
             write_intervals(axes, self.intervals)
         return axes
+
+    def _check(self, observable: str) -> None:
+        if observable not in self.observables:
+            raise ValueError(
+                f"observable must be one of: {', '.join(self.observables)}; got {observable!r}"
+            )
 
     def _title(self, name: str) -> str:
         words = name.replace("_", " ")

@@ -20,19 +20,13 @@ from dynkit.analysis.series import (
     record_until,
 )
 from dynkit.attractors import Attractor
-from dynkit.figures import DOTS, ink, print_style, shown_axes
+from dynkit.drawing import PHASE, RELATIVE_VELOCITY, draw_points
+from dynkit.figures import ink, print_style
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, finite_scalar, positive_integer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# Points nearer to one another, in widths of the axes, look like one; fewer of them are drawn large.
-_SHARP, _FEW = 0.005, 50
-
-_PHASE = r"phase $\varphi$"
-_QUARTERS = [0.5 * math.pi * i for i in range(5)]
-_QUARTER_NAMES = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
 
 
 @final
@@ -125,7 +119,7 @@ class StroboscopicSection:
                 first = contact_coordinate(attractor)
                 default = first, first + d // 2
         chosen = _chosen(coordinates, default, d)
-        return _draw(ax, self.states, chosen, names)
+        return draw_points(ax, self.states[:, chosen], [names[k] for k in chosen])
 
 
 @final
@@ -225,10 +219,9 @@ class ImpactSection:
             return np.asarray(system.amplitude * system.frequency * np.cos(phase))
 
         velocity = table(self.phase) + self.relative_velocity
-        axes = _draw(ax, np.stack([self.phase, velocity], axis=1), (0, 1), [_PHASE, name])
+        axes = draw_points(ax, np.stack([self.phase, velocity], axis=1), (PHASE, name))
         turn = np.linspace(0.0, TWO_PI, 257)
         axes.plot(turn, table(turn), "--", color=ink(), linewidth=0.6, zorder=1)
-        _as_phase(axes, "x")
         return axes
 
     def plot(self, ax: Axes | None = None, *, coordinates: tuple[int, int] | None = None) -> Axes:
@@ -253,12 +246,8 @@ class ImpactSection:
         d = self.states.shape[1]
         chosen = _chosen(coordinates, (d - 1, d - 2), d)
         names = [f"section coordinate {k}" for k in range(d - 2)]
-        names += ["relative velocity $u$", _PHASE]
-        axes = _draw(ax, self.states, chosen, names)
-        for k, name in zip(chosen, ("x", "y"), strict=True):
-            if k == d - 1:
-                _as_phase(axes, name)
-        return axes
+        names += [RELATIVE_VELOCITY, PHASE]
+        return draw_points(ax, self.states[:, chosen], [names[k] for k in chosen])
 
 
 def _given(source: object) -> Array:
@@ -288,31 +277,9 @@ def _strobe_times(attractor: Attractor, phase: float, periods: int | None) -> Ar
 
 def _chosen(
     coordinates: tuple[int, int] | None, default: tuple[int, int], dimension: int
-) -> tuple[int, int]:
+) -> list[int]:
     first, second = default if coordinates is None else coordinates
-    return (
+    return [
         checked_index("coordinates[0]", first, dimension),
         checked_index("coordinates[1]", second, dimension),
-    )
-
-
-@print_style()
-def _draw(ax: Axes | None, states: Array, chosen: tuple[int, int], names: list[str]) -> Axes:
-    axes = shown_axes(ax)
-    points = states[:, list(chosen)]
-    size = 3.0 if _distinct(points) < _FEW else 1.2
-    axes.plot(points[:, 0], points[:, 1], markersize=size, color=ink(), **DOTS)
-    axes.set_xlabel(names[chosen[0]])
-    axes.set_ylabel(names[chosen[1]])
-    return axes
-
-
-def _as_phase(axes: Axes, name: str) -> None:
-    axes.set(**{f"{name}lim": (0.0, TWO_PI), f"{name}ticks": _QUARTERS})
-    axes.set(**{f"{name}ticklabels": _QUARTER_NAMES})
-
-
-def _distinct(points: Array) -> int:
-    """Number of points (p, 2) that a reader can tell apart."""
-    span = np.maximum(np.ptp(points, axis=0), _SHARP * abs(points).max(axis=0))
-    return len(np.unique(np.rint(points / np.where(span > 0.0, span, 1.0) / _SHARP), axis=0))
+    ]

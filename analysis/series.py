@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.attractors import Attractor
-from dynkit.figures import ink, print_style, shown_axes
+from dynkit.drawing import displacement, draw_motion
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
 
@@ -121,7 +121,6 @@ class TimeSeries:
         """
         return motion_error(self._attractor, float(self.times.max(initial=0.0)))
 
-    @print_style()
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the values against time, the table dashed, the impacts as dots.
 
@@ -136,22 +135,11 @@ class TimeSeries:
         -------
         Axes
         """
-        axes = shown_axes(ax, height=1.8)
-        axes.plot(self.times, self.values, color=ink(), linewidth=0.8, label=self.name)
-        attractor = self._attractor
-        if (
-            attractor is not None
-            and self.table is not None
-            and self.coordinate == contact_coordinate(attractor)
-        ):
-            axes.plot(self.times, self.table, "--", color=ink(), linewidth=0.6, label="table $x_T$")
-            at = attractor.time_series(self.impacts)[:, self.coordinate]
-            axes.plot(self.impacts, at, "o", color=ink(), markersize=1.8, label="impacts")
-        axes.set_xlabel("time $t$")
-        axes.set_ylabel(self.name)
-        if len(self.times) > 1:
-            axes.set_xlim(self.times[0], self.times[-1])
-        return axes
+        attractor, table = self._attractor, self.table
+        if attractor is None or table is None or self.coordinate != contact_coordinate(attractor):
+            return draw_motion(ax, self.times, self.values, self.name)
+        at = attractor.time_series(self.impacts)[:, self.coordinate]
+        return draw_motion(ax, self.times, self.values, self.name, [table], (self.impacts, at))
 
 
 # --- what is known about motions ------------------------------------------------------------------
@@ -177,8 +165,9 @@ def coordinate_name(attractor: Attractor, coordinate: int) -> str:
     if not is_impact_oscillator(system):
         return f"coordinate {coordinate}"
     n = system.degrees_of_freedom
-    what, letter = ("displacement", "x") if coordinate < n else ("velocity", "v")
-    return f"{what} ${letter}_{{{coordinate % n + 1}}}$"
+    if coordinate < n:
+        return displacement(coordinate)
+    return f"velocity $v_{{{coordinate - n + 1}}}$"
 
 
 def checked_coordinate(attractor: Attractor, coordinate: object, dimension: int) -> int:

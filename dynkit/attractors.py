@@ -17,6 +17,8 @@ from dynkit.sections import PoincareSection
 from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from dynkit.map_orbits import MapOrbit
 
 # How far, relative, a motion that was labelled while it still settled may be from its orbit.
@@ -255,6 +257,28 @@ class MapAttractor(Attractor):
                 f"is {float(gap.max()):.1e} away"
             )
         return orbit
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the second coordinate of the states against the first.
+
+        Of one-dimensional maps, the next state against each.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.drawing import draw_points
+
+        if self._system.dimension > 1:
+            return draw_points(ax, self._states[:, :2], ("state[0]", "state[1]"))
+        beyond = self._system(self._states[-1])
+        points = np.column_stack([self._states, np.append(self._states[1:], beyond)])
+        return draw_points(ax, points, ("state[0]", "next state[0]"))
 
     def time_series(self, times: Array) -> Array:
         """Return the states, (k, d), at the given times: iterates after the first state kept.

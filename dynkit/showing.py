@@ -88,7 +88,7 @@ def _arguments(system: Any) -> list[tuple[str, object, object]]:
 def _same(value: object, default: object) -> bool:
     if default is dataclasses.MISSING or _shape(value) != _shape(default):
         return False
-    return bool(np.all(value == default))  # type: ignore[call-overload]
+    return bool(np.all(value == default))
 
 
 def _shape(value: Any) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
-from dynkit import figures, periodic_orbit, sweep
+from dynkit import MapAttractor, Sweep, figures, periodic_orbit, sweep
 from dynkit.analysis import POD, BifurcationDiagram, ImpactSection, SpaceTime, TimeSeries
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.systems import ImpactChain, Logistic
@@ -21,9 +21,12 @@ def chain() -> ImpactChain:
     return ImpactChain(masses=2, frequency=0.9)
 
 
+def logistic_sweep() -> Sweep:
+    return sweep(Logistic(rate=3.1), "rate", [3.1, 3.2], start=[0.3], progress=False)
+
+
 def diagram() -> Axes:
-    found = sweep(Logistic(rate=3.1), "rate", [3.1, 3.2], start=[0.3], progress=False)
-    return BifurcationDiagram.of(found).plot()
+    return BifurcationDiagram.of(logistic_sweep()).plot()
 
 
 def branch() -> Axes:
@@ -34,6 +37,11 @@ def branch() -> Axes:
 PLOTS: dict[str, Callable[[], Axes]] = {
     "diagram": diagram,
     "branch": branch,
+    "record": lambda: chain().simulate(impacts=5).plot(),
+    "impact attractor": lambda: chain().attractor(impacts=5).plot(),
+    "impact orbit": lambda: chain().periodic_orbit().plot(),
+    "map attractor": lambda: MapAttractor(Logistic(rate=3.5), np.array([0.3]), 100, 20).plot(),
+    "sweep": lambda: logistic_sweep().plot(),
     "series": lambda: TimeSeries(chain().attractor(impacts=5)).plot(),
     "section": lambda: ImpactSection(chain().attractor(impacts=5)).plot(),
     "modes": lambda: POD(chain().attractor(impacts=5)).plot(),

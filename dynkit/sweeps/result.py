@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from functools import cached_property
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from dynkit.sweeps.following import Findings, Plan, kind_of
 from dynkit.sweeps.independent import KIND, load_independent
 from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, as_attractor, sweepable
 from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @final
@@ -173,6 +176,26 @@ class Sweep:
         if place not in self._labels:
             self._labels[place] = self._motion(place).label
         return self._labels[place]
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the first observable at the kept states against the parameter, and nothing more.
+
+        `dynkit.analysis.BifurcationDiagram` draws others, and the labels above.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.drawing import draw_diagram
+
+        name = self.observables[0]
+        titles = [title.replace("_", " ") for title in (self.parameter, name)]
+        return draw_diagram(ax, self.values, self.observable(name), titles)
 
     @property
     def labels(self) -> tuple[OrbitLabel, ...]:

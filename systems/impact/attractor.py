@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.attractors import Attractor
+from dynkit.drawing import PHASE, RELATIVE_VELOCITY, draw_points
 from dynkit.harmonics import harmonics_needed
 from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label
 from dynkit.results import Cost
@@ -20,6 +21,8 @@ from dynkit.systems.impact.tangents import growth
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from dynkit.orbits import PeriodicOrbit
     from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.second_moments import SecondMoments
@@ -157,6 +160,21 @@ class ImpactAttractor(Attractor):
     def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
         return self.record.second_moments(batches)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw its section: the relative velocity after the kept impacts against the phase.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        points = np.stack([self.record.phase, self.record.relative_velocity], axis=1)
+        return draw_points(ax, points, (PHASE, RELATIVE_VELOCITY))
 
     def time_series(self, times: Array) -> Array:
         """Positions and velocities, (k, 2N), at times from the last skipped impact on."""

@@ -16,6 +16,8 @@ from dynkit.systems.impact.state import ImpactState, on_table
 from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.second_moments import SecondMoments
 
@@ -227,6 +229,25 @@ class ImpactRecord:
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
         return sample_run(self.system, self._run, asked)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the contact coordinate against time, the stops dashed, the impacts as dots.
+
+        From the start to the last impact, but no more than 1000 periods of the forcing; two periods
+        more, and 12 at least, where the simulation ended by itself.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.systems.impact.drawing import draw_record
+
+        return draw_record(self, ax)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages of positions and of their products, in closed form.

@@ -15,6 +15,8 @@ from dynkit.systems.impact.state import TWO_PI
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from dynkit.continuation.problem import Problem
     from dynkit.systems.impact.oscillator import ImpactOscillator
 
@@ -68,6 +70,15 @@ class DrivenOrbit(PeriodicOrbit):
     def phases(self) -> Array:
         """Phases of the forcing at its states, ascending, not wrapped."""
 
+    @property
+    @abstractmethod
+    def _impact_times(self) -> Array:
+        """Times, (k,), of the impacts in a period, from the first of its states on."""
+
+    @abstractmethod
+    def sample(self, times: object) -> tuple[Array, Array]:
+        """Positions and velocities, (k, N) each, at times (k,) from the first of its states on."""
+
     @cached_property
     def multipliers(self) -> Any:
         """Floquet multipliers, (2N,) complex, the largest modulus first.
@@ -104,6 +115,22 @@ class DrivenOrbit(PeriodicOrbit):
             if name not in known:
                 raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
         return self._problem.free(*names)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw one period of the contact coordinate, the stops dashed, the impacts as dots.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.systems.impact.drawing import draw_orbit
+
+        return draw_orbit(self, ax)
 
     @property
     def unknowns(self) -> Array:

@@ -58,6 +58,10 @@ class ImpactOrbit(DrivenOrbit):
         """Times (n,) of the impacts, from the first one."""
         return np.asarray((self.phases - self.phases[0]) / self.system.frequency)
 
+    @property
+    def _impact_times(self) -> Array:
+        return np.append(self.time, self.period)
+
     @cached_property
     def states(self) -> Array:
         """Section coordinates (n, 2N) just after the impacts: see `ImpactOscillator`."""

@@ -117,6 +117,10 @@ class StickingOrbit(DrivenOrbit):
         time = (phases - self.phases[0]) / self.system.frequency
         return np.stack([time, phases % TWO_PI, speeds], axis=1)
 
+    @property
+    def _impact_times(self) -> Array:
+        return self.bounces[:, 0]
+
     def _named(self, passage: Passage) -> Array:
         """Relative velocities after the impacts before a chatter."""
         signs = np.where(np.array(passage.word.sides) == 1, -1.0, 1.0)
