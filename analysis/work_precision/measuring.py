@@ -249,9 +249,11 @@ def _measure(
     for run in runs:
         try:
             found.append(run(left))
+        except OverBudget as failure:
+            remark = f"gave up after {method.budget} {failure.unit}"
+            break
         except GaveUp as failure:
-            over = isinstance(failure, OverBudget)
-            remark = f"gave up after {method.budget} {failure.unit}" if over else str(failure)
+            remark = str(failure)
             break
         for name, count in found[-1].work.items():
             work[name] = work.get(name, 0) + count

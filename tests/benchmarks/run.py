@@ -16,12 +16,11 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from mpmath import mp
-from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from dynkit import sweep
+from dynkit.cli.work_precision import work_precision
 from dynkit.systems import ImpactChain
 from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
@@ -30,19 +29,6 @@ from tests.benchmarks.report import table
 from tests.benchmarks.scaling import scaling
 from tests.benchmarks.sticking import sticking
 from tests.benchmarks.structures import structures
-from tests.reference import solve_ivp_peer
-from tests.reference.values import PAPER_CHAIN
-
-Array = NDArray[np.float64]
-
-METHODS: tuple[tuple[solve_ivp_peer.Method, float], ...] = (
-    ("RK45", 1e-6),
-    ("RK45", 1e-10),
-    ("DOP853", 1e-10),
-    ("DOP853", 1e-13),
-    ("LSODA", 1e-10),
-    ("Radau", 1e-8),
-)
 
 
 def fastest(call: Callable[[], object], runs: int = 7) -> float:
@@ -115,90 +101,6 @@ def start_up() -> None:
     table("Seconds of a whole process", ("process", "s"), rows)
 
 
-def error_of(time: float, tip: float, key: tuple[float, int]) -> float:
-    """Largest error of time (relative) and tip position (absolute) against many digits."""
-    exact = PAPER_CHAIN[key]
-    with mp.workdps(30):
-        late = abs(mp.mpf(time) / mp.mpf(exact.time) - 1)
-        off = abs(mp.mpf(tip) - mp.mpf(exact.tip))
-        return float(max(late, off))
-
-
-def beside_solve_ivp() -> None:
-    chain = ImpactChain(frequency=0.87)
-    rows: list[tuple[object, ...]] = []
-    for count in (10, 50):
-        record = chain.simulate(impacts=count)
-        seconds = fastest(partial(chain.simulate, impacts=count))
-        error = error_of(record.time[-1], record.position[-1, -1], (0.87, count))
-        rows.append(("dynkit", "", count, f"{count / seconds:,.0f}", f"{error:.1e}"))
-    start = chain.state()
-    for method, rtol in METHODS:
-        run = solve_ivp_peer.simulate(
-            np.ones(10),
-            np.ones(10),
-            damping=0.1,
-            restitution=0.85,
-            amplitude=0.1,
-            offset=0.0,
-            frequency=0.87,
-            position=start.position,
-            velocity=start.velocity,
-            impacts=10,
-            method=method,
-            rtol=rtol,
-            atol=0.01 * rtol,
-        )
-        error = error_of(run.time[-1], run.position[-1, -1], (0.87, 10))
-        rows.append(
-            (f"solve_ivp {method}", f"{rtol:.0e}", 10, f"{10 / run.seconds:,.0f}", f"{error:.1e}")
-        )
-    head = ("method", "rtol", "impacts", "impacts per second", "error")
-    table("The same impacts by other means, frequency 0.87, start of mode 1", head, rows)
-
-
-def grazing(count: int = 200, depth: float = 1e-9) -> None:
-    """Starts whose first dip is `depth` deep: how many impacts are missed?"""
-    rng = np.random.default_rng(0)
-    away = ImpactChain(frequency=0.87, offset=-100.0, damping=0.02)
-    times = np.linspace(0.0, 30.0, 3001)
-    missed = {"dynkit": 0, "solve_ivp DOP853 1e-10": 0}
-    done = 0
-    while done < count:
-        start = away.state(0.3 * rng.normal(size=10), 0.3 * rng.normal(size=10), phase=0.0)
-        flight = away.simulate(impacts=1, start=start)
-        gap = flight.sample(times)[0][:, -1] - 0.1 * np.sin(0.87 * times)
-        k = int(np.argmin(gap))
-        if not 50 < k < len(times) - 50:
-            continue
-        fine = np.linspace(times[k - 1], times[k + 1], 20_001)
-        lowest = flight.sample(fine)[0][:, -1] - 0.1 * np.sin(0.87 * fine)
-        at, offset = float(fine[np.argmin(lowest)]), float(lowest.min()) + depth
-        chain = away.replace(offset=offset)
-        done += 1
-        record = chain.simulate(impacts=1, start=chain.state(start.position, start.velocity))
-        missed["dynkit"] += not (len(record) and abs(record.time[0] - at) < 1e-3)
-        run = solve_ivp_peer.simulate(
-            np.ones(10),
-            np.ones(10),
-            damping=0.02,
-            restitution=0.85,
-            amplitude=0.1,
-            offset=offset,
-            frequency=0.87,
-            position=start.position,
-            velocity=start.velocity,
-            impacts=1,
-        )
-        found = run.time.size and abs(run.time[0] - at) < 1e-3
-        missed["solve_ivp DOP853 1e-10"] += not found
-    table(
-        f"Impacts missed out of {count} starts that graze {depth:g} deep",
-        ("method", "missed"),
-        missed.items(),
-    )
-
-
 def main() -> None:
     impact_speed()
     lyapunov_speed()
@@ -209,8 +111,8 @@ def main() -> None:
     dimensions()
     scaling()
     start_up()
-    beside_solve_ivp()
-    grazing()
+    print("\n### Error against run time: dynkit work-precision\n", flush=True)
+    work_precision(log=sys.stdout)
 
 
 if __name__ == "__main__":
