@@ -1,0 +1,76 @@
+"""Settings of the documentation, built by `make docs`."""
+
+import shutil
+import sys
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import dynkit
+from dynkit.cli import main
+from dynkit.cli.arguments import make_parser
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_extensions"))
+# Sphinx takes sources from one folder only, and follows no links.
+shutil.copytree(HERE.parent / "tutorials", HERE / "tutorials", dirs_exist_ok=True)
+
+project = "dynkit"
+author = "The dynkit developers"
+project_copyright = "the dynkit developers, BSD-3-Clause"
+release = dynkit.__version__
+version = release
+
+extensions = [
+    "mathml",
+    "myst_nb",
+    "numpydoc",
+    "sphinx_design",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+]
+exclude_patterns = ["_build", "README.md"]
+templates_path = ["_templates"]
+nitpicky = False
+suppress_warnings = ["myst.strikethrough"]
+
+# Notebooks carry their outputs; the tests execute them and compare.
+nb_execution_mode = "off"
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+autosummary_generate = True
+autodoc_typehints = "none"
+autodoc_inherit_docstrings = True
+numpydoc_class_members_toctree = False
+numpydoc_show_class_members = False
+numpydoc_validation_checks: set[str] = set()
+
+html_math_renderer = "mathml"
+html_theme = "pydata_sphinx_theme"
+html_title = f"dynkit {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+
+
+def help_of(*arguments: str) -> str:
+    """What the command says of itself."""
+    with redirect_stdout(StringIO()) as text:
+        main([*arguments, "--help"])
+    return f"```text\n{text.getvalue().strip()}\n```"
+
+
+commands = next(a.choices for a in make_parser()._actions if isinstance(a.choices, dict))
+pages = ["# The `dynkit` command", help_of()]
+for command in commands:
+    pages += [f"## `dynkit {command}`", help_of(command)]
+(HERE / "api" / "command.md").write_text("\n\n".join(pages) + "\n", encoding="utf-8")

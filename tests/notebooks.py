@@ -1,0 +1,125 @@
+"""The tutorials as notebooks: execute them, and keep their outputs free of noise.
+
+``python -m tests.notebooks`` executes all, or those that are named, and writes what
+they put out into them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nbformat import NotebookNode
+
+FOLDER = Path(__file__).parents[1] / "tutorials"
+
+STATISTICS = "statistics"
+"""Tag of cells whose numbers are statistics of chaos: other processors give others."""
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+# Seconds are kept for long enough to compile kernels on a slow machine.
+_TIMEOUT = 600
+
+
+@dataclass(frozen=True)
+class CellText:
+    """What a code cell printed: its words and its numbers apart, and how many figures it drew."""
+
+    cell: str
+    words: str
+    numbers: tuple[float, ...]
+    figures: int
+    statistics: bool
+
+
+def notebooks() -> list[Path]:
+    """All tutorials, in their order."""
+    return sorted(FOLDER.glob("*.ipynb"))
+
+
+def read(path: Path) -> NotebookNode:
+    """A notebook as it stands."""
+    import nbformat
+
+    notebook: NotebookNode = nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
+    nbformat.validate(notebook)
+    return notebook
+
+
+def execute(notebook: NotebookNode) -> NotebookNode:
+    """Execute a notebook from its first cell to its last, in a folder of its own."""
+    from nbclient import NotebookClient
+    from traitlets.config import Config
+
+    os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
+    with TemporaryDirectory() as folder:
+        client = NotebookClient(
+            notebook,
+            timeout=_TIMEOUT,
+            extra_arguments=["--InlineBackend.figure_formats={'retina'}"],
+            kernel_name="python3",
+            config=Config({"KernelManager": {"transport": "ipc", "ip": f"{folder}/kernel"}}),
+            resources={"metadata": {"path": folder}},
+        )
+        return client.execute()
+
+
+def without_noise(notebook: NotebookNode) -> NotebookNode:
+    """Leave out what changes from run to run: times, and what the machine is called."""
+    notebook.metadata = {
+        "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+        "language_info": {"name": "python"},
+    }
+    count = 0
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)
+        if cell.cell_type != "code":
+            continue
+        count += 1
+        cell.execution_count = count
+        for output in cell.outputs:
+            if "execution_count" in output:
+                output.execution_count = count
+    return notebook
+
+
+def texts(notebook: NotebookNode) -> list[CellText]:
+    """What each code cell put out."""
+    return [_text(cell) for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def _text(cell: Any) -> CellText:
+    text = ""
+    figures = 0
+    for output in cell.outputs:
+        if output.output_type == "stream":
+            text += output.text
+        else:
+            figures += "image/png" in output.data
+            text += output.data.get("text/plain", "") if "image/png" not in output.data else ""
+    return CellText(
+        cell.id,
+        _NUMBER.sub("#", text),
+        tuple(float(number) for number in _NUMBER.findall(text)),
+        figures,
+        STATISTICS in cell.metadata.get("tags", ()),
+    )
+
+
+def refresh(path: Path) -> None:
+    """Execute a notebook and write it with its outputs."""
+    import nbformat
+
+    notebook = without_noise(execute(read(path)))
+    nbformat.write(notebook, path)  # type: ignore[no-untyped-call]
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or [str(found) for found in notebooks()]:
+        refresh(Path(name))

@@ -1,0 +1,62 @@
+"""The documentation has a page for every public name, and for every tutorial."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def listed(page: str) -> set[str]:
+    """Names in the tables of a page of the reference."""
+    text = (DOCS / "api" / page).read_text(encoding="utf-8")
+    tables = re.findall(r"autosummary::\n(.*?)```", text, flags=re.DOTALL)
+    return {
+        line.strip() for table in tables for line in table.split("\n") if line.startswith("   ")
+    } - {":toctree: generated", ""}
+
+
+@pytest.mark.parametrize(
+    ("page", "module"),
+    [
+        ("toolkit.md", "dynkit"),
+        ("systems.md", "dynkit.systems"),
+        ("analysis.md", "dynkit.analysis"),
+    ],
+)
+def test_every_public_name_is_in_the_reference(page: str, module: str) -> None:
+    names = {name for name in importlib.import_module(module).__all__ if name[0] != "_"}
+    own = {name for name in listed(page) if "." not in name}
+    assert own == names
+
+
+def test_what_oscillators_give_back_is_in_the_reference() -> None:
+    for name in listed("systems.md"):
+        home, _, attribute = f"dynkit.{name}".rpartition(".")
+        if "." in name:
+            assert hasattr(importlib.import_module(home), attribute)
+
+
+@pytest.mark.parametrize(
+    "page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.relative_to(DOCS).as_posix()
+)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        if not target.startswith("https://") and target != "../api/command.md":
+            assert (page.parent / target).exists(), target
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    tables = {
+        (page.parent / line.strip()).relative_to(DOCS)
+        for page in DOCS.rglob("*.md")
+        for table in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), flags=re.DOTALL)
+        for line in table.split("\n")
+        if line.strip() and line[0] != ":"
+    }
+    pages = {page.relative_to(DOCS).with_suffix("") for page in DOCS.rglob("*.md")}
+    assert pages - tables == {Path("index")}
