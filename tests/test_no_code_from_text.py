@@ -1,4 +1,4 @@
-"""No text of a file or of the command line becomes code."""
+"""No text of a file or of the command line becomes code; files are written in one place only."""
 
 import ast
 import json
@@ -160,3 +160,37 @@ def test_no_option_runs_its_text(tmp_path: Path) -> None:
         assert said.count("\n") == 1, task
         assert said.startswith("dynkit"), task
     assert {path.suffix for path in tmp_path.iterdir()} == {".toml"}
+
+
+def written(tree: ast.AST) -> set[str]:
+    """Calls in a source that write a file in place."""
+    found = set()
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+        name = node.func.id if isinstance(node.func, ast.Name) else name
+        texts = [
+            each.value
+            for each in [*node.args, *(keyword.value for keyword in node.keywords)]
+            if isinstance(each, ast.Constant) and isinstance(each.value, str)
+        ]
+        in_place = name in ("write_text", "write_bytes", "tofile", "to_csv", "savetxt")
+        if in_place and isinstance(node.func, ast.Attribute):
+            found.add(name)
+        if name == "open" and any(set(text) & set("wax") and len(text) < 4 for text in texts):
+            found.add(name)
+    return found
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_are_written_in_one_place_only(path: Path) -> None:
+    found = written(ast.parse(path.read_text(encoding="utf-8")))
+    assert found == ({"open"} if path.name == "files.py" else set())
+
+
+@pytest.mark.parametrize(
+    "source", ["path.write_text(text)", "open(path, 'w')", "path.open(mode='xb')", "a.tofile(path)"]
+)
+def test_the_search_finds_what_writes(source: str) -> None:
+    assert written(ast.parse(source))
