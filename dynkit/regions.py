@@ -15,8 +15,8 @@ from dynkit.validation import Array
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# In points: the type of names, and how wide a circle in a region must be for a name of n letters.
-_TYPE, _LETTER, _LEAST = 5.5, 2.0, 5.0
+# In points: the type of names, and the width of a letter with its share of the margins.
+_TYPE, _LETTER = 5.5, 3.7
 
 
 @final
@@ -30,18 +30,20 @@ class Region:
 
 
 def shades(count: int) -> list[tuple[float, float, float]]:
-    """Return colours of even steps in lightness, the lightest first: they differ in grey too.
+    """Return colours of even steps in lightness, such that neighbours differ in grey too.
 
     Examples
     --------
-    >>> light = [0.3 * r + 0.59 * g + 0.11 * b for r, g, b in shades(6)]
-    >>> bool(np.all(np.diff(light) < -0.05))
+    >>> light = [0.3 * r + 0.59 * g + 0.11 * b for r, g, b in shades(10)]
+    >>> bool(np.all(abs(np.diff(light)) > 0.15))
     True
     """
     from matplotlib import colormaps
 
-    places = np.linspace(0.97, 0.22, count) if count > 1 else np.array([0.8])
-    return [(r, g, b) for r, g, b, _ in colormaps["viridis"](places).tolist()]
+    places = np.linspace(0.98, 0.15, count) if count > 1 else np.array([0.8])
+    colours = [(r, g, b) for r, g, b, _ in colormaps["viridis"](places).tolist()]
+    half = (count + 1) // 2
+    return [colours[i // 2 + half * (i % 2)] for i in range(count)]
 
 
 def draw_regions(
@@ -137,15 +139,23 @@ def _write_legend(axes: Axes, regions: Sequence[Region]) -> None:
 def _write_name(
     axes: Axes, edges: tuple[Array, Array], where: NDArray[np.bool_], region: Region
 ) -> None:
-    """Write a region's name in the middle of the largest circle that fits into it, if it does."""
-    from scipy.ndimage import distance_transform_edt
+    """Write a region's name where it fits in, level or upright, as deep inside as it does."""
+    from scipy.ndimage import distance_transform_edt, minimum_filter
 
     width, height = _size_in_points(axes)
     pitch = height / where.shape[0], width / where.shape[1]
     depth = distance_transform_edt(np.pad(where, 1), sampling=pitch)[1:-1, 1:-1]
-    j, i = np.unravel_index(int(np.argmax(depth)), depth.shape)
-    if depth[j, i] < max(_LEAST, _LETTER * len(region.name)):
+    size = _LETTER * len(region.name), 1.5 * _TYPE
+    rotation = 0
+    room = np.zeros_like(where)
+    for angle, (across, up) in ((0, size), (90, size[::-1])):
+        box = (int(up / pitch[0]) + 1, int(across / pitch[1]) + 1)
+        if not room.any():
+            room = minimum_filter(where, size=box, mode="constant", cval=False)
+            rotation = angle
+    if not room.any():
         return
+    j, i = np.unravel_index(int(np.argmax(np.where(room, depth, -1.0))), depth.shape)
     x, y = (0.5 * (edge[k] + edge[k + 1]) for edge, k in zip(edges, (i, j), strict=True))
     light = region.colour is None or np.dot(region.colour[:3], (0.3, 0.59, 0.11)) > 0.45
     axes.text(
@@ -155,6 +165,7 @@ def _write_name(
         fontsize=_TYPE,
         ha="center",
         va="center",
+        rotation=rotation,
         color="black" if light else "white",
         bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "linewidth": 0.0}
         if region.hatch

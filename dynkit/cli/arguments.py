@@ -10,7 +10,7 @@ from typing import NoReturn
 from dynkit import __version__
 from dynkit.analysis.work_precision.names import NAMES
 from dynkit.cli.extremes.cases import GROUPS
-from dynkit.cli.options import CONTINUE, SIMULATE, SWEEP, Option
+from dynkit.cli.options import CONTINUE, MAP, SIMULATE, SWEEP, Option
 from dynkit.cli.reproduce.paper import ITEMS
 from dynkit.cli.work_precision.jobs import JOBS
 
@@ -22,6 +22,7 @@ examples:
   dynkit extremes --out extremes.md
   dynkit work-precision --out work-precision.png
   dynkit continue --frequency 0.87 --from 0.7 --to 1.1
+  dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --out map.png
 
 dynkit COMMAND --help tells more about each.
 """
@@ -68,6 +69,27 @@ sweep.toml may hold:
   from = 0.86
   to = 0.88
   step = 0.01
+"""
+
+_MAP = """\
+A map of two parameters: what motion there is at each pair of values, all from the same start.
+
+Options may also stand in a TOML file, under the same names; what is given on the command line goes
+before what stands there. With --store every finished chunk is kept, and the same command resumes,
+also with another number of --workers: the result is the same bits.
+"""
+
+_MAP_EXAMPLES = """\
+examples:
+  dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --workers 2 --out map.png
+  dynkit map --frequency 0.87 --x restitution,0.5,0.9,20 --y offset,-0.1,0.1,20 --out map.csv
+  dynkit map map.toml --store map.h5 --out map.svg
+
+map.toml may hold:
+  x = ["frequency", 0.2, 1.8, 200]
+  y = ["damping", 0.02, 0.3, 200]
+  transient = 900
+  workers = 8
 """
 
 _CONTINUE = """\
@@ -166,6 +188,9 @@ def make_parser() -> argparse.ArgumentParser:
     sweep = commands.add_parser("sweep", help="a sweep of one parameter")
     _command(sweep, _SWEEP, _SWEEP_EXAMPLES, _run_sweep)
     _add_options(sweep, SWEEP)
+    two = commands.add_parser("map", help="a map of two parameters")
+    _command(two, _MAP, _MAP_EXAMPLES, _run_map)
+    _add_options(two, MAP)
     branch = commands.add_parser("continue", help="a branch of periodic orbits")
     _command(branch, _CONTINUE, _CONTINUE_EXAMPLES, _run_continue)
     _add_options(branch, CONTINUE)
@@ -234,6 +259,13 @@ def _run_sweep(arguments: argparse.Namespace) -> None:
     from dynkit.cli.sweep import sweep
 
     sweep(gather(SWEEP, arguments.file, vars(arguments)))
+
+
+def _run_map(arguments: argparse.Namespace) -> None:
+    from dynkit.cli.map import parameter_map
+    from dynkit.cli.options import gather
+
+    parameter_map(gather(MAP, arguments.file, vars(arguments)))
 
 
 def _run_continue(arguments: argparse.Namespace) -> None:

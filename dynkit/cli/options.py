@@ -83,6 +83,17 @@ CONTINUE = (
     Option("store", "FILE.h5", "keep the branch here; dynkit.Branch.load reads it", kind="text"),
     Option("out", "FILE", "figure to write: .png or .svg", kind="text"),
 )
+MAP = (
+    *CHAIN,
+    Option("x", "NAME,FROM,TO,COUNT", "parameter along x, and its values"),
+    Option("y", "NAME,FROM,TO,COUNT", "parameter along y, and its values"),
+    _TRANSIENT,
+    Option("keep", "COUNT", "impacts to keep at each pair (100)"),
+    Option("workers", "COUNT", "processes that simulate (1)"),
+    Option("progress", "", "show how far it is (yes)", kind="switch"),
+    Option("store", "FILE.h5", "keep what is finished here, and resume from it", kind="text"),
+    Option("out", "FILE", "file to write: .csv, .npz, .h5, .png or .svg", kind="text"),
+)
 _RANGE = ("from", "to", "step")
 
 

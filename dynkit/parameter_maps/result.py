@@ -266,8 +266,8 @@ class ParameterMap:
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the kinds of motion over the plane of the two parameters, and return the axes.
 
-        The commonest labels have colours, lighter for shorter periods, which differ in grey too,
-        and their names stand in their regions where there is room. Chaos is black.
+        The commonest labels have colours, of which neighbours differ in grey too, and their names
+        stand in their regions where there is room. Chaos is black, sticking is hatched.
 
         Parameters
         ----------

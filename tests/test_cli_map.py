@@ -1,0 +1,69 @@
+"""`dynkit map`."""
+
+import csv
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from dynkit import parameter_map
+from dynkit.cli import main
+from dynkit.systems import ImpactChain
+
+AXES = ["--x", "frequency,0.5,0.9,3", "--y", "damping,0.1,0.2,2"]
+SMALL = ["map", "--masses", "2", "--keep", "40", "--transient", "60", "--no-progress", *AXES]
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_map_is_that_of_python(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*SMALL, "--out", "map.csv"]) == 0
+    values = {"frequency": np.linspace(0.5, 0.9, 3), "damping": np.linspace(0.1, 0.2, 2)}
+    chain = ImpactChain(masses=2, frequency=0.5)
+    expected = parameter_map(chain, values, transient=60, keep=40, progress=False)
+    with Path("map.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["label"] for row in rows] == expected.names.ravel().tolist()
+    assert [float(row["frequency"]) for row in rows] == np.repeat(values["frequency"], 2).tolist()
+    largest = [float(row["largest_relative_velocity"]) for row in rows]
+    assert largest == expected.largest().ravel().tolist()
+    assert "0.5 to 0.9, 3 values" in capsys.readouterr().out
+
+
+def test_workers_and_a_store_give_the_same_map() -> None:
+    assert main([*SMALL, "--out", "one.h5"]) == 0
+    assert main([*SMALL, "--workers", "2", "--store", "store.h5", "--out", "two.h5"]) == 0
+    assert main([*SMALL, "--store", "store.h5", "--out", "map.svg"]) == 0
+    with h5py.File("one.h5") as one, h5py.File("two.h5") as two:
+        assert sorted(one) == sorted(two)
+        for name in one:
+            assert one[name][()].tolist() == two[name][()].tolist()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--x", "speed,1,2,3"], "x must be of one of: springs, .*; got 'speed'"),
+        (["--x", "frequency,1,2"], r"x must be NAME,FROM,TO,COUNT; got \['frequency', 1, 2\]"),
+        (["--x", "1,2,3,4"], "x must be NAME,FROM,TO,COUNT; got"),
+        (["--x", "frequency,1,two,4"], "x must be a finite number; got 'two'"),
+        (["--x", "frequency,1,2,2.5"], "COUNT of x must be a positive integer; got 2.5"),
+        (["--y", "frequency,1,2,3"], "y must be of another parameter than x"),
+        (["--damping", "0.1"], "damping must not be given when it changes; got 0.1"),
+        (["--workers", "0"], "workers must be a positive integer; got 0"),
+        (["--out", "map.pdf"], "out must end in .csv, .npz, .h5, .png, .svg; got 'map.pdf'"),
+        (["--store", "a.h5", "--out", "a.h5"], "out must be another file than store; got 'a.h5'"),
+    ],
+)
+def test_bad_input_is_refused_on_one_line_and_nothing_is_written(
+    arguments: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*SMALL, *arguments]) == 2
+    shown = capsys.readouterr().err
+    assert re.fullmatch(f"dynkit map: error: {line}.*\n", shown)
+    assert list(tmp_path.iterdir()) == []
