@@ -114,7 +114,7 @@ def test_a_library_that_is_not_there_is_skipped_with_a_word(
         monkeypatch.setitem(__import__("sys").modules, module, None)
     assert main(["work-precision", "--only", "chaos", "--methods", "heyoka,Siconos"]) == 0
     printed = capsys.readouterr().out
-    assert "heyoka is not installed: pip install dynkit[peers]" in printed
+    assert "heyoka is not installed: it comes with the extra peers" in printed
     assert "Siconos is not installed" in printed
 
 

@@ -38,7 +38,7 @@ def draw_all(measured: WorkPrecision) -> Figure:
 
     rows = math.ceil(len(measured.jobs) / _COLUMNS)
     with print_style():
-        figure = Figure(figsize=(_WIDTH, _HEIGHT * rows + 0.5))
+        figure = Figure(figsize=(_WIDTH, _HEIGHT * rows + 0.5), layout="constrained")
         grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
         for job, axes in zip(measured.jobs, grid, strict=False):
             _draw(measured, job, axes)

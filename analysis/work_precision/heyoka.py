@@ -65,7 +65,7 @@ class Heyoka(ImpactMethod):
         try:
             import heyoka
         except ImportError:
-            raise Unsuited("heyoka is not installed: pip install dynkit[peers]") from None
+            raise Unsuited("heyoka is not installed: it comes with the extra peers") from None
         model = ImpactModel.of(exact)
         parts = (model.mass, model.damping, model.stiffness, model.harmonic, model.constant)
         key = (*(part.tobytes() for part in parts), model.contact, tolerance)
@@ -143,8 +143,10 @@ def _compiled(heyoka: Any, model: ImpactModel, tolerance: float) -> tuple[Any, A
     def combined(row: Array, terms: Sequence[Any]) -> list[Any]:
         return [float(a) * term for a, term in zip(row, terms, strict=True) if a != 0.0]
 
+    inverse = np.linalg.inv(model.mass)
     # heyoka's own cooldown is longer than the last bounces of a chatter
-    acceleration = model.amplitude * model.frequency**2
+    pulls = [float((inverse @ part)[c, c]) for part in (model.stiffness, model.damping)]
+    acceleration = model.amplitude * (model.frequency**2 + model.frequency * pulls[1] + pulls[0])
     rest = COOLDOWN * smallest_bounce(model, tolerance) / acceleration if acceleration else -1.0
 
     def made(equations: list[Any], event: Any) -> Any:
@@ -158,7 +160,6 @@ def _compiled(heyoka: Any, model: ImpactModel, tolerance: float) -> tuple[Any, A
             pars=[0.0] * 5,
         )
 
-    inverse = np.linalg.inv(model.mass)
     rows = np.concatenate([-inverse @ model.stiffness, -inverse @ model.damping], axis=1)
     turn = [sine, cosine, heyoka.expression(1.0)]
     acting = np.stack([model.harmonic.real, model.harmonic.imag, model.constant], axis=1)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_REPEATS, _ENOUGH = 20, 0.1
+_REPEATS, _ENOUGH = 300, 0.2
 """A run is repeated so often at most, and no more once so many seconds have passed."""
 
 
@@ -81,7 +81,7 @@ class WorkPrecision:
     """Error against run time of methods that simulate impacts, each over its own tolerance.
 
     All is measured when it is first asked for, and once. Before the time is taken each method may
-    prepare itself: compile, find modes. The time is the shortest of up to 20 repetitions, fewer
+    prepare itself: compile, find modes. The time is the shortest of up to 300 repetitions, fewer
     where they take long.
 
     Parameters
