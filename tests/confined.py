@@ -109,20 +109,36 @@ def limited(folder: Path) -> str:
 
 def small_disk(folder: Path) -> str:
     """Make the folder a disk of its own that is small; where that is not allowed, limit files."""
+    trial = os.fork()  # what is half allowed must not be left half done
+    if trial == 0:
+        allowed = False
+        with contextlib.suppress(Exception):
+            _mount(folder)
+            allowed = True
+        os._exit(0 if allowed else 1)
+    if os.waitpid(trial, 0)[1]:
+        return limited(folder)
+    _mount(folder)
+    return "disk"
+
+
+def _mount(folder: Path) -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     new_mounts, new_user, private = 0x00020000, 0x10000000, 1 << 18 | 1 << 14
     user, group = os.geteuid(), os.getegid()
-    if libc.unshare(new_mounts) and libc.unshare(new_mounts | new_user):
-        return limited(folder)
-    if not (Path("/proc/self/uid_map").read_text().split()):
+    if libc.unshare(new_mounts):  # who is not root may be it in a world of his own
+        if libc.unshare(new_mounts | new_user):
+            raise OSError(ctypes.get_errno(), "unshare")
         Path("/proc/self/setgroups").write_text("deny")
         Path("/proc/self/uid_map").write_text(f"0 {user} 1")
         Path("/proc/self/gid_map").write_text(f"0 {group} 1")
-    libc.mount(None, b"/", None, private, None)
     options = f"size={ROOM}".encode()
-    if libc.mount(b"none", os.fsencode(folder), b"tmpfs", 0, options):
-        return limited(folder)
-    return "disk"
+    if libc.mount(None, b"/", None, private, None) or libc.mount(
+        b"none", os.fsencode(folder), b"tmpfs", 0, options
+    ):
+        raise OSError(ctypes.get_errno(), "mount")
+    (folder / "x").touch()
+    (folder / "x").unlink()
 
 
 def full(
