@@ -310,6 +310,8 @@ def first_root(
         if outcome == ROOT and raised > 0.0:
             e = _lowered(c, raised, e, -smallest if n > 0 else 0.0)
         if outcome == ROOT or (outcome == TOUCH and touches):
+            for _ in range(first):
+                slope *= e
             m = int(e / smallest)
             if m > 0:
                 n += m
@@ -324,8 +326,6 @@ def first_root(
                 )
                 last = states.shape[2]
                 shift(ladder.generator, e, states, other, FOUND, seen, last)
-            for _ in range(first):
-                slope *= e
             if first == 0 and outcome == ROOT:
                 # The state keeps the digits that differentiating the polynomial costs.
                 slope = value_and_rates(rows, offset, states, FOUND)[1]

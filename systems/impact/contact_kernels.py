@@ -19,6 +19,9 @@ from dynkit.validation import Array
 
 Indices = NDArray[np.intp]
 
+SMALLEST = 1e-100
+"""Relative velocity below which a chatter is over, whatever is tolerated: cubes of it vanish."""
+
 
 class Stop(NamedTuple):
     """What the contact coordinate meets on one side.
@@ -95,6 +98,8 @@ def chatter_completes(
     a = -second
     if a <= 0.0 or r >= 1.0 or error > mechanics.tolerance:
         return False
+    if mechanics.tolerance == 0.0 and u > SMALLEST:
+        return False  # under constant forces the error is zero, too
     rest = 4.0 * u / (a * (1.0 - r))
     return rest <= window and (abs(third) + 0.5 * fourth * rest) * rest <= 0.25 * (1.0 - r) * a
 

@@ -10,6 +10,7 @@ import pytest
 from mpmath import mp, mpf
 
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.validation import Array
 from tests.impact.many_digits import reference_of, state_error, time_error
@@ -206,3 +207,24 @@ def test_a_mass_put_on_a_pushing_table_sticks_from_the_start(restitution: float)
     record = chain.simulate(impacts=10, start=start)
     assert record.sticking[0, 0] == 0.0
     assert record.sticking[0, 1] > 0.0
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.85])
+def test_without_a_tolerance_no_bounce_is_left_out_under_constant_forces(
+    restitution: float,
+) -> None:
+    # where contact changes nothing, to any order
+    ball = MatrixOscillator(
+        M=[[1]],
+        C=[[0]],
+        K=[[0]],
+        constant_forces=[-1.0],
+        amplitude=0,
+        frequency=1,
+        restitution=restitution,
+        chatter_tolerance=0.0,
+    )
+    record = ball.simulate(impacts=100, start=ball.state([0.0], [1.0]))
+    assert len(record) == 100
+    exact = restitution ** np.arange(1, 101)
+    np.testing.assert_allclose(record.relative_velocity, exact, rtol=1e-12)

@@ -283,3 +283,21 @@ def test_the_error_of_a_time_counts_the_turns_of_the_table() -> None:
     off = abs(record.time - np.array([float(impact.time) for impact in impacts]))
     assert off[-1] > math.tau / system.frequency
     assert (off <= record.error / system.frequency + 2.0**-51 * record.time).all()
+
+
+@pytest.mark.parametrize("power", range(-6, 3))
+def test_an_impact_at_the_very_end_of_the_first_cell_keeps_its_speed(power: int) -> None:
+    # a flight of 2 u under unit gravity: for powers of two it ends where a cell does
+    ball = MatrixOscillator(
+        M=[[1]],
+        C=[[0]],
+        K=[[0]],
+        constant_forces=[-1.0],
+        amplitude=0,
+        frequency=1,
+        restitution=1.0,
+    )
+    speed = 2.0**power
+    record = ball.simulate(impacts=3, start=ball.state([0.0], [speed]))
+    assert record.time.tolist() == [2.0 * speed, 4.0 * speed, 6.0 * speed]
+    assert record.relative_velocity.tolist() == [speed, speed, speed]
