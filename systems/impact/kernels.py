@@ -94,7 +94,7 @@ def _copy(states: Array, k: int, to: int) -> None:
             states[to, row, i] = states[k, row, i]
 
 
-@kernel()
+@kernel(nogil=True)
 def run(
     mechanics: Mechanics,
     clock: Array,
