@@ -81,9 +81,11 @@ class Structure:
         Springs and dashpots may cancel, which leaves terms that are smaller by a power of the
         duration; what the springs do counts by itself, too.
         """
-        if self.size == 1:
-            return 1.0  # no other: then the contact coordinate itself
-        return float(max(abs(self.excursion).max(), abs(self._answer(self.stiffness)).max()))
+        largest = abs(self.excursion).max()
+        if self.size > 1:
+            largest = max(largest, abs(self._answer(self.stiffness)).max())
+        # no other, or none that is tied to it: then the contact coordinate itself
+        return float(largest) or 1.0
 
     def _answer(self, part: Array) -> Array:
         """Accelerations (N - 1,) of the others by their part of K k or C k, k `kick_velocity`."""
