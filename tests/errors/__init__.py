@@ -1,0 +1,1 @@
+"""Claimed errors against true ones, over thousands of random cases."""

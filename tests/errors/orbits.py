@@ -1,0 +1,96 @@
+"""Periodic orbits of random oscillators against closed forms and 50 digits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynkit.harmonics import harmonics_of
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.validation import Array
+from tests.impact_orbits.exact_orbits import exact_orbit, one_impact_orbits
+from tests.reference.random_cases import STARTS, Kept, random_case
+from tests.reference.random_sticking import FILE, random_sticking
+
+SYSTEMS, SEVERAL = 1500, 300
+
+
+def states_of_orbits(every: int) -> Iterator[tuple[float, float]]:
+    """Largest error of a section coordinate of P(1,m), m = 1 to 3, from their closed form."""
+    for orbit in _orbits_of_one_impact(every):
+        exact = one_impact_orbits(orbit.system, orbit.periods)
+        off = [abs(orbit.system.difference(orbit.states[0], e.state)).max() for e in exact]
+        # The closed form is rounded to doubles.
+        yield float(min(off)), orbit.error + 2.0**-53 * float(abs(orbit.states).max())
+
+
+def _orbits_of_one_impact(every: int) -> Iterator[ImpactOrbit]:
+    for number in range(0, SYSTEMS, every):
+        system = random_case(STARTS * number).system()
+        for periods in (1, 2, 3):
+            try:
+                yield from system.periodic_orbits(periods=periods)
+            except ValueError:  # not driven, or not held
+                break
+
+
+def states_of_longer_orbits(every: int) -> Iterator[tuple[float, float]]:
+    """The same of P(2,m) and P(3,m), by Newton's method on the impact map in 180 digits."""
+    for number in range(0, SEVERAL, every):
+        system = random_case(STARTS * (30_000 + number)).system()
+        if system.degrees_of_freedom > 4:
+            continue
+        try:
+            orbits = system.periodic_orbits(impacts=2 + number % 2, periods=1 + number % 3)
+        except ValueError:
+            continue
+        for orbit in orbits[:2]:
+            try:
+                exact = exact_orbit(orbit)
+            except ArithmeticError:  # a step left the neighbourhood
+                continue
+            yield exact.error_of(orbit.states), orbit.error
+
+
+def coefficients_of_harmonics(every: int) -> Iterator[tuple[float, float]]:
+    """Largest error of a Fourier coefficient of P(1,m), whose impulses make a closed form."""
+    for orbit in _orbits_of_one_impact(every):
+        system, period = orbit.system, orbit.period
+        c = system.contact % system.degrees_of_freedom
+        times = np.linspace(0.0, period, 513)
+        found = harmonics_of(orbit.sample(times)[0][:, c], 2.0 * np.pi / period)
+        exact = _coefficients(orbit, c, len(found.coefficients))
+        yield float(abs(found.coefficients - exact).max()), found.error + orbit.error
+
+
+def _coefficients(orbit: ImpactOrbit, c: int, count: int) -> Array:
+    """c_k of the contact coordinate: an impulse each period at time 0, and the forces."""
+    system = orbit.system
+    w = 2.0 * np.pi / orbit.period * np.arange(1.0, count + 1.0)[:, None, None]
+    mass, drag, spring = system.mass, system.damping_matrix, system.stiffness
+    impulse = float(orbit.impulses[0]) * float(np.sign(orbit.states[0, -2]) or 1.0)
+    impulse *= 1.0 if system.side == "above" else -1.0
+    force = np.zeros((count, len(mass)), dtype=complex)
+    force[:, c] = impulse / np.linalg.inv(mass)[c, c] / orbit.period
+    if len(system.harmonic_forces):
+        turn = np.exp(1j * orbit.phases[0])
+        force[orbit.periods - 1] -= 0.5j * np.asarray(system.harmonic_forces) * turn
+    dynamic = spring - w**2 * mass + 1j * w * drag
+    return np.asarray(np.linalg.solve(dynamic, force[..., None])[:, c, 0])
+
+
+def states_of_sticking_orbits(every: int) -> Iterator[tuple[float, float]]:
+    """Largest error of places and phase at the first release."""
+    from tests.impact_orbits.sticking_cases import releases_of
+    from tests.reference.random_sticking import sticking_orbit
+
+    kept = Kept.load(FILE)
+    for row in range(0, len(kept.number), every):
+        number = int(kept.number[row])
+        orbit = sticking_orbit(number)
+        assert orbit is not None, random_sticking(number)
+        _, places, phase = releases_of(orbit)
+        high, low = kept.numbers(row)
+        off = abs(np.append(places, phase) - high - low)
+        yield float(off.max()), orbit.error

@@ -1,0 +1,32 @@
+"""The claims that are looked at, and how many of the cases the tests take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from tests.errors import branches, maps, orbits, records, sums
+
+
+class Quantity(NamedTuple):
+    """Pairs of true and claimed errors of every so manieth case; the tests take every `tested`."""
+
+    pairs: Callable[[int], Iterator[tuple[float, float]]]
+    tested: int
+
+
+QUANTITIES = {
+    "`ImpactRecord.error`, states": Quantity(records.states_of_records, 8),
+    "`ImpactRecord.error`, times": Quantity(records.times_of_records, 8),
+    "`ImpactAttractor.error`": Quantity(records.states_of_attractors, 8),
+    "`MapAttractor.error`": Quantity(maps.states_of_attractors, 10),
+    "`MapOrbit.error`": Quantity(maps.states_of_orbits, 6),
+    "`ExponentialSum.first_root`, times": Quantity(sums.times_of_roots, 20),
+    "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
+    "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 100),
+    "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 40),
+    "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
+    "`Branch.error`": Quantity(branches.points_of_branches, 100),
+    "`Bifurcation.error`, SN, PD, NS": Quantity(branches.bifurcations_of_maps, 200),
+    "`Bifurcation.error`, SN, GR": Quantity(branches.bifurcations_of_oscillators, 25),
+}
