@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.figures import DOTS, ink, print_style, shown_axes
 from dynkit.results import Cost
+from dynkit.showing import span
 from dynkit.validation import Array, finite_array, non_negative_integer
 
 if TYPE_CHECKING:
@@ -70,6 +71,12 @@ class ChatterRatios:
         object.__setattr__(self, "flight_times", times)
         cost = Cost(time.perf_counter() - began, {"flights": len(times)})
         object.__setattr__(self, "cost", cost)
+
+    def __repr__(self) -> str:
+        ratios = self.ratios
+        return (
+            f"<ChatterRatios: {len(ratios)}, {span(ratios)}, of {len(self.flight_times)} flights>"
+        )
 
     @cached_property
     def _run(self) -> tuple[int, int]:

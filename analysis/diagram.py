@@ -14,6 +14,7 @@ import numpy as np
 from dynkit.drawing import dots, draw_diagram
 from dynkit.figures import print_style
 from dynkit.results import Cost
+from dynkit.showing import Facts, costing, span, table
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ class LabelInterval:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BifurcationDiagram:
     r"""What orbits show, against the parameter that was swept.
 
@@ -128,6 +129,24 @@ class BifurcationDiagram:
             symbols=symbols or {},
             _sweep=sweep,
         )
+
+    def __repr__(self) -> str:
+        names, count = ", ".join(self.observables), len(self.values)
+        labels = f"; {len(self.intervals)} intervals of labels" if self.intervals else ""
+        values = f"{count} values of {self.parameter} {span(self.values)}"
+        return f"<BifurcationDiagram of {names}: {values}{labels}>"
+
+    def _repr_html_(self) -> str:
+        facts: Facts = [
+            (self.parameter, f"{len(self.values)} values, {span(self.values)}"),
+            ("observables", ", ".join(self.observables)),
+            ("cost", costing(self.cost)),
+        ]
+        shown = table("BifurcationDiagram", facts)
+        if not self.intervals:
+            return shown
+        rows = [(part.label, part.low, part.high, part.count) for part in self.intervals]
+        return shown + table("Intervals of labels", rows, ("label", "from", "to", "values"))
 
     @property
     def error(self) -> Array:

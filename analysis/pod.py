@@ -16,6 +16,9 @@ from dynkit.validation import Array, finite_array, in_interval, positive, positi
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# Of the power, which the modes that are shown hold.
+_SHARE = 0.99
+
 
 @final
 class POD:
@@ -73,6 +76,12 @@ class POD:
         self._averages_of = averages_of(source, times)
         if not isinstance(source, KnowsAverages):  # bad samples are refused at once
             self.matrix  # noqa: B018
+
+    def __repr__(self) -> str:
+        if "_averages" not in vars(self):
+            return f"<POD about the {self.about}, when asked for>"
+        share, rank = f"{100.0 * _SHARE:g} % of the power", self.rank(_SHARE)
+        return f"<POD about the {self.about}: {share} in {rank} of {len(self.power)} modes>"
 
     @cached_property
     def _averages(self) -> Averages:

@@ -86,6 +86,9 @@ class StroboscopicSection:
     states: Array
     cost: Cost
 
+    def __repr__(self) -> str:
+        return f"<StroboscopicSection: {len(self.states)} states at phase {self.phase:.6g}>"
+
     @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the states; zero of an array."""
@@ -182,6 +185,9 @@ class ImpactSection:
     def phase(self) -> Array:
         """Phases of the table at the impacts, (n,)."""
         return self.states[:, -1]
+
+    def __repr__(self) -> str:
+        return f"<ImpactSection: {len(self.states)} impacts>"
 
     @cached_property
     def error(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from dynkit.attractors import Attractor
 from dynkit.drawing import displacement, draw_motion
 from dynkit.results import Cost
+from dynkit.showing import span
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -93,6 +94,10 @@ class TimeSeries:
     times: Array
     values: Array
     cost: Cost
+
+    def __repr__(self) -> str:
+        which = "" if self.coordinate is None else f" of coordinate {self.coordinate}"
+        return f"<TimeSeries{which}: {len(self.values)} samples, times {span(self.times)}>"
 
     @cached_property
     def table(self) -> Array | None:

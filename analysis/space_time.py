@@ -18,6 +18,7 @@ from dynkit.analysis.series import (
 from dynkit.attractors import Attractor
 from dynkit.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 from dynkit.results import Cost
+from dynkit.showing import span
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -95,6 +96,10 @@ class SpaceTime:
     times: Array
     displacements: Array
     cost: Cost
+
+    def __repr__(self) -> str:
+        samples, masses = self.displacements.shape
+        return f"<SpaceTime: {masses} masses, {samples} samples, times {span(self.times)}>"
 
     @cached_property
     def error(self) -> float:

@@ -131,6 +131,10 @@ class PowerSpectrum:
         )
         self._length, self._step = self._finer * length, step / self._finer
 
+    def __repr__(self) -> str:
+        samples = f"{self._count} samples {self.interval:.6g} apart in {self.segments} segments"
+        return f"<PowerSpectrum: {samples}, resolution {self.resolution:.3g}>"
+
     @cached_property
     def _window(self) -> Array:
         from scipy import signal

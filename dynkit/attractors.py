@@ -14,6 +14,7 @@ from dynkit.labels import OrbitKind, OrbitLabel, Window, label_orbit, settled_la
 from dynkit.maps import Map
 from dynkit.results import Cost
 from dynkit.sections import PoincareSection
+from dynkit.showing import Facts, costing, table, told
 from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
 
 if TYPE_CHECKING:
@@ -79,6 +80,39 @@ class Attractor(ABC):
     @abstractmethod
     def time_series(self, times: Array) -> Array:
         """Return the motion, (k, ...), at the given times, (k,)."""
+
+    @property
+    def _kept(self) -> int:
+        """How many states were kept."""
+        return len(self.states)
+
+    @property
+    def _known_label(self) -> OrbitLabel | None:
+        """The label, if it was decided before."""
+        found = getattr(self, "__dict__", {})
+        label: OrbitLabel | None = found.get("label", found.get("_label"))
+        return label
+
+    def __repr__(self) -> str:
+        label = self._known_label
+        name = "" if label is None else f"{label}, "
+        kind, system = type(self).__name__, told(self.system, 6)
+        return f"<{kind} of {system}: {name}{self._kept} states after {self.transient}>"
+
+    def _repr_html_(self) -> str:
+        facts: Facts = [
+            ("system", told(self.system, 6)),
+            ("label", self._known_label or "not decided yet"),
+            ("states kept", self._kept),
+            ("states skipped", self.transient),
+            *self._facts(),
+            ("cost", costing(self.cost)),
+        ]
+        return table(type(self).__name__, facts)
+
+    def _facts(self) -> Facts:
+        """Rows of its table that a subclass adds."""
+        return []
 
     def section(self, section: PoincareSection) -> Array:
         """Return the kept states, (k, d), that the section lies just behind.

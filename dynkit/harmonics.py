@@ -51,6 +51,10 @@ class Harmonics:
     error: float
     cost: Cost
 
+    def __repr__(self) -> str:
+        count, first = len(self.coefficients), self.frequency
+        return f"<Harmonics: {count} of frequency {first:.6g}, error {self.error:.1e}>"
+
     @property
     def frequencies(self) -> Array:
         """Angular frequencies, (h,)."""

@@ -114,6 +114,9 @@ class OrbitLabel:
         """
         return None if self.count_harmonics is None else self.count_harmonics()
 
+    def __repr__(self) -> str:
+        return f"<OrbitLabel {self}: error {self.error:.1e}, {self.simulated} states>"
+
     def __str__(self) -> str:
         name = str(self.kind.value)
         if self.kind is OrbitKind.STICKING:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynkit.maps import Map
 from dynkit.results import Cost
+from dynkit.showing import Facts, costing, table, told, written
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -20,6 +21,25 @@ class PeriodicOrbit(ABC):
 
     A subclass owes what is abstract here. Instances are immutable.
     """
+
+    def _repr_html_(self) -> str:
+        shown = ", ".join(written(complex(multiplier)) for multiplier in self.multipliers[:6])
+        more = ", ..." if len(self.multipliers) > 6 else ""
+        facts: Facts = [
+            ("system", told(self.system, 6)),
+            ("stable", "yes" if self.stable else "no"),
+            ("admissible", "yes" if self.admissible else "no"),
+            ("multipliers", shown + more),
+            *self._facts(),
+            ("residual", f"{self.residual:.1e}"),
+            ("error", f"{self.error:.1e}"),
+            ("cost", costing(self.cost)),
+        ]
+        return table(f"Periodic orbit {self.label}", facts)
+
+    def _facts(self) -> Facts:
+        """Rows of its table that a subclass adds."""
+        return []
 
     @property
     @abstractmethod

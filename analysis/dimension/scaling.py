@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.analysis.dimension.counting import Counts
 from dynkit.analysis.dimension.errors import counting_errors, standard_errors
 from dynkit.analysis.dimension.sums import CorrelationSums
+from dynkit.showing import span
 from dynkit.validation import Array
 
 STEPS = 8
@@ -68,6 +69,9 @@ class LocalSlopes:
     radii: Array
     values: Array
     errors: Array
+
+    def __repr__(self) -> str:
+        return f"<LocalSlopes: {len(self.radii)} radii {span(self.radii)}>"
 
 
 @final

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.analysis.dimension.counting import Counts, count
 from dynkit.results import Cost
+from dynkit.showing import span
 from dynkit.validation import Array, finite_array, non_negative_integer, positive
 
 Norm: TypeAlias = Literal["maximum", "euclidean"]
@@ -46,6 +47,11 @@ class CorrelationSums:
     total: int
     shares: Counts
     cost: Cost
+
+    def __repr__(self) -> str:
+        return (
+            f"<CorrelationSums: {self.total} pairs at {len(self.radii)} radii {span(self.radii)}>"
+        )
 
     @property
     def values(self) -> Array:

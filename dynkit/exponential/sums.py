@@ -14,6 +14,7 @@ import numpy as np
 from dynkit.exponential.ladders import Propagators, ladder
 from dynkit.exponential.pairs import Pairs
 from dynkit.results import Cost
+from dynkit.showing import span
 from dynkit.validation import (
     Array,
     finite_array,
@@ -67,6 +68,10 @@ class Root:
     searched: float
     cost: Cost
 
+    def __repr__(self) -> str:
+        at = "" if self.time == math.inf else f" at {self.time!r}, error {self.error:.1e}"
+        return f"<Root: {self.kind.value}{at}>"
+
 
 @final
 @dataclass(frozen=True, eq=False, init=False)
@@ -108,6 +113,10 @@ class ExponentialSum:
     frequency: Array
     decay: Array
     offset: float
+
+    def __repr__(self) -> str:
+        frequencies = f"frequencies {span(self.frequency)}"
+        return f"<ExponentialSum: {len(self.value)} terms, {frequencies}, offset {self.offset:.6g}>"
 
     def __init__(
         self, value: object, rate: object, frequency: object, decay: object, offset: float = 0.0

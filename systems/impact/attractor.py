@@ -14,6 +14,7 @@ from dynkit.drawing import PHASE, RELATIVE_VELOCITY, draw_points
 from dynkit.harmonics import harmonics_needed
 from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label
 from dynkit.results import Cost
+from dynkit.showing import Facts
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import ImpactState
@@ -70,6 +71,13 @@ class ImpactAttractor(Attractor):
     def ending(self) -> Ending:
         """Why the simulation ended; fewer impacts than asked for when it ended by itself."""
         return self.record.ending
+
+    @property
+    def _kept(self) -> int:
+        return len(self.record)
+
+    def _facts(self) -> Facts:
+        return [("contacts", len(self.record.sticking)), ("ending", self.ending.value)]
 
     def observable(self, name: str) -> Array:
         """Return one of the system's `observables` at the kept impacts, (n,)."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.results import Cost
+from dynkit.showing import Facts, costing, span, table, told
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Run, run
 from dynkit.systems.impact.state import ImpactState, on_table
@@ -75,6 +76,19 @@ class ImpactRecord:
     def __repr__(self) -> str:
         events = f"{len(self)} impacts, {len(self.sticking)} contacts"
         return f"<ImpactRecord: {events}; {self.ending.value}>"
+
+    def _repr_html_(self) -> str:
+        facts: Facts = [
+            ("system", told(self.system, 6)),
+            ("impacts", len(self)),
+            ("contacts", len(self.sticking)),
+            ("ending", self.ending.value),
+            ("times of impacts", span(self.time)),
+            ("chatter error", f"{self.chatter_error:.1e}"),
+        ]
+        if "error" in vars(self):  # which simulates
+            facts.append(("error", f"up to {self.error.max(initial=0.0):.1e}"))
+        return table("ImpactRecord", [*facts, ("cost", costing(self.cost))])
 
     @property
     def time(self) -> Array:

@@ -63,6 +63,11 @@ class SecondMoments:
     mean_error: float
     cost: Cost
 
+    def __repr__(self) -> str:
+        batches, coordinates = self.sums.shape
+        time = f"time {self.durations.sum():.6g} in {batches} batches"
+        return f"<SecondMoments of {coordinates} coordinates: {time}, error {self.error:.1e}>"
+
 
 @final
 @dataclass(frozen=True, eq=False)

@@ -52,6 +52,11 @@ class ImpactState:
     _coordinates: Array = field(repr=False)
     _turn: Array = field(repr=False)
 
+    def __repr__(self) -> str:
+        masses = len(self.position)
+        at = f"phase {self.phase:.6g}, relative velocity {self.relative_velocity:.6g}"
+        return f"<ImpactState of {masses} coordinates: {self.motion.value}, {at}>"
+
     @property
     def _side(self) -> int:
         return int(math.copysign(1.0, self.relative_velocity) < 0.0)

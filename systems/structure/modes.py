@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 
 from dynkit.results import Cost
+from dynkit.showing import span
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.double_double import (
     ROUNDING,
@@ -93,6 +94,9 @@ class Modes:
             value = getattr(self, field.name)
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
+
+    def __repr__(self) -> str:
+        return f"<Modes: {len(self.frequencies)}, frequencies {span(self.frequencies)}>"
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Modes":

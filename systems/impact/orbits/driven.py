@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.orbits import PeriodicOrbit
 from dynkit.results import Cost
-from dynkit.showing import told
+from dynkit.showing import Facts, told
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.validation import Array
 
@@ -49,6 +49,9 @@ class DrivenOrbit(PeriodicOrbit):
             kind = f"inadmissible, {kind}"
         largest = abs(self.multipliers[0])
         return f"<{self.label} of {told(self.system, 6)}: {kind}, multipliers up to {largest:.4g}>"
+
+    def _facts(self) -> Facts:
+        return [("period", self.period), ("states", len(self.states))]
 
     @property
     def system(self) -> ImpactOscillator:
