@@ -187,13 +187,15 @@ _derivations: OrderedDict[Hashable, Derivation] = OrderedDict()
 def _shared_derivation(structure: LagrangianStructure) -> Derivation:
     key = _key(structure)
     with _lock:
-        found = _derivations.get(key) if key is not None else None
-        if found is None:
-            found = structure._derive()
+        known = _derivations.get(key) if key is not None else None
+        found = known or structure._derive()
         if key is not None:
             _derivations[key] = found
             _derivations.move_to_end(key)
-            while sum(kept.mass.size**2 for kept in _derivations.values()) > _MOST_KEPT:
+            while (
+                known is None
+                and sum(kept.mass.size**2 for kept in _derivations.values()) > _MOST_KEPT
+            ):
                 if len(_derivations) == 1:
                     break
                 _derivations.popitem(last=False)
