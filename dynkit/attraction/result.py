@@ -15,6 +15,7 @@ from dynkit.attraction.telling import Found
 from dynkit.attractors import Attractor
 from dynkit.labels import OrbitLabel
 from dynkit.results import Cost
+from dynkit.showing import Facts, costing, table
 from dynkit.sweeps.sweepable import as_attractor
 from dynkit.validation import Array
 from dynkit.workers.points import Rows
@@ -150,6 +151,18 @@ class Basins:
             shown += [f"{text} {count}"] if count else []
         sizes = " x ".join(map(str, self._numbers.shape))
         return f"<Basins: {sizes} starts; {', '.join(shown)}>"
+
+    def _repr_html_(self) -> str:
+        facts: Facts = [("starts", " x ".join(map(str, self._numbers.shape)))]
+        facts += [
+            (text, int((self._numbers == number).sum()))
+            for number, text in OTHER_ENDS.items()
+            if (self._numbers == number).any()
+        ]
+        rows = [(b.number, b.label, b.count, b.fraction, f"{b.error:.1e}") for b in self.basins]
+        shown = table("Basins", [*facts, ("cost", costing(self.cost))])
+        heads = ("attractor", "label", "starts", "fraction", "error")
+        return shown + (table("Attractors", rows, heads) if rows else "")
 
     def outcome(self, *place: int) -> str:
         """Return what became of one start, in words.

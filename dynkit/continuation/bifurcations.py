@@ -113,3 +113,8 @@ class Bifurcation:
 
     def __repr__(self) -> str:
         return f"<{self.kind} at {self.parameter} {self.value:.12g}>"
+
+    def _repr_html_(self) -> str:
+        from dynkit.continuation.tables import bifurcation_table
+
+        return bifurcation_table(self)

@@ -152,6 +152,11 @@ class Branch:
             f"{self.name} from {low:.6g} to {high:.6g}{'; ' if found else ''}{found}{more}>"
         )
 
+    def _repr_html_(self) -> str:
+        from dynkit.continuation.tables import branch_table
+
+        return branch_table(self)
+
     def orbit(self, place: int) -> PeriodicOrbit:
         """Return the orbit of a point; negative places count from the end.
 

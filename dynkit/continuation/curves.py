@@ -131,6 +131,11 @@ class BifurcationCurve:
         closed = "closed, " if self.closed else ""
         return f"<BifurcationCurve of {self.kind}: {closed}{len(self)} points, {ranges}>"
 
+    def _repr_html_(self) -> str:
+        from dynkit.continuation.tables import curve_table
+
+        return curve_table(self)
+
     def orbit(self, place: int) -> PeriodicOrbit:
         """Return the orbit of a point; negative places count from the end.
 

@@ -135,6 +135,11 @@ class Network:
             f"{len(self.bifurcations)} bifurcations, {len(self.links)} links; {self.message}>"
         )
 
+    def _repr_html_(self) -> str:
+        from dynkit.continuation.tables import network_table
+
+        return network_table(self)
+
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable of all branches against the parameter, and return the axes.
 

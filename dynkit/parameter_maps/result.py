@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping
 from functools import cached_property
 from types import MappingProxyType
@@ -19,6 +20,7 @@ from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
 from dynkit.parameter_maps.plan import KIND, KINDS, Grid, Plan, label_of
 from dynkit.results import Cost
+from dynkit.showing import Facts, costing, span, table
 from dynkit.sweeps.following import kind_of
 from dynkit.sweeps.sweepable import Sweepable, as_attractor, sweepable
 from dynkit.validation import Array
@@ -82,19 +84,20 @@ class ParameterMap:
         file = store.place(path)
         archive, found = read_rows(file, KIND)
         entries, arrays = archive.entries, archive.arrays
-        first, second = json.loads(entries["parameters"])
-        values = arrays[f"given/values of {first}"], arrays[f"given/values of {second}"]
-        plan = Plan(
-            None,
-            entries["system"],
-            (first, second),
-            int(entries["transient"]),
-            int(entries["keep"]),
-            tuple(json.loads(entries["observables"])),
-            int(entries["exponents"]),
-            arrays["given/start"],
-            (float(values[0][0]), float(values[1][0])),
-        )
+        with store.understood(file, KIND):
+            first, second = json.loads(entries["parameters"])
+            values = arrays[f"given/values of {first}"], arrays[f"given/values of {second}"]
+            plan = Plan(
+                None,
+                entries["system"],
+                (first, second),
+                int(entries["transient"]),
+                int(entries["keep"]),
+                tuple(json.loads(entries["observables"])),
+                int(entries["exponents"]),
+                arrays["given/start"],
+                (float(values[0][0]), float(values[1][0])),
+            )
         if system is not None:
             plan = dataclasses.replace(plan, family=sweepable(system), kind=kind_of(system))
             grid = Grid(plan, values)
@@ -228,6 +231,18 @@ class ParameterMap:
             f"<ParameterMap: {self._shape[0]} x {self._shape[1]} values of {first} and {second}; "
             f"{', '.join(shown)}>"
         )
+
+    def _repr_html_(self) -> str:
+        facts: Facts = [
+            (name, f"{len(values)} values, {span(values)}") for name, values in self.values.items()
+        ]
+        facts += [
+            ("states at each", f"{self.keep} kept after {self.transient}"),
+            ("observables", ", ".join(self.observables)),
+            ("cost", costing(self.cost)),
+        ]
+        found = Counter(self.names.ravel().tolist()).most_common()
+        return table("ParameterMap", facts) + table("Motions", found, ("label", "pairs"))
 
     # --- single points ----------------------------------------------------------------------------
 

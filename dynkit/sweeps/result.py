@@ -13,6 +13,7 @@ from dynkit.attractors import Attractor
 from dynkit.labels import OrbitLabel
 from dynkit.maps import Map
 from dynkit.results import Cost
+from dynkit.showing import Facts, costing, span, table
 from dynkit.sweeps.archive import entries_of, findings_of, outline_of, read_sweep, refuse_other
 from dynkit.sweeps.following import Findings, Plan, kind_of
 from dynkit.sweeps.independent import KIND, load_independent
@@ -140,6 +141,22 @@ class Sweep:
     def __repr__(self) -> str:
         first, last = float(self.values[0]), float(self.values[-1])
         return f"<Sweep: {len(self)} values of {self.parameter} from {first:g} to {last:g}>"
+
+    def _repr_html_(self) -> str:
+        early = int((self.counts < self.keep).sum())
+        facts: Facts = [
+            (self.parameter, f"{len(self)} values, {span(self.values)}"),
+            ("states at each", f"{self.keep} kept after {self.transient}"),
+            ("observables", ", ".join(self.observables)),
+            ("motions that ended early", early),
+        ]
+        names = [str(label) for label in self._labels.values()]  # those that were decided
+        if names:
+            counts = [f"{name} {names.count(name)}" for name in dict.fromkeys(names)]
+            facts.append((f"labels, {len(names)} decided", ", ".join(counts)))
+        if "error" in vars(self):  # which simulates
+            facts.append(("error", f"up to {self.error.max():.1e}"))
+        return table("Sweep", [*facts, ("cost", costing(self.cost))])
 
     def observable(self, name: str) -> Array:
         """Return an observable at the kept states, (k, keep), read-only.

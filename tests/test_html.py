@@ -1,0 +1,189 @@
+"""Objects in notebooks: small tables that stand alone, and cost nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit import ParameterMap, Sweep, basins
+from dynkit.analysis import BifurcationDiagram
+from dynkit.showing import table
+from dynkit.systems import ImpactChain, Logistic, Lorenz
+from dynkit.systems.impact import record as records
+from dynkit.systems.structure.lagrangian import LagrangianStructure
+from tests.test_costs_and_errors import RESULTS
+
+SHOWN: dict[str, Callable[[], Any]] = {
+    name: RESULTS[name]
+    for name in (
+        "Basins",
+        "Bifurcation",
+        "BifurcationCurve",
+        "BifurcationDiagram",
+        "Branch",
+        "ImpactAttractor",
+        "ImpactOrbit",
+        "ImpactRecord",
+        "MapAttractor",
+        "MapOrbit",
+        "Network",
+        "ParameterMap",
+        "StickingOrbit",
+        "Sweep",
+    )
+}
+SHOWN |= {"chain": lambda: ImpactChain(masses=3, frequency=0.9), "flow": Lorenz}
+
+
+class Reader(HTMLParser):
+    """The tags of a page, their attributes, and the texts of the cells of each row."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.attributes: set[str] = set()
+        self.tags: set[str] = set()
+        self.rows: list[list[str]] = []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.open.append(tag)
+        self.tags.add(tag)
+        self.attributes |= {f"{name}={value}" for name, value in attrs}
+        if tag == "tr":
+            self.rows.append([])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1] != "caption":
+            self.rows[-1].append(data)
+
+    @property
+    def facts(self) -> dict[str, str]:
+        return {row[0]: row[1] for row in self.rows if len(row) == 2}
+
+
+def shown(thing: Any) -> Reader:
+    return Reader(thing._repr_html_())
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_a_table_is_closed_small_and_has_no_colours_scripts_or_links(name: str) -> None:
+    page = SHOWN[name]()._repr_html_()
+    found = Reader(page)
+    assert not found.open
+    assert found.tags == {"table", "caption", "tr", "th", "td"}
+    assert found.attributes == {"style=text-align:left"}
+    assert 2 <= len(found.rows) <= 60
+    assert all(len(cell) < 200 for row in found.rows for cell in row)
+    assert len(page) < 12_000
+
+
+def test_everything_is_escaped_and_long_tables_are_cut() -> None:
+    page = table("<b>", [("&", "<script>"), *((i, i) for i in range(99))], ("<th>", '"x"'), most=5)
+    assert "<script>" not in page
+    assert "<b>" not in page
+    found = Reader(page)
+    assert found.rows[0] == ["<th>", '"x"']
+    assert found.rows[1] == ["&", "<script>"]
+    assert found.rows[-1] == ["... 95 more"]
+
+
+def test_a_chain_shows_its_parameters_and_first_modes() -> None:
+    facts = shown(ImpactChain(masses=2, frequency=0.9, damping=0.1)).facts
+    assert (facts["frequency"], facts["restitution"]) == ("0.9", "0.85")
+    assert facts["degrees of freedom"] == "2"
+    # 2 sin(pi / 10), the golden ratio's inverse; proportional damping: half of 0.1 times it
+    assert facts["mode 1"] == "natural frequency 0.618034, damping ratio 0.0309"
+
+
+def test_a_free_chain_shows_a_rigid_body() -> None:
+    free = ImpactChain(masses=2, springs=(0.0, 1.0), frequency=0.9)
+    assert shown(free).facts["mode 1"] == "natural frequency 0, a rigid body"
+
+
+def test_modes_of_large_structures_are_shown_once_they_are_known() -> None:
+    large = ImpactChain(masses=101, frequency=0.9)
+    assert "mode 1" not in shown(large).facts
+    assert large.modes.frequencies[0] > 0.0
+    assert "mode 1" in shown(large).facts
+
+
+def test_energies_that_are_refused_are_shown_as_such() -> None:
+    class Sinking(LagrangianStructure):
+        degrees_of_freedom = 1
+
+        def kinetic(self, v: Any) -> Any:
+            return v[0] ** 2 / 2
+
+        def potential(self, x: Any) -> Any:
+            return -(x[0] ** 2)
+
+    assert "potential" in shown(Sinking()).facts["modes"]
+
+
+@pytest.fixture
+def _nothing_is_simulated(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a table must not simulate")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(records, "run", refuse)
+        patch.setattr(Sweep, "_motion", refuse)
+        patch.setattr(ParameterMap, "attractor", refuse)
+        yield
+
+
+@pytest.mark.usefixtures("_nothing_is_simulated")
+def test_errors_and_labels_that_must_be_simulated_are_not_shown() -> None:
+    chain = ImpactChain(masses=2, frequency=0.9)
+    attractor = chain.attractor(transient=5, impacts=5)
+    assert "error" not in shown(attractor.record).facts
+    assert shown(attractor).facts["label"] == "not decided yet"
+    shown(RESULTS["Sweep"]())
+    shown(RESULTS["ParameterMap"]())
+
+
+def test_errors_and_labels_are_shown_once_they_are_known() -> None:
+    attractor = ImpactChain(masses=2, frequency=0.9).attractor(impacts=20)
+    label, error = str(attractor.label), attractor.record.error.max()
+    assert shown(attractor).facts["label"] == label
+    assert shown(attractor.record).facts["error"] == f"up to {error:.1e}"
+    sweep = RESULTS["Sweep"]()
+    label = str(sweep.label(1))
+    assert shown(sweep).facts["labels, 1 decided"] == f"{label} 1"
+    assert "error" not in shown(sweep).facts
+
+
+def test_a_branch_shows_its_ends_and_bifurcations() -> None:
+    branch = RESULTS["Branch"]()
+    found = shown(branch)
+    assert found.facts["a"] == "0.1 to 0.5"
+    assert found.facts["ends where"] == str(branch.endings[1])
+    (doubling,) = branch.bifurcations
+    assert found.rows[-1] == ["PD", "0.3675", f"{doubling.error:.1e}", "-1"]
+
+
+def test_an_orbit_shows_its_multipliers() -> None:
+    orbit = RESULTS["MapOrbit"]()
+    facts = shown(orbit).facts
+    assert float(facts["multipliers"]) == pytest.approx(orbit.multipliers[0].real, rel=1e-5)
+    assert (facts["stable"], facts["error"]) == ("no", f"{orbit.error:.1e}")
+
+
+def test_a_diagram_shows_its_intervals() -> None:
+    diagram = BifurcationDiagram("a", [1.0, 2.0, 3.0], {"x": np.zeros((3, 1))}, list("PPQ"))
+    assert shown(diagram).rows[-2:] == [["P", "1", "2", "2"], ["Q", "3", "3", "1"]]
+
+
+def test_basins_show_their_fractions() -> None:
+    found = basins(Logistic(rate=3.2), [[-0.1], [0.3], [0.5], [0.7]], progress=False)
+    assert shown(found).rows[-1][:4] == ["0", "P(2)", "3", "0.75"]
+    assert shown(found).facts["runs away"] == "1"
