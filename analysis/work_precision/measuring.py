@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from time import perf_counter
+from time import get_clock_info, perf_counter, process_time
 from types import MappingProxyType
 from typing import TYPE_CHECKING, final
 
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 _REPEATS, _ENOUGH = 300, 0.2
 """A run is repeated so often at most, and no more once so many seconds have passed."""
 
+_now = process_time if get_clock_info("process_time").resolution < 1e-6 else perf_counter
+"""Time of the processor, which other work on the machine does not change; where it is coarse, the
+time that passes."""
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +48,8 @@ class Measurement:
         Largest error of an impact as `ExactImpacts.errors` has it, or of a release; NaN when an
         impact is missed or invented, or the method did not come to its end.
     seconds : float
-        The shortest of some repetitions, of all starts together; NaN when it did not come to its
-        end.
+        Of the processor, for all starts together, the least of some repetitions; NaN when it did
+        not come to its end.
     work : mapping of str to int
         What the method counts.
     starts, lost : int
@@ -81,8 +85,8 @@ class WorkPrecision:
     """Error against run time of methods that simulate impacts, each over its own tolerance.
 
     All is measured when it is first asked for, and once. Before the time is taken each method may
-    prepare itself: compile, find modes. The time is the shortest of up to 300 repetitions, fewer
-    where they take long.
+    prepare itself: compile, find modes. The time is that of the processor, the least of up to 300
+    repetitions, fewer where they take long.
 
     Parameters
     ----------
@@ -245,7 +249,7 @@ def _measure(
     found: list[FoundImpacts] = []
     work: dict[str, int] = {}
     remark, left = "", method.budget
-    began = perf_counter()
+    began = _now()
     for run in runs:
         try:
             found.append(run(left))
@@ -258,7 +262,7 @@ def _measure(
         for name, count in found[-1].work.items():
             work[name] = work.get(name, 0) + count
         left = method.budget - next(iter(work.values()), 0)
-    seconds = perf_counter() - began
+    seconds = _now() - began
     if not remark:
         seconds = _shortest(runs, method.budget, seconds)
     compared = [compare(each, exact) for each, exact in zip(found, starts, strict=False)]
@@ -291,9 +295,9 @@ def _shortest(runs: list[Simulation], budget: int, first: float) -> float:
     for _ in range(_REPEATS - 1):
         if spent > _ENOUGH:
             break
-        began = perf_counter()
+        began = _now()
         for run in runs:
             run(budget)
-        seconds = perf_counter() - began
+        seconds = _now() - began
         best, spent = min(best, seconds), spent + seconds
     return best
