@@ -60,7 +60,7 @@ class ParameterMap:
         self._values = values
         self._rows = rows
         self._shape = (len(values[0]), len(values[1]))
-        for array in rows.arrays.values():
+        for array in (*values, *rows.arrays.values()):
             array.setflags(write=False)
 
     @classmethod

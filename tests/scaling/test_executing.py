@@ -9,9 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from dynkit import WorkerLost, explore, parameter_map, sweep
+import dynkit.store
+from dynkit import Sweep, WorkerLost, explore, parameter_map, sweep
 from dynkit.systems import Henon, Logistic
 from dynkit.workers import executing
 from dynkit.workers.executing import finished
@@ -26,6 +28,7 @@ from tests.scaling.cases import (
     bits,
     mapped,
     processes,
+    swept,
 )
 
 ROOT = Path(__file__).parents[2]
@@ -217,3 +220,37 @@ def test_the_store_of_other_values_is_refused(tmp_path: Path) -> None:
     other = {"a": VALUES["a"] * [1, 1, 1, 1, 1, 1, 0.9], "b": VALUES["b"]}
     with pytest.raises(ValueError, match=r"store .*x\.h5 was made with other values of a"):
         parameter_map(Henon(), other, start=START, store=tmp_path / "x.h5", **SHORT)
+
+
+def test_a_store_that_lacks_a_part_is_refused(tmp_path: Path) -> None:
+    store = tmp_path / "x.h5"
+    mapped(store=store)
+    archive = dynkit.store.read(store)
+    arrays = {name: array for name, array in archive.arrays.items() if name != "done"}
+    dynkit.store.write(store, dynkit.store.Archive(archive.entries, arrays))
+    with pytest.raises(ValueError, match="store must hold all of a map of two parameters"):
+        mapped(store=store)
+
+
+def test_a_store_of_something_else_is_refused(tmp_path: Path) -> None:
+    swept(store=tmp_path / "x.h5")
+    with pytest.raises(ValueError, match="store must hold a map of two parameters; got"):
+        mapped(store=tmp_path / "x.h5")
+
+
+def test_a_sweep_of_independent_starts_is_loaded_as_it_was_stored(tmp_path: Path) -> None:
+    found = swept(store=tmp_path / "x.h5")
+    loaded = Sweep.load(tmp_path / "x.h5", Henon())
+    assert bits(loaded) == bits(found)
+    assert loaded.labels == found.labels
+    with pytest.raises(ValueError, match=r"was made with b 0\.3; got 0\.2"):
+        Sweep.load(tmp_path / "x.h5", Henon(b=0.2))
+
+
+def test_independent_values_all_start_from_the_start() -> None:
+    found = swept()
+    for place, a in enumerate(found.values.tolist()):
+        alone = found.attractor(place).states
+        expected = Henon(a=a).iterate(np.array(START), 89)[60:]
+        assert alone.tobytes() == expected.tobytes()
+        assert found.observable("state[0]")[place].tobytes() == expected[:, 0].tobytes()

@@ -16,7 +16,7 @@ CHAIN = ImpactChain(masses=2, frequency=0.9)
 
 def all_bits(executor: Executor | None) -> list[str]:
     brief: dict[str, Any] = {"transient": 60, "keep": 40, "progress": False, "executor": executor}
-    values = {"frequency": np.linspace(0.3, 1.5, 8), "damping": [0.1, 0.2]}
+    values: dict[str, Any] = {"frequency": np.linspace(0.3, 1.5, 8), "damping": [0.1, 0.2]}
     starts = np.zeros((6, 5))
     starts[:, 1], starts[:, -1] = 1.0, np.arange(6)
     found = (
