@@ -25,7 +25,7 @@ from tests.impact_orbits.sticking_cases import exact_of, releases_of
 from tests.reference.random_cases import Kept, at_most, few, grid, network
 
 FILE: Final = Path(__file__).with_name("random_sticking.npz")
-CASES: Final = 1500
+CASES: Final = 1260
 SECONDS: Final = 3
 BEFORE: Final = 4e-15
 """Phase, of the order of rounding: the reference starts where there is still contact."""
