@@ -28,8 +28,8 @@ SMALLEST = 1e-12
 class Integrator(ABC):
     """Integrates an `ImpactModel` to its next event; states are positions, then velocities."""
 
-    def __init__(self, model: ImpactModel) -> None:
-        self.model = model
+    def __init__(self, contact: ContactMatrices) -> None:
+        self.contact, self.model = contact, contact.model
 
     @abstractmethod
     def fly(
@@ -59,7 +59,10 @@ class ContactMatrices:
 
     def __init__(self, model: ImpactModel) -> None:
         c, others = model.contact, model.others
-        self.model, self.others = model, others
+        self.model, self.others, self.kick = model, others, model.kick
+        self.inner = np.concatenate([others, model.size + others])
+        # acceleration of the contact coordinate by a unit force on it
+        self.compliance = float(np.linalg.solve(model.mass, np.eye(model.size)[c])[c])
         inner = np.ix_(others, others)
         inverse = np.linalg.inv(model.mass[inner])
         self.inverse = inverse
@@ -106,9 +109,8 @@ def simulate(integrator: Integrator, stick_below: float) -> FoundImpacts:
         A mass that is pressed onto the table stays there once its relative velocity after an impact
         is below this. What is left of the chatter would move it by about the square of that.
     """
-    model = integrator.model
-    contact = ContactMatrices(model)
-    n, c, end, kick = model.size, model.contact, model.until, model.kick
+    contact, model = integrator.contact, integrator.model
+    n, c, end, kick = model.size, model.contact, model.until, contact.kick
     state, time = np.concatenate([model.position, model.velocity]), 0.0
     rows: list[tuple[float, Array]] = []
     releases: list[float] = []
@@ -126,22 +128,20 @@ def simulate(integrator: Integrator, stick_below: float) -> FoundImpacts:
         state[c], state[n + c] = there, speed - model.restitution * approach
         rows.append((time, state))
         rebound = abs(model.restitution * approach)
-        y = state[np.concatenate([contact.others, n + contact.others])]
-        force = contact.force(time, y)
+        force = contact.force(time, state[contact.inner])
         pressed = force > 0.0
         # the gap closes with the acceleration force / (mass that the table feels)
-        flight = 2.0 * rebound / (force * _compliance(model)) if pressed else math.inf
+        flight = 2.0 * rebound / (force * contact.compliance) if pressed else math.inf
         if pressed and rebound <= stick_below:
             state = state.copy()
             state[n:] -= model.sign * rebound * kick
-            y = state[np.concatenate([contact.others, n + contact.others])]
-            time, y, released = integrator.hold(time, y, end)
+            time, y, released = integrator.hold(time, state[contact.inner], end)
             if not released:
                 break
             releases.append(time)
             there, speed, _ = model.table(time)
             state = np.empty(2 * n)
-            state[contact.others], state[n + contact.others] = y[: n - 1], y[n - 1 :]
+            state[contact.inner] = y
             state[c], state[n + c] = there, speed
             later = min(end, time + BLIND * 2.0 * math.pi / model.frequency)
             state, time, flight = integrator.pass_freely(time, state, later), later, math.inf
@@ -152,11 +152,6 @@ def simulate(integrator: Integrator, stick_below: float) -> FoundImpacts:
         np.array(releases),
         integrator.work(),
     )
-
-
-def _compliance(model: ImpactModel) -> float:
-    """Acceleration of the contact coordinate by a unit force on it."""
-    return float(np.linalg.solve(model.mass, np.eye(model.size)[model.contact])[model.contact])
 
 
 def smallest_bounce(model: ImpactModel, tolerance: float) -> float:

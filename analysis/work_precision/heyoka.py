@@ -66,6 +66,7 @@ class Heyoka(ImpactMethod):
             import heyoka
         except ImportError:
             raise Unsuited("heyoka is not installed: it comes with the extra peers") from None
+        heyoka.set_logger_level_error()  # it warns on stdout of polynomials in short bounces
         model = ImpactModel.of(exact)
         parts = (model.mass, model.damping, model.stiffness, model.harmonic, model.constant)
         key = (*(part.tobytes() for part in parts), model.contact, tolerance)
@@ -73,16 +74,20 @@ class Heyoka(ImpactMethod):
         if key not in self._compiled:
             self._compiled[key] = _compiled(heyoka, model, tolerance)
         pair, cut = self._compiled[key], smallest_bounce(model, tolerance)
-        return lambda budget: simulate(_Taylor(heyoka, model, pair, budget), cut)
+        contact = ContactMatrices(model)
+        return lambda budget: simulate(_Taylor(heyoka, contact, pair, budget), cut)
 
 
 @final
 class _Taylor(Integrator):
-    def __init__(self, heyoka: Any, model: ImpactModel, pair: tuple[Any, Any], budget: int) -> None:
-        super().__init__(model)
+    def __init__(
+        self, heyoka: Any, contact: ContactMatrices, pair: tuple[Any, Any], budget: int
+    ) -> None:
+        super().__init__(contact)
+        model = contact.model
         self._limit = heyoka.taylor_outcome.time_limit
         self._exhausted = heyoka.taylor_outcome.step_limit
-        self._flight, self._contact = pair
+        self._flight, self._held = pair
         self._left = self._budget = budget
         own = [model.amplitude, model.frequency, model.offset, model.phase, float(model.sign)]
         for integrator in pair:
@@ -102,9 +107,9 @@ class _Taylor(Integrator):
         return state
 
     def hold(self, time: float, state: Array, end: float) -> tuple[float, Array, bool]:
-        if self._contact is None:
+        if self._held is None:
             raise GaveUp("gave up: nothing is left to integrate in contact")
-        return self._run(self._contact, time, state, end, keep=False)
+        return self._run(self._held, time, state, end, keep=False)
 
     def work(self) -> dict[str, int]:
         return {"steps": self._budget - self._left}

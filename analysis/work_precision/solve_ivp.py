@@ -72,21 +72,22 @@ class SolveIVP(ImpactMethod):
         import scipy.integrate  # noqa: F401
 
         model = ImpactModel.of(exact)
-        cut = smallest_bounce(model, tolerance)
-        return lambda budget: simulate(_SciPy(model, self.solver, tolerance, budget), cut)
+        contact, cut = ContactMatrices(model), smallest_bounce(model, tolerance)
+        return lambda budget: simulate(_SciPy(contact, self.solver, tolerance, budget), cut)
 
 
 @final
 class _SciPy(Integrator):
-    def __init__(self, model: ImpactModel, solver: str, tolerance: float, budget: int) -> None:
-        super().__init__(model)
-        n = model.size
+    def __init__(
+        self, contact: ContactMatrices, solver: str, tolerance: float, budget: int
+    ) -> None:
+        super().__init__(contact)
+        model, n = contact.model, contact.model.size
         self._inverse = np.linalg.inv(model.mass)
         self._matrix = np.zeros((2 * n, 2 * n))
         self._matrix[:n, n:] = np.eye(n)
         self._matrix[n:, :n] = -self._inverse @ model.stiffness
         self._matrix[n:, n:] = -self._inverse @ model.damping
-        self._contact = ContactMatrices(model)
         size = max(float(abs(model.position).max()), model.amplitude)
         self._options: dict[str, Any] = {
             "method": solver,
@@ -112,7 +113,7 @@ class _SciPy(Integrator):
         return self._until(self._rate, None, self._matrix, (time, state, end), None)[1]
 
     def hold(self, time: float, state: Array, end: float) -> tuple[float, Array, bool]:
-        contact = self._contact
+        contact = self.contact
         return self._until(contact.rate, contact.force, contact.matrix, (time, state, end), None)
 
     def work(self) -> dict[str, int]:
