@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +50,7 @@ class Shown:
         ]
 
 
-def told(system: object, digits: int | None = None) -> str:
+def told(system: object, digits: int | None = None, without: Collection[str] = ()) -> str:
     """Return the class of a system, with what differs from its defaults.
 
     Parameters
@@ -58,6 +58,8 @@ def told(system: object, digits: int | None = None) -> str:
     system : object
     digits : int, optional
         Of its numbers; by default as many as make the same numbers again.
+    without : collection of str
+        Arguments that are left out.
 
     Examples
     --------
@@ -68,7 +70,7 @@ def told(system: object, digits: int | None = None) -> str:
     shown = [
         f"{name}={_shortened(value, digits)}"
         for name, value, default in _arguments(system)
-        if not _same(value, default)
+        if name not in without and not _same(value, default)
     ]
     return f"{type(system).__name__}({', '.join(shown)})"
 

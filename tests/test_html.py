@@ -179,7 +179,9 @@ def test_an_orbit_shows_its_multipliers() -> None:
 
 
 def test_a_diagram_shows_its_intervals() -> None:
-    diagram = BifurcationDiagram("a", [1.0, 2.0, 3.0], {"x": np.zeros((3, 1))}, list("PPQ"))
+    diagram = BifurcationDiagram(
+        "a", np.array([1.0, 2.0, 3.0]), {"x": np.zeros((3, 1))}, list("PPQ")
+    )
     assert shown(diagram).rows[-2:] == [["P", "1", "2", "2"], ["Q", "3", "3", "1"]]
 
 

@@ -21,6 +21,7 @@ from dynkit.validation import Array
 from dynkit.workers.points import Rows
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
 
@@ -199,6 +200,37 @@ class Basins:
         from dynkit.attraction.drawing import draw_basins
 
         return draw_basins(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the number of each start's attractor, and what the attractors are, as a dataset.
+
+        Dimensions are ``start``, or ``row`` and ``column`` of starts in two directions,
+        ``coordinate`` of the starts, and ``attractor``.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        from dynkit.xarrays import dataset
+
+        over = ("row", "column") if self._numbers.ndim == 2 else ("start",)
+        return dataset(
+            "Basins of attraction",
+            {"attractor": ("attractor", np.arange(len(self)))},
+            {
+                "number": (over, self.numbers),
+                "position": ((*over, "coordinate"), self.starts),
+                "label": ("attractor", [str(basin.label) for basin in self.basins]),
+                "count": ("attractor", [basin.count for basin in self.basins]),
+                "fraction": ("attractor", [basin.fraction for basin in self.basins]),
+                "error": ("attractor", self.error),
+            },
+            cost=self.cost,
+            error="standard error of the fraction of starts that were drawn at random",
+            system=self._look.family,
+            facts={f"number_{number}": text for number, text in OTHER_ENDS.items()},
+        )
 
     def _place(self, place: tuple[int, ...]) -> tuple[int, ...]:
         shape: tuple[int, ...] = self._numbers.shape

@@ -19,6 +19,7 @@ from dynkit.results import Cost
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
     from dynkit.maps import Map
@@ -200,6 +201,21 @@ class Branch:
         from dynkit.continuation.drawing import draw_branch
 
         return draw_branch(self, ax, y)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return its points as a dataset.
+
+        Dimensions are ``point``, ``multiplier``, ``unknown``, ``state`` and ``bifurcation``. Where
+        orbits can be made of it, what `plot` draws by default is in it: the first observable.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        from dynkit.continuation.datasets import branch_dataset
+
+        return branch_dataset(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.

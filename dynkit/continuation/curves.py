@@ -23,6 +23,7 @@ from dynkit.results import Cost
 from dynkit.validation import Array, in_interval
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
     from dynkit.orbits import PeriodicOrbit
@@ -155,6 +156,20 @@ class BifurcationCurve:
         from dynkit.continuation.drawing import draw_curve
 
         return draw_curve(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return its points as a dataset.
+
+        Dimensions are ``point``, ``unknown`` and ``condition``, of the condition's own unknowns.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        from dynkit.continuation.datasets import curve_dataset
+
+        return curve_dataset(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.

@@ -28,6 +28,7 @@ from dynkit.workers.collecting import read_rows, refuse_other
 from dynkit.workers.points import Rows
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
 
@@ -292,6 +293,37 @@ class ParameterMap:
         from dynkit.parameter_maps.drawing import draw_map
 
         return draw_map(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return what was found as a dataset over the two parameters.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        from dynkit.xarrays import dataset
+
+        over = self.parameters
+        found = {f"largest_{name}": (over, self.largest(name)) for name in self.observables}
+        if self._plan.exponents:
+            found["exponent"] = (over, self.exponents)
+        return dataset(
+            "Kinds of motion over two parameters",
+            {name: (name, values) for name, values in self.values.items()},
+            {
+                "label": (over, self.names),
+                "impacts": (over, self.impacts),
+                "periods": (over, self.periods),
+                "ending": (over, self.endings),
+                "error": (over, self.error),
+                **found,
+            },
+            cost=self.cost,
+            error="how wrong the label may be, in the sense of its kind: OrbitLabel.error",
+            system=self._plan.family,
+            facts={"transient": float(self.transient), "keep": float(self.keep)},
+        )
 
     def _place(self, i: int, j: int) -> int:
         for name, place, count in (("i", i, self._shape[0]), ("j", j, self._shape[1])):

@@ -21,6 +21,7 @@ from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, as_attractor, swe
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
 
@@ -213,6 +214,38 @@ class Sweep:
         name = self.observables[0]
         titles = [title.replace("_", " ") for title in (self.parameter, name)]
         return draw_diagram(ax, self.values, self.observable(name), titles)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the observables as a dataset over the parameter and ``state``, the kept states.
+
+        Labels are in it once all were decided, and the `error`, which simulates, when it was asked
+        for before.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        from dynkit.xarrays import dataset, known_error
+
+        over, names = self.parameter, []
+        if len(self._labels) == len(self):
+            names = [str(label) for label in self.labels]
+        return dataset(
+            "Sweep of a parameter",
+            {over: (over, self.values)},
+            {
+                **{name: ((over, "state"), self.observable(name)) for name in self.observables},
+                "count": (over, self.counts),
+                "ending": (over, list(self.endings)),
+                **({"label": (over, names)} if names else {}),
+                **known_error(self, over),
+            },
+            cost=self.cost,
+            error="estimate of the largest error of the kept states, from where a value starts on",
+            system=self._plan.family,
+            facts={"transient": float(self.transient), "keep": float(self.keep)},
+        )
 
     @property
     def labels(self) -> tuple[OrbitLabel, ...]:

@@ -17,6 +17,7 @@ from dynkit.systems.impact.state import ImpactState, on_table
 from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -262,6 +263,40 @@ class ImpactRecord:
         from dynkit.systems.impact.drawing import draw_record
 
         return draw_record(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the impacts and contacts as a dataset; its time counts from the start.
+
+        Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. The `error`,
+        which simulates, is in it when it was asked for before.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        from dynkit.xarrays import dataset, known_error
+
+        n, each = self.system.degrees_of_freedom, "impact"
+        begins, ends = self.sticking.T
+        return dataset(
+            "Impacts of a motion",
+            {"time": (each, self.time), "mass": ("mass", np.arange(1, n + 1))},
+            {
+                "position": ((each, "mass"), self.position),
+                "velocity": ((each, "mass"), self.velocity),
+                "relative_velocity": (each, self.relative_velocity),
+                "phase": (each, self.phase),
+                "energy": (each, self.energy),
+                "contact_begin": ("contact", begins),
+                "contact_end": ("contact", ends),
+                **known_error(self, each),
+            },
+            cost=self.cost,
+            error="estimate of the largest error of the section coordinates up to each impact",
+            system=self.system,
+            facts={"ending": self.ending.value, "chatter_error": self.chatter_error},
+        )
 
     def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages of positions and of their products, in closed form.
