@@ -296,7 +296,7 @@ class NoFixedPoint(Map):
 
 
 def test_where_there_is_no_orbit_the_failure_says_so() -> None:
-    with pytest.raises(NoConvergence, match=r"residual .*; for period 1 from \[0\.3\] of <"):
+    with pytest.raises(NoConvergence, match=r"residual .*; for period 1 from \[0\.3\] of NoFix"):
         periodic_orbit(NoFixedPoint(), [0.3])
 
 
