@@ -127,9 +127,9 @@ class TimeSeries:
         return motion_error(self._attractor, float(self.times.max(initial=0.0)))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the values against time, the table dashed, the impacts as dots.
+        """Draw the values against time, the stops dashed, the impacts as dots.
 
-        The table and the impacts are drawn with the contact coordinate only.
+        The stops and the impacts are drawn with the contact coordinate only.
 
         Parameters
         ----------
@@ -143,8 +143,12 @@ class TimeSeries:
         attractor, table = self._attractor, self.table
         if attractor is None or table is None or self.coordinate != contact_coordinate(attractor):
             return draw_motion(ax, self.times, self.values, self.name)
+        system: Any = attractor.system
+        stops, play = [table], getattr(system, "play", math.inf)
+        if play != math.inf:
+            stops.append(table + (play if system.side == "above" else -play))
         at = attractor.time_series(self.impacts)[:, self.coordinate]
-        return draw_motion(ax, self.times, self.values, self.name, [table], (self.impacts, at))
+        return draw_motion(ax, self.times, self.values, self.name, stops, (self.impacts, at))
 
 
 # --- what is known about motions ------------------------------------------------------------------

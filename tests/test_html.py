@@ -166,6 +166,7 @@ def test_a_branch_shows_its_ends_and_bifurcations() -> None:
     branch = RESULTS["Branch"]()
     found = shown(branch)
     assert found.facts["a"] == "0.1 to 0.5"
+    assert found.facts["system"] == "Henon()"
     assert found.facts["ends where"] == str(branch.endings[1])
     (doubling,) = branch.bifurcations
     assert found.rows[-1] == ["PD", "0.3675", f"{doubling.error:.1e}", "-1"]

@@ -14,6 +14,7 @@ from dynkit.systems import (
     BouncingBall,
     Henon,
     ImpactChain,
+    ImpactOscillator,
     Logistic,
     PlayOscillator,
     SingleImpactOscillator,
@@ -86,8 +87,9 @@ def test_an_orbit_is_drawn_for_one_period(orbit: object) -> None:
     np.testing.assert_allclose(there, table, atol=1e-12)
 
 
-def test_records_and_time_series_are_drawn_alike() -> None:
-    attractor = CHAIN.attractor(impacts=5)
+@pytest.mark.parametrize("system", [CHAIN, PlayOscillator(play=1.0, amplitude=0.2, frequency=1.0)])
+def test_records_and_time_series_are_drawn_alike(system: ImpactOscillator) -> None:
+    attractor = system.attractor(impacts=5)
     ours = attractor.record.plot(new_figure()[1][0])
     theirs = TimeSeries(attractor).plot(new_figure()[1][0])
     assert [ours.get_xlabel(), ours.get_ylabel()] == [theirs.get_xlabel(), theirs.get_ylabel()]

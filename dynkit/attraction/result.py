@@ -207,6 +207,10 @@ class Basins:
         Dimensions are ``start``, or ``row`` and ``column`` of starts in two directions,
         ``coordinate`` of the starts, and ``attractor``.
 
+        Returns
+        -------
+        xarray.Dataset
+
         Raises
         ------
         ImportError

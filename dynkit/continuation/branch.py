@@ -208,6 +208,10 @@ class Branch:
         Dimensions are ``point``, ``multiplier``, ``unknown``, ``state`` and ``bifurcation``. Where
         orbits can be made of it, what `plot` draws by default is in it: the first observable.
 
+        Returns
+        -------
+        xarray.Dataset
+
         Raises
         ------
         ImportError

@@ -162,6 +162,10 @@ class BifurcationCurve:
 
         Dimensions are ``point``, ``unknown`` and ``condition``, of the condition's own unknowns.
 
+        Returns
+        -------
+        xarray.Dataset
+
         Raises
         ------
         ImportError

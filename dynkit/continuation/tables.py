@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynkit.showing import Facts, costing, span, table
+from dynkit.showing import Facts, costing, span, table, told
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -29,8 +29,9 @@ def bifurcation_table(bifurcation: Bifurcation) -> str:
 
 def branch_table(branch: Branch) -> str:
     """Return a branch, and its bifurcations, as tables."""
-    count = len(branch)
-    facts: Facts = [
+    count, system = len(branch), branch._system
+    facts: Facts = [] if system is None else [("system", told(system, 6, [branch.name]))]
+    facts += [
         (branch.name, span(branch.parameter)),
         ("points", count),
         ("stable", f"{branch.stable.sum()} of {count}"),

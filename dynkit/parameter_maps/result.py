@@ -297,6 +297,10 @@ class ParameterMap:
     def to_xarray(self) -> xarray.Dataset:
         """Return what was found as a dataset over the two parameters.
 
+        Returns
+        -------
+        xarray.Dataset
+
         Raises
         ------
         ImportError

@@ -221,6 +221,10 @@ class Sweep:
         Labels are in it once all were decided, and the `error`, which simulates, when it was asked
         for before.
 
+        Returns
+        -------
+        xarray.Dataset
+
         Raises
         ------
         ImportError

@@ -270,10 +270,21 @@ class ImpactRecord:
         Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. The `error`,
         which simulates, is in it when it was asked for before.
 
+        Returns
+        -------
+        xarray.Dataset
+
         Raises
         ------
         ImportError
             When xarray is not installed.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> found = ImpactChain(masses=2, frequency=0.9).simulate(impacts=5).to_xarray()
+        >>> found.position.dims, found.attrs["parameter_restitution"]
+        (('impact', 'mass'), 0.85)
         """
         from dynkit.xarrays import dataset, known_error
 
