@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # The oldest versions that are supported, in an environment of their own; TESTS= picks some tests.
-OLDEST_PYTHON ?= python3.11
+OLDEST_PYTHON ?= $(shell command -v python3.11 || echo $(PYTHON))
 OLDEST := .venv-oldest
 
 .DEFAULT_GOAL := help

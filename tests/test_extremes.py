@@ -202,21 +202,21 @@ def test_nothing_is_simulated_before_the_arguments_are_right() -> None:
     assert not log.getvalue()
 
 
-# --- what the README says -------------------------------------------------------------------------
+# --- what the documentation says ------------------------------------------------------------------
 
 
 def section() -> str:
-    """The README's section about extreme cases."""
-    text = (Path(__file__).parents[1] / "README.md").read_text()
+    """What the documentation says of extreme cases."""
+    text = (Path(__file__).parents[1] / "docs" / "benchmarks.md").read_text()
     return text.split("## Extreme cases\n")[1].split("\n## ")[0]
 
 
-def test_the_readme_counts_the_cases() -> None:
+def test_the_documentation_counts_the_cases() -> None:
     impacts = sum(len(case.values) for case in CASES.values())
     assert f"{len(CASES)} cases, {impacts} impacts" in section()
 
 
-def test_the_readme_names_cases_of_every_group() -> None:
+def test_the_documentation_names_cases_of_every_group() -> None:
     rows = re.findall(r"^\| (.*?) \|", section(), flags=re.MULTILINE)
     named = [CASES[row] for row in rows if row not in ("case", "---")]
     assert {case.group for case in named} == set(GROUPS)
