@@ -1,3 +1,0 @@
-"""Stands in `dynkit.figures`."""
-
-from dynkit.figures import *  # noqa: F403
