@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from dynkit.analysis.figures import print_style, shown_axes
+from dynkit.figures import print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
