@@ -77,6 +77,10 @@ class OrbitEquations(Equations):
     def residual(self, y: Array) -> Array:
         return self.problem.residual(y[:-1], y[-1:])
 
+    def rounding(self, y: Array) -> Array:
+        """How wrong each equation may be by rounding."""
+        return self.problem.rounding(y[:-1], y[-1:])
+
     def jacobian(self, y: Array) -> Array:
         x, p, m = y[:-1], y[-1:], self._m
         matrix = np.empty((m, m + 1))

@@ -259,5 +259,5 @@ def _distance(equations: OrbitEquations, y: Array) -> float:
     scale = equations.scale(y)
     jacobian = equations.jacobian(y)
     tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    bound = error_bound(jacobian, y, equations.residual(y), scale, tangent)
+    bound = error_bound(jacobian, y, equations.residual(y), scale, tangent, equations.rounding(y))
     return float((bound / scale).max())

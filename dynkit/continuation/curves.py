@@ -329,7 +329,8 @@ def _distance(
     y = np.concatenate([x, own, p])
     scale, jacobian = equations.scale(y), equations.full_jacobian(y)
     tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    bound = error_bound(jacobian, y, equations.residual(y), scale, tangent, equations.rounding)
+    rounding = equations.rounding(y)
+    bound = error_bound(jacobian, y, equations.residual(y), scale, tangent, rounding)
     return float((bound / scale).max())
 
 

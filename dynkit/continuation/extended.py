@@ -229,12 +229,12 @@ class BifurcationEquations(Equations):
         sizes = np.maximum(1.0, abs(own))
         return np.concatenate([self.problem.scale(x) * self._m**0.5, sizes, self._widths])
 
-    @property
-    def rounding(self) -> Array:
+    def rounding(self, y: Array) -> Array:
         """How wrong each equation may be by rounding."""
-        wrong = np.full(self._m + self.condition.unknowns + 1, 16.0 * ROUNDING)
-        wrong[self._m :] = getattr(self.condition, "rounding", 16.0 * ROUNDING)
-        return wrong
+        x, _, p = self.split(y)
+        of_orbit = self.problem.rounding(x, p)
+        own = max(getattr(self.condition, "rounding", 0.0), float(of_orbit.max()))
+        return np.concatenate([of_orbit, np.full(self.condition.unknowns + 1, own)])
 
     def _condition(self, y: Array) -> Array:
         try:

@@ -109,9 +109,9 @@ def _blur(follower: Follower, point: Point) -> float:
     """How far the parameter of a border may be off because its orbit is."""
     equations, scale = follower.equations, point.scale
     jacobian, residual = equations.jacobian(point.y), equations.residual(point.y)
-    return float(
-        (error_bound(jacobian, point.y, residual, scale, point.tangent) / scale).max() * scale[-1]
-    )
+    rounding = equations.rounding(point.y)
+    bound = error_bound(jacobian, point.y, residual, scale, point.tangent, rounding)
+    return float((bound / scale).max() * scale[-1])
 
 
 def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
@@ -159,7 +159,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         residual = equations.residual(found.y)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    bound = error_bound(jacobian, found.y, residual, scale, None, equations.rounding)
+    bound = error_bound(jacobian, found.y, residual, scale, None, equations.rounding(found.y))
     x, own, p = equations.split(found.y)
     if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
         return None

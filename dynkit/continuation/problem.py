@@ -95,6 +95,10 @@ class Problem(ABC):
     def residual(self, x: Array, p: Array) -> Array:
         """Return F, (m,), each equation in units in which rounding leaves about 1e-16."""
 
+    def rounding(self, x: Array, p: Array) -> Array:
+        """Return how wrong each of F, (m,), may be by rounding; 16 units by default."""
+        return np.full(self.size, 16.0 * 2.0**-52)
+
     @abstractmethod
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
         """Return D(multiplier), (m, m): how disturbances that return multiplied change F.

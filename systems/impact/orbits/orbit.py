@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
+from dynkit.systems.impact.orbits.solution import ROUNDING
 from dynkit.systems.impact.orbits.watching import section_states
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.problem import ImpactProblem
     from dynkit.systems.impact.orbits.solution import Solution
-
-_ROUNDING = 32.0 * 2.0**-52
-"""Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
 
 
 @final
@@ -83,25 +81,18 @@ class ImpactOrbit(DrivenOrbit):
         singular.
         """
         s, problem = self._solution, self._problem
-        n, w = self.impacts, s.terms.frequency
-        size = abs(s.terms.gap(s.sides, s.phases)).max() + abs(s.terms.drive)
-        grown = np.maximum(1.0, s.transition.amplification(s.states.shape[-1]))
-        spread = abs(s.states * grown).reshape(n, -1)
-        place, speed = (spread @ abs(row) for row in s.motion.rows[:2])
-        turned = 1.0 + abs(s.phases).max()
-        equations = np.concatenate([(place + size) * w, speed + w * abs(s.terms.drive)])
-        left = _ROUNDING * turned * equations / problem.speed + self.residual
+        left = problem.rounding(self._x, NONE) + self.residual
         try:
             moved = abs(np.linalg.inv(problem.linearization(self._x, NONE))) @ left
         except np.linalg.LinAlgError:
             return float("inf")
         moved *= problem.scale(self._x)
-        return self._error_of_states(moved) + float(_ROUNDING * turned * spread.max())
+        return self._error_of_states(moved) + float(s.rounded.max())
 
     def _error_of_states(self, moved: Array) -> float:
         """Largest change of a section coordinate by changes (2n,) of the unknowns."""
         n = self.impacts
-        worst = _ROUNDING * float(abs(self.states).max()) + float(moved[:n].max())
+        worst = ROUNDING * float(abs(self.states).max()) + float(moved[:n].max())
         x = self._x
         for k in np.flatnonzero(moved):
             h = 1e-6 * (1.0 if k < n else self._problem.speed)

@@ -14,7 +14,7 @@ from dynkit.results import Cost
 from dynkit.systems.impact.orbits.monodromy import multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
-from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.solution import ROUNDING, Solution
 from dynkit.systems.impact.orbits.structural import (
     LARGEST,
     linear_change,
@@ -144,6 +144,15 @@ class ImpactProblem(Problem):
         length = self.speed / s.terms.frequency
         rates = s.gaps(1) - r / (1.0 + r) * s.impulses
         return np.concatenate([s.gaps(0) / length, rates / self.speed])
+
+    def rounding(self, x: Array, p: Array) -> Array:
+        """What rounding leaves in the equations, (2n,): responses grow, and cancel, on the way."""
+        s = self.at(x, p)
+        size = abs(s.terms.gap(s.sides, s.phases)).max() + abs(s.terms.drive)
+        place, speed = (s.rounded @ abs(row) for row in s.motion.rows[:2])
+        w, unit = s.terms.frequency, ROUNDING * s.turned
+        gaps, rates = (place + unit * size) * w, speed + unit * w * abs(s.terms.drive)
+        return np.concatenate([gaps, rates]) / self.speed
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
         s = self.at(x, p)

@@ -13,6 +13,9 @@ from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.validation import Array
 
+ROUNDING = 32.0 * 2.0**-52
+"""Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
+
 
 @final
 class Solution:
@@ -93,6 +96,19 @@ class Solution:
         n = len(self.sides)
         sums = np.einsum("j,ijs->is", self.signs * self.impulses, self._kicks)
         return np.asarray(sums.reshape(n, 2, -1))
+
+    @cached_property
+    def rounded(self) -> Array:
+        """What rounding may make of the free states, (n, 2 slots)."""
+        grown = np.maximum(1.0, self.transition.amplification(self.states.shape[-1]))
+        return np.asarray(
+            ROUNDING * self.turned * abs(self.states * grown).reshape(len(self.sides), -1)
+        )
+
+    @property
+    def turned(self) -> float:
+        """How often more than other numbers phases are rounded."""
+        return float(1.0 + abs(self.phases).max())
 
     @cached_property
     def lasts(self) -> Array:
