@@ -61,6 +61,10 @@ class Equations(ABC):
     def scale(self, y: Array) -> Array:
         """Return typical sizes of the unknowns, all positive."""
 
+    def rounding(self, y: Array) -> Array:
+        """Return how wrong each equation may be by rounding; 16 units by default."""
+        return np.full(len(self.residual(y)), _FLOOR)
+
 
 @final
 class Correction(NamedTuple):
