@@ -82,7 +82,7 @@ class PoincareSection(ABC):
 
 @final
 class Hyperplane(PoincareSection):
-    """The plane ``normal . state = offset``, with an orthonormal chart.
+    """The plane on which normal @ state is the offset, with an orthonormal chart.
 
     The value is the signed distance to the plane. For a plane across a coordinate axis the chart
     is the list of the other coordinates.
