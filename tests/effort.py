@@ -14,12 +14,18 @@ THOROUGH: Final = "thorough"
 def register_profiles() -> None:
     """Make the profile that `HYPOTHESIS_PROFILE` names the one of this run."""
     # The first example of a test may compile a kernel: neither a deadline nor a pace.
-    plain = settings(deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow])
+    plain = settings(
+        deadline=None,
+        derandomize=True,  # new examples are for the thorough profile
+        print_blob=True,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
     settings.register_profile(PLAIN, plain)
     settings.register_profile(
         THOROUGH,
         plain,
         max_examples=3000,
+        derandomize=False,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
     )
     settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", PLAIN))

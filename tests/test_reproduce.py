@@ -34,9 +34,10 @@ def test_an_item_made_by_another_process_is_part_of_the_report(
 ) -> None:
     monkeypatch.setattr("dynkit.cli.reproduce.BESIDE", "figure-3")
     log = io.StringIO()
-    written = reproduce(str(tmp_path), ["table-a1", "figure-3"], log=log)
+    page = reproduce(str(tmp_path), ["table-a1", "figure-3"], log=log)
+    assert page == tmp_path / "report.html"
     assert "s, meanwhile" in log.getvalue()
-    assert cells(written.read_text(), "200")[2].startswith("0.8500000000")
+    assert cells((tmp_path / "report.md").read_text(), "200")[2].startswith("0.8500000000")
     assert (tmp_path / "figure-3.png").exists()
 
 

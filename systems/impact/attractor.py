@@ -150,6 +150,7 @@ class ImpactAttractor(Attractor):
         NoConvergence
             When its motion is still too far from it.
         """
+        from dynkit.continuation.newton import NoConvergence
         from dynkit.map_orbits import periodic_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion
         from dynkit.systems.impact.orbits.responses import free_motion
@@ -160,10 +161,14 @@ class ImpactAttractor(Attractor):
             raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
         if n is None:
             return sticking_orbit_of(self.final, m)
-        record = self._system.simulate(impacts=n, start=self.final)
+        rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
+        record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
         if free_motion(self._system._structure).rigid:
             return periodic_orbit(self._system, record.states, period=n)
-        return orbit_of_motion(record, n, m)
+        try:
+            return orbit_of_motion(record, n, m)
+        except ValueError as refusal:
+            raise NoConvergence(f"the motion is still too far from {self.label}") from refusal
 
     def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
