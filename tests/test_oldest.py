@@ -17,4 +17,6 @@ def test_the_oldest_python_is_the_one_that_is_tested() -> None:
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     required = tomllib.loads(text)["project"]["requires-python"]
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert f"OLDEST_PYTHON ?= python{required.removeprefix('>=')}\n" in makefile
+    oldest = f"python{required.removeprefix('>=')}"
+    # or the one that is there, on a machine that has no other
+    assert f"OLDEST_PYTHON ?= $(shell command -v {oldest} || echo $(PYTHON))\n" in makefile
