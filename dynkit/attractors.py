@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 # How far, relative, a motion that was labelled while it still settled may be from its orbit.
 _NEARBY = 0.1
-# Twin runs for the error, and their disturbances in units of the map's accuracy.
-_TWINS, _DISTURBANCE = 3, 8.0
+# Twin runs for the error, and the least of their disturbances, relative.
+_TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
 
 
 class Attractor(ABC):
@@ -224,9 +224,9 @@ class MapAttractor(Attractor):
     def error(self) -> float:
         """Estimate of the largest distance of a kept state from the exact one.
 
-        Three twin runs are disturbed at the start and after every iterate, by eight times the map's
-        `accuracy` (one unit of rounding unless the map says otherwise), relative to the size of the
-        state, of either sign in every coordinate. The estimate is the largest distance that they
+        Three twin runs are disturbed at the start and after every iterate, by the map's `accuracy`
+        or by four roundings, whichever is more, relative to the size of the state, of either sign
+        in every coordinate. The estimate is the largest distance that they
         reach, or the rounding of the largest state: near the accuracy on a stable periodic
         orbit, and as large as the attractor in chaos, whose single states cannot be computed, only
         their distribution. It is infinite when a twin runs away, or has no next state.
@@ -241,7 +241,7 @@ class MapAttractor(Attractor):
     def _parted(self, seed: int) -> float:
         """Largest distance, over the states kept, to a twin run that is disturbed throughout."""
         signs = np.random.default_rng(seed)
-        noise = _DISTURBANCE * self._system.accuracy
+        noise = max(self._system.accuracy, _ROUNDINGS)
         twin = self._start.copy()
         largest = 0.0
         for i in range(self._last + 1):

@@ -23,7 +23,7 @@ def attractor_states_have_the_shape(make: MakeAttractor) -> None:
 
 def attractor_is_deterministic(make: MakeAttractor) -> None:
     """The same attractor has the same states, label and error, bit for bit."""
-    one, other = make(7, 40), make(7, 40)
+    one, other = make(7, 100), make(7, 100)
     require(same_bits(one.states, other.states), "the states are deterministic", "they differ")
     for name in ("label", "error"):
         values = getattr(one, name), getattr(other, name)
