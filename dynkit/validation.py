@@ -5,12 +5,15 @@ NaN is refused by every check; NumPy's scalars are numbers.
 """
 
 import math
-from typing import TypeAlias
+from typing import TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+
+# So few numbers are looked at one by one in less time than NumPy takes to begin.
+_SHORT = 16
 
 
 def finite_scalar(name: str, value: object) -> float:
@@ -168,6 +171,8 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     ...
     ValueError: state must have shape (3,); got shape (2,)
     """
+    if _is_fit(value, shape):
+        return value
     array = _real_array(name, value)
     lengths = array.shape
     if len(lengths) != len(shape) or any(
@@ -181,6 +186,18 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
         place = f"{name}[{', '.join(map(str, index))}]" if index else name
         raise _refusal(place, "be a finite number", float(array[index]))
     return array
+
+
+def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
+    """Whether it is a short vector that fits: the state that a map or a flow is called with."""
+    return (
+        type(value) is np.ndarray
+        and value.dtype == np.float64
+        and value.ndim == 1
+        and value.shape == shape
+        and value.size <= _SHORT
+        and all(map(math.isfinite, value.tolist()))
+    )
 
 
 def _real_array(name: str, value: object) -> Array:
