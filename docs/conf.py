@@ -30,7 +30,8 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.viewcode",
 ]
-exclude_patterns = ["_build", "README.md"]
+# Where notebooks' pictures are put, beside the built pages.
+exclude_patterns = ["_build", "jupyter_execute", "README.md"]
 templates_path = ["_templates"]
 nitpicky = False
 suppress_warnings = ["myst.strikethrough"]
@@ -53,6 +54,8 @@ html_title = f"dynkit {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+# Pages without any below them have nothing to show beside them.
+html_sidebars = {page: [] for page in ("install", "benchmarks", "comparison", "limits")}
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
