@@ -120,6 +120,7 @@ class Trail:
         for f, y in ((f_low, a), (f_high, b)):
             if abs(f) <= limit:
                 return np.asarray(y[:-1])
+        last = 0
         for _ in range(_STEPS):
             part = (low * f_high - high * f_low) / (f_high - f_low)
             if not low < part < high:
@@ -130,10 +131,13 @@ class Trail:
             f = float(found.y[-1] - value)
             if abs(f) <= limit or high - low <= 1e-12:
                 return np.asarray(found.y[:-1])
-            if (f < 0.0) == (f_high < 0.0):
-                high, f_high, f_low = part, f, 0.5 * f_low
+            # an end that stays a second time counts for half: else the other would creep
+            end = 1 if (f < 0.0) == (f_high < 0.0) else -1
+            if end > 0:
+                high, f_high, f_low = part, f, 0.5 * f_low if end == last else f_low
             else:
-                low, f_low, f_high = part, f, 0.5 * f_high
+                low, f_low, f_high = part, f, 0.5 * f_high if end == last else f_high
+            last = end
         return None
 
 
