@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from base64 import b64decode
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -93,11 +94,43 @@ def test_the_statement_of_the_paper_stands_beside_the_figure(page: Page) -> None
         ("$x^T K x$", "<i>x<sup>T</sup> K x</i>"),
         ("$\\sqrt{2E}$", "<i>√(2E)</i>"),
         ("$2 \\sin((2i-1)\\pi / 3)$", "<i>2 sin((2i-1)π/ 3)</i>"),
+        ("to 1e-06, 2", 'to <span class="one">1e-06</span>, 2'),
         ("<b> & `<i>`", "&lt;b&gt; &amp; <code>&lt;i&gt;</code>"),
     ],
 )
 def test_formulas_and_code(markdown: str, html: str) -> None:
     assert inline(markdown) == html
+
+
+TEMPLATE = files("dynkit.cli.reproduce").joinpath("page.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("cell", "numbers"),
+    [
+        ("2e-16", [2e-16]),
+        ("+0.000042", [4.2e-5]),
+        ("-.5", [-0.5]),
+        ("0.87193 ± 1e-04", [0.87193, 1e-4]),
+        ("22.617 %", [22.617]),
+        ("-0.689322+0.724455j", [-0.689322, 0.724455]),
+        ("CB 0.1963241226 (6e-14)", [0.1963241226, 6e-14]),
+        ("P(10,5)", [10.0, 5.0]),
+        ("P(inf,2)", [2.0]),
+        ("none", []),
+    ],
+)
+def test_sorting_sees_all_numbers_of_a_cell(cell: str, numbers: list[float]) -> None:
+    (expression,) = re.findall(r"const number = /(.*)/i;", TEMPLATE)
+    found = re.split(expression, cell, flags=re.IGNORECASE)[1::2]
+    assert [float(piece) for piece in found] == numbers
+
+
+def test_printed_pages_have_margins_and_no_cut_tables() -> None:
+    printed = TEMPLATE.partition("@media print")[2].partition("</style>")[0]
+    assert "@page { margin: 15mm; }" in TEMPLATE
+    assert ".wide { overflow: visible; background: none; }" in printed
+    assert "th { white-space: normal; }" in printed
 
 
 def test_paragraphs_are_apart() -> None:

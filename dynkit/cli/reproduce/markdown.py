@@ -17,6 +17,7 @@ _NAMES = {
     "sqrt": "√",
 }
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?: ?%)?")
+_POWER = re.compile(r"[-+]?\d[\d.]*e[-+]\d+")
 
 
 def to_html(text: str) -> str:
@@ -66,7 +67,7 @@ def _span(part: str) -> str:
         return f"<code>{escape(part[1:-1])}</code>"
     if len(part) > 1 and part[0] == part[-1] == "$":
         return _formula(part[1:-1])
-    return escape(part, quote=False)
+    return _POWER.sub(r'<span class="one">\g<0></span>', escape(part, quote=False))
 
 
 def _formula(latex: str) -> str:
