@@ -64,16 +64,13 @@ class Trail:
         """
         value = orbit.system.parameters[self._problem.names[0]]
         p = np.array([value])
-        return any(
-            _same(orbit, self._problem.orbit(x, p, history))
-            for x, history in self._solved(self._passing(value), value)
-        )
+        return any(_same(orbit, self._problem.orbit(x, p)) for x in self._near(value))
 
     def solutions(self, value: float) -> list[tuple[Array, tuple[float, ...]]]:
         """Return the solutions (m,) at a value of the parameter, each with its residuals."""
         found: list[tuple[Array, tuple[float, ...]]] = []
         marks: list[Array] = []
-        for x, history in self._solved(self._passing(value), value):
+        for x, history in self._solved(value):
             mark = self._problem.canonical(x)
             # where a node is passed, both of its sides lead to it
             if all(abs(mark - other).max() >= SAME for other in marks):
@@ -88,12 +85,16 @@ class Trail:
         low, high = np.minimum(side[:-1], side[1:]), np.maximum(side[:-1], side[1:])
         return (low <= slack) & (high >= -slack)
 
-    def _solved(self, where: Any, value: float) -> Iterator[tuple[Array, tuple[float, ...]]]:
-        p = np.array([value])
-        for i in np.flatnonzero(where).tolist():
+    def _near(self, value: float) -> Iterator[Array]:
+        """Solutions (m,) whose parameter is the value to rounding."""
+        for i in np.flatnonzero(self._passing(value)).tolist():
             x = self._solution(i, value)
-            if x is None:
-                continue
+            if x is not None:
+                yield x
+
+    def _solved(self, value: float) -> Iterator[tuple[Array, tuple[float, ...]]]:
+        p = np.array([value])
+        for x in self._near(value):
             # at exactly this value; beside a fold or a branch point it is as good as it was
             fixed = FixedParameters(self._problem, p)
             found = correct(fixed, x, self._problem.scale(x))
