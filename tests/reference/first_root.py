@@ -121,10 +121,16 @@ def first_root(
         return FirstRoot("root", found.at, slope, minimum, minimum_at, depth, depth_at)
 
 
-def find_root(total: OscillatorSum, horizon: float) -> Crossing | None:
-    """First zero of the sum in (0, horizon], or None where there is proved to be none."""
+def find_root(
+    total: OscillatorSum, horizon: float, unproved: Sequence[tuple[float, float]] | None = None
+) -> Crossing | None:
+    """First zero of the sum in (0, horizon], or None where there is proved to be none.
+
+    Where cells are given as ``unproved``, in order, f is known to be positive between them.
+    """
     _require_positive_start(total)
-    stack = _cells(total, horizon)
+    stack = cells(total, 0.0, horizon) if unproved is None else list(unproved)
+    stack.reverse()
     while stack:
         left, right = stack.pop()
         cell = total.cell(left, right)
@@ -146,7 +152,7 @@ def find_root(total: OscillatorSum, horizon: float) -> Crossing | None:
 def lowest_minimum(total: OscillatorSum, horizon: float) -> tuple[arb, arb] | None:
     """Lowest local minimum (height, place) in the open interval (0, horizon), if there is one."""
     best: tuple[arb, arb] | None = None
-    stack = _cells(total, horizon)
+    stack = cells(total, 0.0, horizon)[::-1]
     while stack:
         left, right = stack.pop()
         cell = total.cell(left, right)
@@ -179,13 +185,13 @@ def _require_positive_start(total: OscillatorSum) -> None:
         raise ValueError(f"f must be positive just after s = 0; derivative {order} there is not")
 
 
-def _cells(total: OscillatorSum, horizon: float) -> list[tuple[float, float]]:
-    """First cells, the leftmost last, each about one radian of the fastest oscillator."""
-    if not horizon > 0:
-        raise ValueError(f"horizon must be positive; got {horizon}")
-    count = int(min(1 + horizon * total.fastest() / 2.5, 1000))
-    edges = [0.0, *(horizon * (i + 0.0871) / count for i in range(1, count)), horizon]
-    return list(pairwise(edges))[::-1]
+def cells(total: OscillatorSum, begin: float, end: float) -> list[tuple[float, float]]:
+    """First cells, each about one radian of the fastest oscillator."""
+    if not end > begin:
+        raise ValueError(f"horizon must be positive; got {end}")
+    count = int(min(1 + (end - begin) * total.fastest() / 2.5, 1000))
+    inner = (begin + (end - begin) * (i + 0.0871) / count for i in range(1, count))
+    return list(pairwise([begin, *inner, end]))
 
 
 def _split(cell: Cell) -> float:

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import comb, factorial
+from math import comb
 from typing import Final, final
 
-from flint import arb, ctx, fmpq
+from flint import arb, arb_mat, ctx, fmpq
 
 ORDER: Final = 16
 """Number of Taylor terms on a cell; the remainder is of this order."""
@@ -26,26 +26,18 @@ Number = float | int | arb
 
 
 @lru_cache(maxsize=64)
-def _bernstein_rows(degree: int, precision: int) -> list[list[arb]]:
+def _bernstein(degree: int, precision: int) -> arb_mat:
     """Weights that turn power coefficients on [0, 1] into Bernstein coefficients."""
     with ctx.workprec(precision):
-        return [
-            [arb(fmpq(comb(k, i), comb(degree, i))) for i in range(k + 1)]
-            for k in range(degree + 1)
-        ]
-
-
-@lru_cache(maxsize=8)
-def _inverse_factorials(count: int, precision: int) -> list[arb]:
-    with ctx.workprec(precision):
-        return [1 / arb(factorial(i)) for i in range(count)]
-
-
-def _dot(weights: Sequence[arb], terms: Sequence[arb]) -> arb:
-    total = weights[0] * terms[0]
-    for weight, term in zip(weights[1:], terms[1:], strict=True):
-        total += weight * term
-    return total
+        return arb_mat(
+            degree + 1,
+            degree + 1,
+            [
+                arb(fmpq(comb(k, i), comb(degree, i)))
+                for k in range(degree + 1)
+                for i in range(degree + 1)
+            ],
+        )
 
 
 def _discriminant_sign(w: arb, sigma: arb) -> int:
@@ -57,6 +49,56 @@ def _discriminant_sign(w: arb, sigma: arb) -> int:
     if not (w.is_exact() and sigma.is_exact()):
         raise ValueError(f"cannot tell w = {w} from sigma = {sigma} at {ctx.prec} bits")
     return 0
+
+
+@final
+class _Oscillators:
+    """What follows from frequencies and decays alone."""
+
+    def __init__(self, w: Sequence[arb], sigma: Sequence[arb]) -> None:
+        self.w, self.sigma = w, sigma
+        self.w2 = [x * x for x in self.w]
+        self.sign = [_discriminant_sign(a, b) for a, b in zip(self.w, self.sigma, strict=True)]
+        self.root_discriminant = [
+            ((a - b) * (a + b) * s).sqrt() if s else arb(0)
+            for a, b, s in zip(self.w, self.sigma, self.sign, strict=True)
+        ]
+        self._weights: dict[int, tuple[arb_mat, list[tuple[arb, ...]]]] = {}
+
+    def weights(self, count: int) -> tuple[arb_mat, list[tuple[arb, ...]]]:
+        """Weights of values and rates in derivatives of the sum, and in further ones of each term.
+
+        The matrix (2n, count) is that of the first ``count`` derivatives; values come first. Each
+        term has four numbers for its derivatives of order count and count + 1.
+        """
+        if count not in self._weights:
+            table, tail = [], []
+            for starts in ((1, 0), (0, 1)):
+                for w2, sigma in zip(self.w2, self.sigma, strict=True):
+                    z, dz = (arb(x) for x in starts)
+                    for _ in range(count):
+                        table.append(z)
+                        z, dz = dz, -(2 * sigma * dz + w2 * z)
+                    tail.append((z, dz))
+            n = len(self.w)
+            matrix = arb_mat(2 * n, count, table)
+            self._weights[count] = matrix, [tail[k] + tail[n + k] for k in range(n)]
+        return self._weights[count]
+
+
+@lru_cache(maxsize=64)
+def _exact_oscillators(
+    w: tuple[Number, ...], sigma: tuple[Number, ...], precision: int
+) -> _Oscillators:
+    with ctx.workprec(precision):
+        return _Oscillators([arb(x) for x in w], [arb(x) for x in sigma])
+
+
+def _oscillators(w: Sequence[Number], sigma: Sequence[Number]) -> _Oscillators:
+    # Only exact numbers can be told to be the same again.
+    if any(isinstance(x, arb) and not x.is_exact() for part in (w, sigma) for x in part):
+        return _Oscillators([arb(x) for x in w], [arb(x) for x in sigma])
+    return _exact_oscillators(tuple(w), tuple(sigma), ctx.prec)
 
 
 @final
@@ -84,16 +126,24 @@ class OscillatorSum:
     ) -> None:
         self.value = [arb(x) for x in value]
         self.rate = [arb(x) for x in rate]
-        self.w = [arb(x) for x in w]
-        self.sigma = [arb(x) for x in sigma]
+        self._oscillators = _oscillators(w, sigma)
+        self.w, self.sigma = self._oscillators.w, self._oscillators.sigma
+        self.w2 = self._oscillators.w2
         self.polynomial = [arb(offset)]
         self.leading = [arb(x) for x in leading]
-        self.w2 = [x * x for x in self.w]
-        self.sign = [_discriminant_sign(a, b) for a, b in zip(self.w, self.sigma, strict=True)]
-        self.root_discriminant = [
-            ((a - b) * (a + b) * s).sqrt() if s else arb(0)
-            for a, b, s in zip(self.w, self.sigma, self.sign, strict=True)
+        self._terms = [
+            (v, r + sigma * v, r, w2 * v + sigma * r, sigma, root, sign)
+            for v, r, w2, sigma, root, sign in zip(
+                self.value,
+                self.rate,
+                self.w2,
+                self.sigma,
+                self._oscillators.root_discriminant,
+                self._oscillators.sign,
+                strict=True,
+            )
         ]
+        self._known: dict[arb, tuple[list[arb], list[arb]]] = {}
         if self.leading:
             plain = self.derivatives(arb(0), len(self.leading), override=False)
             correction = [want - have for want, have in zip(self.leading, plain, strict=True)]
@@ -107,13 +157,14 @@ class OscillatorSum:
         """Value and rate of every oscillator at s."""
         if s == 0:
             return list(self.value), list(self.rate)
+        if s.is_exact() and s in self._known:
+            return self._known[s]
         values, rates = [], []
-        for k, (v, r) in enumerate(zip(self.value, self.rate, strict=True)):
-            sigma, root = self.sigma[k], self.root_discriminant[k]
-            if self.sign[k] > 0:
+        for v, mixed, r, pull, sigma, root, sign in self._terms:
+            if sign > 0:
                 sine, cosine = (root * s).sin_cos()
                 sine /= root
-            elif self.sign[k] < 0:
+            elif sign < 0:
                 sine, cosine = (root * s).sinh_cosh()
                 sine /= root
             else:
@@ -121,30 +172,25 @@ class OscillatorSum:
             if sigma != 0:
                 decay = (-sigma * s).exp()
                 sine, cosine = sine * decay, cosine * decay
-            values.append(v * cosine + (r + sigma * v) * sine)
-            rates.append(r * cosine - (self.w2[k] * v + sigma * r) * sine)
+            values.append(v * cosine + mixed * sine)
+            rates.append(r * cosine - pull * sine)
+        if s.is_exact():
+            self._known[s] = values, rates
         return values, rates
 
     def derivatives(self, s: arb, count: int, *, override: bool = True) -> list[arb]:
         """f, f', ..., the first ``count`` derivatives at s."""
-        return self._jet(s, count, override=override)[0]
-
-    def _jet(self, s: arb, count: int, *, override: bool = True) -> tuple[list[arb], list[arb]]:
-        """Derivatives of f at s, and the oscillators' derivatives of order count and count + 1."""
-        totals = [arb(0)] * count
-        tail: list[arb] = []
-        for k, (z, dz) in enumerate(zip(*self.states(s), strict=True)):
-            w2, damping = self.w2[k], 2 * self.sigma[k]
-            undamped = self.sigma[k] == 0
-            for j in range(count):
-                totals[j] += z
-                z, dz = dz, -(w2 * z) if undamped else -(damping * dz + w2 * z)
-            tail += [z, dz]
+        values, rates = self.states(s)
+        if count <= 2:
+            totals = [sum(part, arb(0)) for part in (values, rates)[:count]]
+        else:
+            matrix, _ = self._oscillators.weights(count)
+            totals = (arb_mat(1, 2 * len(values), values + rates) * matrix).entries()
         for j, x in enumerate(taylor_shift(self.polynomial, s)[:count]):
             totals[j] += x
         if override and s == 0:
             totals[: len(self.leading)] = self.leading[:count]
-        return totals, tail
+        return totals
 
     def evaluate(self, s: arb) -> arb:
         """f(s) as an enclosing ball."""
@@ -155,15 +201,14 @@ class OscillatorSum:
         """Proved bounds of f on [left, right]."""
         start = arb(left)
         width = arb(right) - start
-        jet, tail = self._jet(start, ORDER)
+        jet = self.derivatives(start, ORDER)
         bound = arb(0)
-        for k in range(len(self.w)):
-            z, dz = tail[2 * k].abs_upper(), tail[2 * k + 1].abs_upper()
-            growth = z + width * (dz * dz + self.w2[k] * z * z).sqrt()
-            if self.w2[k] == 0:
-                bound += growth
-            else:
-                bound += (z * z + dz * dz / self.w2[k]).sqrt().min(growth).abs_upper()
+        _, weights = self._oscillators.weights(ORDER)
+        for v, r, w2, (a, b, c, d) in zip(*self.states(start), self.w2, weights, strict=True):
+            z, dz = (a * v + c * r).abs_upper(), (b * v + d * r).abs_upper()
+            energy = dz * dz + w2 * z * z
+            growth = z + width * energy.sqrt()
+            bound += growth if w2 == 0 else (energy / w2).sqrt().min(growth).abs_upper()
         return Cell(left, right, jet, bound, self.zero_order if left == 0 else 0)
 
     def derivative_from(self, s: arb, factor: int = 1) -> OscillatorSum:
@@ -217,19 +262,15 @@ class Cell:
         self.jet = jet
         self.zero_order = zero_order
         width = arb(right) - arb(left)
-        inverse = _inverse_factorials(ORDER + 1, ctx.prec)
         self._powers = [arb(1)]
-        for _ in range(ORDER):
-            self._powers.append(self._powers[-1] * width)
-        self._inverse = inverse
+        for i in range(ORDER):
+            self._powers.append(self._powers[-1] * width / (i + 1))
         self._bound = bound
 
     def _coefficients(self, order: int) -> tuple[list[arb], arb]:
         """Bernstein-ready power coefficients of f^(order), the root at 0 divided out."""
-        terms = [
-            self.jet[order + i] * self._powers[i] * self._inverse[i] for i in range(ORDER - order)
-        ]
-        remainder = self._bound * self._powers[ORDER - order] * self._inverse[ORDER - order]
+        terms = [a * b for a, b in zip(self.jet[order:], self._powers, strict=False)]
+        remainder = self._bound * self._powers[ORDER - order]
         return terms[max(self.zero_order - order, 0) :], remainder.upper()
 
     def sign(self, order: int = 0) -> int:
@@ -237,23 +278,24 @@ class Cell:
         terms, remainder = self._coefficients(order)
         first = terms[0]
         if first > remainder:
-            sign = 1
-        elif first < -remainder:
-            sign = -1
-        else:
-            return 0
-        for row in reversed(_bernstein_rows(len(terms) - 1, ctx.prec)):
-            if not sign * _dot(row, terms[: len(row)]) > remainder:
-                return 0
-        return sign
+            return int(all(x > remainder for x in _bernstein_coefficients(terms)))
+        if first < -remainder:
+            return -int(all(x < -remainder for x in _bernstein_coefficients(terms)))
+        return 0
 
     def lower_bound(self) -> arb:
         """A number that f does not fall below on the cell."""
         zero_order, self.zero_order = self.zero_order, 0
         terms, remainder = self._coefficients(0)
         self.zero_order = zero_order
-        rows = _bernstein_rows(len(terms) - 1, ctx.prec)
-        lowest = terms[0]
-        for row in rows[1:]:
-            lowest = lowest.min(_dot(row, terms[: len(row)]))
+        lowest, *others = _bernstein_coefficients(terms)
+        for other in others:
+            lowest = lowest.min(other)
         return (lowest - remainder).lower()
+
+
+def _bernstein_coefficients(terms: list[arb]) -> list[arb]:
+    """Of the polynomial with these power coefficients on [0, 1]."""
+    count = len(terms)
+    found: list[arb] = (_bernstein(count - 1, ctx.prec) * arb_mat(count, 1, terms)).entries()
+    return found

@@ -15,14 +15,14 @@ import numpy as np
 from flint import arb, ctx
 from numpy.typing import ArrayLike, NDArray
 
-from tests.reference.first_root import FirstRoot, find_root, first_root
+from tests.reference.first_root import FirstRoot, cells, find_root, first_root
 from tests.reference.oscillators import OscillatorSum
 
 Array = NDArray[np.float64]
 
 TERMS: Final = 14
 EPSILON: Final = 2.0**-52
-CHUNK: Final = 20_000
+CHUNK: Final = 2_000
 ROUNDS: Final = 14
 CLOSE: Final = 1e-6
 """A claim within this relative distance of the true first root claims that root."""
@@ -117,23 +117,33 @@ def verify_first_root(
     limit = np.broadcast_to(np.asarray(horizon, dtype=float), times.shape)
     has_root = np.isfinite(times)
     settled = np.zeros(times.size, dtype=bool)
-    free = np.where(has_root, 0.0, limit)
-
     usable = has_root & (times > 0)
     short = usable & (cases.zero_order > 0) & (times * _speed(cases) < 0.5)
     brief, long = np.flatnonzero(short), np.flatnonzero(usable & ~short)
     settled[brief] = _short_flight_proved(cases.take(brief), times[brief])
     reach, window = _window(cases.take(long), times[long])
-    free[long] = np.where(window, times[long] - reach, 0.0)
+    alone = ~has_root
+    alone[long] = window
+    free = limit.copy()
+    free[long] = np.where(window, times[long] - reach, limit[long])
 
-    candidates = np.flatnonzero(free > 0)
-    settled[candidates] = check_no_root_before(cases.take(candidates), free[candidates])
-    return _verdict(cases, times, limit, settled)
+    candidates = np.flatnonzero(~settled & (free > 0))
+    unproved = check_no_root_before(cases.take(candidates), free[candidates])
+    settled[candidates] = alone[candidates] & np.array([not x for x in unproved], dtype=bool)
+    known = zip(candidates.tolist(), unproved, free[candidates].tolist(), strict=True)
+    rest = {i: (cells, end) for i, cells, end in known}
+    return _verdict(cases, times, limit, settled, rest)
 
 
-def check_no_root_before(cases: _Cases, end: Array) -> NDArray[np.bool_]:
-    """Whether f > 0 is proved on (0, end], case by case; False says only: not proved here."""
+def check_no_root_before(cases: _Cases, end: Array) -> list[list[tuple[float, float]]]:
+    """The cells of (0, end], in order, on which f > 0 is not proved here, case by case."""
     proved = np.ones(end.size, dtype=bool)
+    unproved: list[list[tuple[float, float]]] = [[] for _ in range(end.size)]
+
+    def give_up(case: NDArray[np.intp], left: Array, right: Array) -> None:
+        for i, low, high in zip(case.tolist(), left.tolist(), right.tolist(), strict=True):
+            unproved[i].append((low, high))
+
     count = np.clip(np.ceil(end * _speed(cases) / 1.2), 1, 400).astype(np.intp)
     case = np.repeat(np.arange(end.size), count)
     place = np.arange(case.size) - np.repeat(np.cumsum(count) - count, count)
@@ -147,15 +157,26 @@ def check_no_root_before(cases: _Cases, end: Array) -> NDArray[np.bool_]:
                 cases.take(case[part]), left[part], right[part]
             )
         proved[case[hopeless]] = False
-        keep = ~positive & proved[case]
+        lost, keep = ~positive & ~proved[case], ~positive & proved[case]
+        give_up(case[lost], left[lost], right[lost])
         case, left, right = case[keep], left[keep], right[keep]
         if case.size == 0:
-            return proved
+            break
         middle = left + 0.4871 * (right - left)
         case = np.concatenate((case, case))
         left, right = np.concatenate((left, middle)), np.concatenate((middle, right))
-    proved[case] = False
-    return proved
+    give_up(case, left, right)
+    return [_merged(cells) for cells in unproved]
+
+
+def _merged(cells: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The same cells in order, neighbours as one."""
+    found: list[tuple[float, float]] = []
+    for left, right in sorted(cells):
+        if found and found[-1][1] == left:
+            left, _ = found.pop()
+        found.append((left, right))
+    return found
 
 
 def _checked(
@@ -341,9 +362,16 @@ def _short_flight_proved(cases: _Cases, claim: Array) -> NDArray[np.bool_]:
 
 
 def _verdict(
-    cases: _Cases, claim: Array, horizon: Array, settled: NDArray[np.bool_]
+    cases: _Cases,
+    claim: Array,
+    horizon: Array,
+    settled: NDArray[np.bool_],
+    rest: dict[int, tuple[list[tuple[float, float]], float]],
 ) -> Verification:
-    """Measure the settled claims exactly and decide the others in interval arithmetic."""
+    """Measure the settled claims exactly and decide the others in interval arithmetic.
+
+    Of some cases it is known on which cells up to where f is not proved positive: `rest`.
+    """
     right = settled.copy()
     truth = np.full(claim.size, np.nan)
     error = np.full(claim.size, np.nan)
@@ -358,8 +386,10 @@ def _verdict(
             settled[i] = abs(error[i]) <= CLOSE * claim[i]
     with ctx.workprec(256):
         for i in map(int, np.flatnonzero(~settled)):
-            total = cases.single(i)
-            found = find_root(total, float(horizon[i]))
+            total, end = cases.single(i), float(horizon[i])
+            unproved, free = rest.get(i, ([], 0.0))
+            beyond = cells(total, free, end) if free < end else []
+            found = find_root(total, end, unproved + beyond)
             if found is None or not found.crosses:
                 right[i] = found is None and not np.isfinite(claim[i])
             else:
