@@ -1,5 +1,6 @@
 """Poincare sections: surfaces that a flow crosses."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import final
@@ -241,11 +242,11 @@ class Stroboscope(PoincareSection):
         return 1
 
     def value(self, state: Array) -> float:
-        return float(np.sin(self._checked(state)[-1] - self._phase))
+        return math.sin(float(self._checked(state)[-1]) - self._phase)
 
     def gradient(self, state: Array) -> Array:
         gradient = np.zeros(self._dimension)
-        gradient[-1] = np.cos(self._checked(state)[-1] - self._phase)
+        gradient[-1] = math.cos(float(self._checked(state)[-1]) - self._phase)
         return gradient
 
     def reduce(self, state: Array) -> Array:

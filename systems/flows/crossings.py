@@ -26,7 +26,7 @@ _ON_SECTION = 1e-13
 _ITERATIONS = 60
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Look:
     """The section as seen from the motion; its value counts positive beyond it."""
 
@@ -34,12 +34,28 @@ class Look:
     state: Array
     value: float
     rate: float
-    reach: float
+    gradient: Array
+
+    @property
+    def reach(self) -> float:
+        """How large the value's terms are: its rounding is relative to it."""
+        steepness = float(np.linalg.norm(self.gradient))
+        return steepness * (1.0 + float(np.linalg.norm(self.state)))
 
     @property
     def behind(self) -> bool:
         """Whether the section is clearly still to come."""
         return self.value < -_ON_SECTION * self.reach
+
+    def turns_before(self, after: Look) -> bool:
+        """Whether the value has an extremum until another look that may tell more than the two."""
+        if self.rate * after.rate >= 0.0:
+            return False
+        if self.value >= 0.0 and after.value >= 0.0:
+            return self.rate < 0.0
+        if self.value < 0.0 and after.value < 0.0:
+            return self.rate > 0.0 or not (self.behind or after.behind)
+        return True
 
 
 @dataclass(frozen=True)
@@ -82,16 +98,15 @@ class Search:
     def _look(self, time: float, state: Array) -> Look:
         sign, gradient = self.section.direction, self.section.gradient(state)
         rate = float(gradient @ self.velocity(state))
-        reach = float(np.linalg.norm(gradient)) * (1.0 + float(np.linalg.norm(state)))
-        return Look(time, state, sign * self.section.value(state), sign * rate, reach)
+        return Look(time, state, sign * self.section.value(state), sign * rate, gradient)
 
     def _looks(self, path: DenseOutput, begin: Look, end: float, state: Array) -> Iterator[Look]:
-        """Looks at the ends of a step's cells, and at the extremum in each that has one."""
-        times = np.linspace(begin.time, end, _CELLS + 1)[1:-1]
-        inner = [self._look(float(t), y) for t, y in zip(times, path(times).T, strict=True)]
-        ends = [*inner, self._look(end, state)]
-        for before, after in pairwise([begin, *ends]):
-            if before.rate * after.rate < 0.0:
+        """Looks at the ends of a step's cells, and at the extremum in each where it may matter."""
+        cell = (end - begin.time) / _CELLS
+        times = [begin.time + i * cell for i in range(1, _CELLS)]
+        inner = map(self._look, times, path(np.array(times)).T)
+        for before, after in pairwise([begin, *inner, self._look(end, state)]):
+            if before.turns_before(after):
                 yield self._extremum(path, before, after)
             yield after
 

@@ -1,5 +1,6 @@
 """Duffing's oscillator, driven."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,20 +68,20 @@ class Duffing(IntegratedFlow):
         return 3
 
     def velocity(self, state: Array) -> Array:
-        x, v, phase = finite_array("state", state, (3,))
+        x, v, phase = finite_array("state", state, (3,)).tolist()
         spring = (self.stiffness + self.cubic * x * x) * x
-        drive = self.force * np.cos(phase)
+        drive = self.force * math.cos(phase)
         return np.array([v, drive - self.damping * v - spring, self.frequency])
 
     def velocity_jacobian(self, state: Array) -> Array:
-        x, _, phase = finite_array("state", state, (3,))
+        x, _, phase = finite_array("state", state, (3,)).tolist()
         return np.array(
             [
                 [0.0, 1.0, 0.0],
                 [
                     -self.stiffness - 3.0 * self.cubic * x * x,
                     -self.damping,
-                    -self.force * np.sin(phase),
+                    -self.force * math.sin(phase),
                 ],
                 [0.0, 0.0, 0.0],
             ]

@@ -58,11 +58,11 @@ class Lorenz(IntegratedFlow):
         return 3
 
     def velocity(self, state: Array) -> Array:
-        x, y, z = finite_array("state", state, (3,))
+        x, y, z = finite_array("state", state, (3,)).tolist()
         return np.array([self.sigma * (y - x), x * (self.rho - z) - y, x * y - self.beta * z])
 
     def velocity_jacobian(self, state: Array) -> Array:
-        x, y, z = finite_array("state", state, (3,))
+        x, y, z = finite_array("state", state, (3,)).tolist()
         return np.array(
             [[-self.sigma, self.sigma, 0.0], [self.rho - z, -1.0, -x], [y, x, -self.beta]]
         )

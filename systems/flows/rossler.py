@@ -53,11 +53,11 @@ class Rossler(IntegratedFlow):
         return 3
 
     def velocity(self, state: Array) -> Array:
-        x, y, z = finite_array("state", state, (3,))
+        x, y, z = finite_array("state", state, (3,)).tolist()
         return np.array([-y - z, x + self.a * y, self.b + z * (x - self.c)])
 
     def velocity_jacobian(self, state: Array) -> Array:
-        x, _, z = finite_array("state", state, (3,))
+        x, _, z = finite_array("state", state, (3,)).tolist()
         return np.array([[0.0, -1.0, -1.0], [1.0, self.a, 0.0], [z, 0.0, x - self.c]])
 
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
