@@ -1,9 +1,9 @@
 """The motion of any impact oscillator to 40 digits, by exponentials of its state matrix.
 
 State: positions, velocities, sine and cosine of the table's phase, and 1. Flight and contact are
-both linear in it, so that ``mpmath.expm`` propagates, and Newton's iteration finds the events. It
-starts from the event times of the record under test: this tells whether those events are right, and
-not whether others were missed (for that the gap is sampled).
+both linear in it, so that exponentials of matrices (Arb's) propagate, and Newton's iteration finds
+the events. It starts from the event times of the record under test: this tells whether those events
+are right, and not whether others were missed (for that the gap is sampled).
 
 Unlike `tests.reference.impact_chain` it knows no modes: mass, damping and stiffness are arbitrary.
 """
@@ -14,16 +14,20 @@ from typing import Any, TypeAlias
 
 import mpmath
 import numpy as np
+from flint import arb, arb_mat, ctx
 from mpmath import mp, mpf
 
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
 from dynkit.validation import Array
+from tests.reference.impact_chain import to_mpf
 
 DIGITS = 40
+BITS = 256
+"""Of working precision: what is left after rounding are `DIGITS` digits."""
 
 Real: TypeAlias = Any
-"""An mpf or a matrix of them, which no type checker can name."""
+"""An mpf, which no type checker can name."""
 
 
 class ExactMotion:
@@ -31,67 +35,76 @@ class ExactMotion:
 
     def __init__(self, system: ImpactOscillator) -> None:
         self.size = n = system.degrees_of_freedom
-        amplitude, offset = mpf(system.amplitude), mpf(system.offset)
-        self.restitution = mpf(system.restitution)
-        inverse = mpmath.matrix(system.mass.tolist()) ** -1
-        spring = inverse * mpmath.matrix(system.stiffness.tolist())
-        dashpot = inverse * mpmath.matrix(system.damping_matrix.tolist())
-        free = mpmath.matrix(2 * n + 3)
-        for i in range(n):
-            free[i, n + i] = 1
-            for j in range(n):
-                free[n + i, j], free[n + i, n + j] = -spring[i, j], -dashpot[i, j]
-        free[2 * n, 2 * n + 1] = mpf(system.frequency)
-        free[2 * n + 1, 2 * n] = -mpf(system.frequency)
-        gap = mpmath.matrix(1, 2 * n + 3)
-        gap[n - 1], gap[2 * n], gap[2 * n + 2] = 1, -amplitude, -offset
-        self.free, self.gap = free, gap
-        self.gap_rate = gap * free
-        self.acceleration = self.gap_rate * free
-        self.kick = mpmath.matrix(2 * n + 3, 1)
-        for i in range(n):
-            self.kick[n + i] = inverse[i, n - 1] / inverse[n - 1, n - 1]
-        self.held = free - self.kick * self.acceleration
+        amplitude, offset = arb(float(system.amplitude)), arb(float(system.offset))
+        self.restitution = arb(float(system.restitution))
+        with ctx.workprec(BITS):
+            inverse = arb_mat(system.mass.tolist()).inv()
+            spring = inverse * arb_mat(system.stiffness.tolist())
+            dashpot = inverse * arb_mat(system.damping_matrix.tolist())
+            free = arb_mat(2 * n + 3, 2 * n + 3)
+            for i in range(n):
+                free[i, n + i] = 1
+                for j in range(n):
+                    free[n + i, j], free[n + i, n + j] = -spring[i, j], -dashpot[i, j]
+            free[2 * n, 2 * n + 1] = float(system.frequency)
+            free[2 * n + 1, 2 * n] = -float(system.frequency)
+            gap = arb_mat(1, 2 * n + 3)
+            gap[0, n - 1], gap[0, 2 * n], gap[0, 2 * n + 2] = 1, -amplitude, -offset
+            self.free, self.gap = free, gap
+            self.gap_rate = gap * free
+            self.acceleration = self.gap_rate * free
+            self.kick = arb_mat(2 * n + 3, 1)
+            for i in range(n):
+                self.kick[n + i, 0] = inverse[i, n - 1] / inverse[n - 1, n - 1]
+            self.held = free - self.kick * self.acceleration
 
-    def follow(self, record: ImpactRecord) -> list[tuple[Real, Real]]:
-        """Time, and state just after it, of every impact of the record."""
-        n = self.size
-        state = mpmath.matrix(2 * n + 3, 1)
-        for i in range(n):
-            state[i] = mpf(float(record.start.position[i]))
-            state[n + i] = mpf(float(record.start.velocity[i]))
-        phase = mpf(record.start.phase)
-        state[2 * n], state[2 * n + 1], state[2 * n + 2] = mpmath.sin(phase), mpmath.cos(phase), 1
+    def follow(self, record: ImpactRecord) -> list[tuple[Real, list[Real], Real]]:
+        """Time, and state and relative velocity just after it, of every impact of the record."""
         released = dict(
             zip(
-                np.searchsorted(record.time, record.sticking[:, 0], side="right"),
-                record.sticking[:, 1],
+                np.searchsorted(record.time, record.sticking[:, 0], side="right").tolist(),
+                record.sticking[:, 1].tolist(),
                 strict=True,
             )
         )
-        time, impacts = mpf(0), []
-        for i, claimed in enumerate(record.time.tolist()):
-            if i in released:
-                state -= self.kick * (self.gap_rate * state)[0]
-                wait, state = self._until(
-                    self.held, self.acceleration, state, mpf(float(released[i])) - time
-                )
+        time, impacts = arb(0), []
+        with ctx.workprec(BITS):
+            phase = arb(float(record.start.phase))
+            start = [*record.start.position.tolist(), *record.start.velocity.tolist()]
+            entries = [*start, phase.sin(), phase.cos(), 1]
+            state = arb_mat(2 * self.size + 3, 1, entries)
+            for i, claimed in enumerate(record.time.tolist()):
+                if i in released:
+                    state -= self.kick * (self.gap_rate * state)
+                    wait, state = self._until(
+                        self.held, self.acceleration, state, arb(released[i]) - time
+                    )
+                    time += wait
+                wait, state = self._until(self.free, self.gap, state, arb(claimed) - time)
                 time += wait
-            wait, state = self._until(self.free, self.gap, state, mpf(claimed) - time)
-            time += wait
-            state -= self.kick * ((1 + self.restitution) * (self.gap_rate * state)[0])
-            impacts.append((time, state.copy()))
+                state -= self.kick * (self.gap_rate * state) * (1 + self.restitution)
+                speed = (self.gap_rate * state)[0, 0]
+                impacts.append((to_mpf(time), [to_mpf(x) for x in state.entries()], to_mpf(speed)))
         return impacts
 
-    def _until(self, matrix: Real, row: Real, state: Real, guess: Real) -> tuple[Real, Real]:
+    def _until(self, matrix: arb_mat, row: arb_mat, state: arb_mat, guess: arb) -> Any:
         """When the row vanishes, near the guess, and the state then."""
-        time, state = guess, mpmath.expm(matrix * guess) * state
+        slope = row * matrix
+        time, state = guess.mid(), _moved(matrix, guess.mid(), state)
         for _ in range(20):
-            step = -(row * state)[0] / (row * matrix * state)[0]
-            time, state = time + step, mpmath.expm(matrix * step) * state
-            if abs(step) < mpf(10) ** (5 - DIGITS):
+            step = (-(row * state)[0, 0] / (slope * state)[0, 0]).mid()
+            time, state = (time + step).mid(), _moved(matrix, step, state)
+            if abs(step) < arb(10) ** (5 - DIGITS):
                 return time, state
         raise ArithmeticError("no event near the claimed one")
+
+
+def _moved(matrix: arb_mat, duration: arb, state: arb_mat) -> arb_mat:
+    """The state later, rounding dropped once it is seen to be small."""
+    moved = (matrix * duration).exp() * state
+    if any(x.rad() > arb(10) ** -DIGITS for x in moved.entries()):
+        raise ArithmeticError("rounding takes more digits than there are")
+    return moved.mid()
 
 
 def exact_errors(record: ImpactRecord) -> Array:
@@ -100,10 +113,10 @@ def exact_errors(record: ImpactRecord) -> Array:
     errors = []
     with mp.workdps(DIGITS):
         motion = ExactMotion(record.system)
-        for i, (time, state) in enumerate(motion.follow(record)):
+        for i, (time, state, speed) in enumerate(motion.follow(record)):
             found = [*record.position[i].tolist(), *record.velocity[i].tolist()]
             parts = [mpf(x) - y for x, y in zip(found, state[: 2 * n], strict=True)]
-            parts.append(mpf(float(record.relative_velocity[i])) - (motion.gap_rate * state)[0])
+            parts.append(mpf(float(record.relative_velocity[i])) - speed)
             turn = mpf(float(record.phase[i])) - mpmath.atan2(state[2 * n], state[2 * n + 1])
             parts.append(turn - 2 * mp.pi * mpmath.nint(turn / (2 * mp.pi)))
             late = mpf(float(record.time[i])) - time

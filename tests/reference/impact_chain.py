@@ -33,7 +33,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def _to_mpf(x: arb) -> Real:
+def to_mpf(x: arb) -> Real:
+    """The midpoint, to the precision of mpmath."""
     mantissa, exponent = x.mid().man_exp()
     return mpmath.ldexp(mpf(int(mantissa)), int(exponent))
 
@@ -382,7 +383,7 @@ class ReferenceChain:
             horizon *= 4
         if not found.crosses:
             raise ArithmeticError("grazing cannot be decided at this precision")
-        s = _to_mpf(found.at)
+        s = to_mpf(found.at)
         moved = [_oscillate(*args, s) for args in zip(value, rate, w, sigma, strict=True)]
         step = (offset + sum(m[0] for m in moved)) / sum(m[1] for m in moved)
         history.worst_newton_step = max(history.worst_newton_step, abs(step))

@@ -2,7 +2,7 @@
 
 For each case f > 0 is proved on (0, claim - d] by Bernstein bounds of Taylor cells, and one
 crossing in [claim - d, claim + d] by a bound on f''. All rounding is covered by margins several
-times larger than a forward analysis gives; a case they do not settle goes to `first_root`.
+times larger than a forward analysis gives; cells they do not settle go to `first_root`.
 """
 
 from __future__ import annotations
