@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dynkit import ParameterMap, Sweep, basins
+from dynkit import ParameterMap, Sweep, basins, parameter_map, sweep
 from dynkit.analysis import BifurcationDiagram
 from dynkit.showing import table
 from dynkit.systems import ImpactChain, Logistic, Lorenz
@@ -156,10 +157,10 @@ def test_errors_and_labels_are_shown_once_they_are_known() -> None:
     label, error = str(attractor.label), attractor.record.error.max()
     assert shown(attractor).facts["label"] == label
     assert shown(attractor.record).facts["error"] == f"up to {error:.1e}"
-    sweep = RESULTS["Sweep"]()
-    label = str(sweep.label(1))
-    assert shown(sweep).facts["labels, 1 decided"] == f"{label} 1"
-    assert "error" not in shown(sweep).facts
+    swept = RESULTS["Sweep"]()
+    label = str(swept.label(1))
+    assert shown(swept).facts["labels, 1 decided"] == f"{label} 1"
+    assert "error" not in shown(swept).facts
 
 
 def test_a_branch_shows_its_ends_and_bifurcations() -> None:
@@ -190,3 +191,22 @@ def test_basins_show_their_fractions() -> None:
     found = basins(Logistic(rate=3.2), [[-0.1], [0.3], [0.5], [0.7]], progress=False)
     assert shown(found).rows[-1][:4] == ["0", "P(2)", "3", "0.75"]
     assert shown(found).facts["runs away"] == "1"
+
+
+def test_sweeps_maps_and_basins_name_their_system() -> None:
+    chain = ImpactChain(masses=2, frequency=0.9, damping=0.2)
+    values = [0.9, 1.0]
+    swept = sweep(chain, "frequency", values, transient=5, keep=5, progress=False)
+    mapped = parameter_map(
+        chain, {"frequency": values, "damping": [0.2]}, transient=5, keep=5, progress=False
+    )
+    assert shown(swept).facts["system"] == "ImpactChain(masses=2, damping=0.2)"
+    assert shown(mapped).facts["system"] == "ImpactChain(masses=2)"
+    assert shown(RESULTS["Basins"]()).facts["system"].startswith("Logistic(rate=")
+
+
+def test_a_sweep_that_was_loaded_without_its_system_names_its_class(tmp_path: Path) -> None:
+    path = tmp_path / "sweep.h5"
+    sweep(Logistic(), "rate", [3.1, 3.2], start=[0.3], store=path, progress=False)
+    assert shown(Sweep.load(path)).facts["system"] == "Logistic"
+    assert shown(Sweep.load(path, Logistic())).facts["system"] == "Logistic()"

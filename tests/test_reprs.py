@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from dynkit import MapAttractor, PoincareMap, Stroboscope
+from dynkit.analysis import ExactImpacts, FoundImpacts
+from dynkit.analysis.work_precision.measuring import Measurement
 from dynkit.maps import Map
 from dynkit.systems import (
     BouncingBall,
@@ -99,3 +101,60 @@ def test_an_attractor_shows_its_label_once_it_is_known() -> None:
     assert repr(attractor) == "<MapAttractor of Logistic(rate=3.2): 20 states after 100>"
     assert repr(attractor.label).startswith("<OrbitLabel P(2): error ")
     assert repr(attractor) == "<MapAttractor of Logistic(rate=3.2): P(2), 20 states after 100>"
+
+
+def exact_fall(system: object) -> ExactImpacts:
+    """A ball that falls by 1 and comes up again."""
+    return ExactImpacts(
+        system=system,
+        position=[1.0],
+        velocity=[0.0],
+        until=1.5,
+        period=1.0,
+        times=["1.0"],
+        positions=[["0.0"]],
+        velocities=[["1.6"]],
+    )
+
+
+def test_impacts_say_how_many_there_are() -> None:
+    found = FoundImpacts([1.0, 2.0], [[0.0], [0.0]], [[1.0], [1.0]], [], {"root_searches": 7})
+    assert repr(found) == "<FoundImpacts: 2 impacts, 0 releases, 7 root searches>"
+    assert repr(exact_fall("a ball")) == "<ExactImpacts of a ball: 1 impacts, 0 releases up to 1.5>"
+    chain = ImpactChain(masses=1, frequency=2.0**0.5)
+    assert repr(exact_fall(chain)) == (
+        "<ExactImpacts of ImpactChain(frequency=1.41421, masses=1): "
+        "1 impacts, 0 releases up to 1.5>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("measured", "text"),
+    [
+        (
+            Measurement(job="fall", method="DOP853", tolerance=1e-6, error=2e-15, seconds=0.25),
+            "<Measurement of DOP853 at 1e-06 on fall: error 2.0e-15, 0.25 s>",
+        ),
+        (
+            Measurement(
+                job="fall",
+                method="paper",
+                tolerance=0.0,
+                seconds=0.1,
+                lost=1,
+                impacts=9,
+                missed=2,
+                remark="lost",
+            ),
+            "<Measurement of paper on fall: 2 missed, 0 invented of 9, 0.1 s, lost>",
+        ),
+        (
+            Measurement(
+                job="fall", method="heyoka", tolerance=float("nan"), remark="not installed"
+            ),
+            "<Measurement of heyoka on fall: not installed>",
+        ),
+    ],
+)
+def test_measurements_say_what_was_measured(measured: Measurement, text: str) -> None:
+    assert repr(measured) == text

@@ -9,6 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.showing import told
 from dynkit.validation import Array, finite_array, finite_scalar, positive
 
 _DOUBLE, _PAIR = 2.0**-53, 2.0**-105
@@ -108,6 +109,12 @@ class ExactImpacts:
                 raise ValueError(f"{name} must ascend; got {moments.tolist()}")
             for moment in moments[(moments < 0.0) | (moments > self.until)][:1].tolist():
                 raise ValueError(f"{name} must lie in [0, until = {self.until}]; got {moment}")
+
+    def __repr__(self) -> str:
+        system = self.system if isinstance(self.system, str) else told(self.system, 6)
+        parts = [f"{len(self.times)} impacts", f"{len(self.releases)} releases"]
+        parts += [f"{len(self.chatters)} chatters"] if len(self.chatters) else []
+        return f"<ExactImpacts of {system}: {', '.join(parts)} up to {self.until:g}>"
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)

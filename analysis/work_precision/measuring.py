@@ -74,6 +74,16 @@ class Measurement:
     invented: int = 0
     remark: str = ""
 
+    def __repr__(self) -> str:
+        finest = "" if not self.tolerance > 0.0 else f" at {self.tolerance:g}"
+        parts = [f"error {self.error:.1e}"] if self.right else []
+        if self.lost:
+            parts.append(f"{self.missed} missed, {self.invented} invented of {self.impacts}")
+        if not math.isnan(self.seconds):
+            parts.append(f"{self.seconds:.2g} s")
+        parts += [self.remark] if self.remark else []
+        return f"<Measurement of {self.method}{finest} on {self.job}: {', '.join(parts)}>"
+
     @property
     def right(self) -> bool:
         """Whether it came to its end, and no impact is missed and none invented."""

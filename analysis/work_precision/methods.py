@@ -46,6 +46,11 @@ class FoundImpacts:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "releases", finite_array("releases", self.releases, (None,)))
 
+    def __repr__(self) -> str:
+        parts = [f"{len(self.times)} impacts", f"{len(self.releases)} releases"]
+        parts += [f"{count} {name.replace('_', ' ')}" for name, count in self.work.items()]
+        return f"<FoundImpacts: {', '.join(parts)}>"
+
 
 Simulation: TypeAlias = Callable[[int], FoundImpacts]
 """Simulates once, with at most so much work; this is what is timed."""

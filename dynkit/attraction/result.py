@@ -16,7 +16,7 @@ from dynkit.attractors import Attractor
 from dynkit.labels import OrbitLabel
 from dynkit.results import Cost
 from dynkit.showing import Facts, costing, table
-from dynkit.sweeps.sweepable import as_attractor
+from dynkit.sweeps.sweepable import as_attractor, line_of
 from dynkit.validation import Array
 from dynkit.workers.points import Rows
 
@@ -154,7 +154,10 @@ class Basins:
         return f"<Basins: {sizes} starts; {', '.join(shown)}>"
 
     def _repr_html_(self) -> str:
-        facts: Facts = [("starts", " x ".join(map(str, self._numbers.shape)))]
+        facts: Facts = [
+            ("system", line_of(self._look.family, "")),
+            ("starts", " x ".join(map(str, self._numbers.shape))),
+        ]
         facts += [
             (text, int((self._numbers == number).sum()))
             for number, text in OTHER_ENDS.items()

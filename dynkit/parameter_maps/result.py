@@ -22,7 +22,7 @@ from dynkit.parameter_maps.plan import KIND, KINDS, Grid, Plan, label_of
 from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table
 from dynkit.sweeps.following import kind_of
-from dynkit.sweeps.sweepable import Sweepable, as_attractor, sweepable
+from dynkit.sweeps.sweepable import Sweepable, as_attractor, line_of, sweepable
 from dynkit.validation import Array
 from dynkit.workers.collecting import read_rows, refuse_other
 from dynkit.workers.points import Rows
@@ -235,7 +235,11 @@ class ParameterMap:
 
     def _repr_html_(self) -> str:
         facts: Facts = [
-            (name, f"{len(values)} values, {span(values)}") for name, values in self.values.items()
+            ("system", line_of(self._plan.family, self._plan.kind, self.parameters)),
+            *(
+                (name, f"{len(values)} values, {span(values)}")
+                for name, values in self.values.items()
+            ),
         ]
         facts += [
             ("states at each", f"{self.keep} kept after {self.transient}"),

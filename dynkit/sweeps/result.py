@@ -17,7 +17,13 @@ from dynkit.showing import Facts, costing, span, table
 from dynkit.sweeps.archive import entries_of, findings_of, outline_of, read_sweep, refuse_other
 from dynkit.sweeps.following import Findings, Plan, kind_of
 from dynkit.sweeps.independent import KIND, load_independent
-from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, as_attractor, sweepable
+from dynkit.sweeps.sweepable import (
+    Sweepable,
+    SweptAttractor,
+    as_attractor,
+    line_of,
+    sweepable,
+)
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -146,6 +152,7 @@ class Sweep:
     def _repr_html_(self) -> str:
         early = int((self.counts < self.keep).sum())
         facts: Facts = [
+            ("system", line_of(self._plan.family, self._plan.kind, [self.parameter])),
             (self.parameter, f"{len(self)} values, {span(self.values)}"),
             ("states at each", f"{self.keep} kept after {self.transient}"),
             ("observables", ", ".join(self.observables)),

@@ -1,7 +1,7 @@
 """What a system owes to be swept, and how every `Map` comes to offer it."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from inspect import getattr_static
@@ -13,6 +13,7 @@ from dynkit.attractors import Attractor, MapAttractor
 from dynkit.labels import OrbitLabel
 from dynkit.maps import Map
 from dynkit.results import Cost
+from dynkit.showing import told
 from dynkit.validation import Array, finite_array
 
 
@@ -126,6 +127,16 @@ def sweepable(system: object) -> Sweepable:
         return SweptMap(system)
     lacks = ", ".join(missing)
     raise ValueError(f"system must be a Map or Sweepable; got {system!r}, which lacks {lacks}")
+
+
+def line_of(family: Sweepable | None, kind: str, swept: Collection[str] = ()) -> str:
+    """Return a system in one line, without the parameters that were swept.
+
+    Where it was not given, the name of its class alone, the last part of ``kind``.
+    """
+    if family is None:
+        return kind.rpartition(".")[2]
+    return told(family.map if isinstance(family, SweptMap) else family, 6, swept)
 
 
 def as_attractor(motion: SweptAttractor) -> Attractor:
