@@ -188,11 +188,15 @@ def _random_guesses(
 ) -> Iterator[tuple[ImpactProblem, Array]]:
     random = np.random.default_rng(0)
     stops = len(oscillator._stands)
+    problems: dict[bytes, ImpactProblem] = {}
     for _ in range(STARTS):
         phases = np.sort(random.uniform(0.0, TWO_PI * periods, impacts))
-        problem = make_problem(oscillator, periods, random.integers(0, stops, impacts))
+        sides = random.integers(0, stops, impacts)
+        key = sides.tobytes()
+        if key not in problems:
+            problems[key] = make_problem(oscillator, periods, sides)
         try:
-            yield problem, with_impulses(problem, phases)
+            yield problems[key], with_impulses(problems[key], phases)
         except NoSolution:
             continue
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
 from dynkit.results import Cost
-from dynkit.systems.impact.orbits.monodromy import multipliers
+from dynkit.systems.impact.orbits.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.orbits.solution import ROUNDING, Solution
@@ -112,7 +112,7 @@ class ImpactProblem(Problem):
         for known, parts in self._known:
             if known == key:
                 return parts
-        if self._plain_names.issuperset(self._names):
+        if all(name in self._plain_names for name in self._names):
             # No need of a system for each value.
             changes = dict(zip(self._names, p.tolist(), strict=True))
             parts = free_motion(self.oscillator._structure), Terms.of(self.oscillator, changes)
@@ -276,6 +276,10 @@ class ImpactProblem(Problem):
 
     def multipliers(self, x: Array, p: Array) -> Any:
         return multipliers(self.at(x, p))
+
+    def factors(self, x: Array, p: Array) -> tuple[Array, float] | None:
+        found = factors(self.at(x, p))
+        return None if found is None else (found, ROUNDING)
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:
         fixed = type(self)(self.system(p), (), self.periods, self.sides, self.speed)

@@ -43,6 +43,7 @@ class FreeMotion:
         self.kick[:, self.regime.layout.modes] = structure.kick[:2]
         self._linked = np.unique(self._ladder.links)
         self._alone = np.setdiff1d(self.regime.layout.modes, self._linked)
+        self._returns: list[tuple[float, Transitions, Array]] = []
 
     @cached_property
     def vectors(self) -> Array:
@@ -71,6 +72,25 @@ class FreeMotion:
         for (t, s), b in zip(self._ladder.links.tolist(), self._ladder.link_step[0], strict=True):
             out[..., t] += states[..., s] @ b.reshape(2, 2).T
         return out
+
+    def repeated(self, period: float) -> tuple[Transitions, Array]:
+        """Transitions over a period, and the periodic state just after a unit impulse in each.
+
+        The state is (2, slots), read-only; those of the last two periods are kept.
+
+        Raises
+        ------
+        NoSolution
+            When the free motion has that period itself.
+        """
+        for known, transitions, kicked in self._returns:
+            if known == period:
+                return transitions, kicked
+        transitions = self.transitions(np.array([period]))
+        kicked = np.asarray(transitions.periodic(self.kick))
+        kicked.setflags(write=False)
+        self._returns = [(period, transitions, kicked), *self._returns[:1]]
+        return transitions, kicked
 
     def transitions(self, durations: Array) -> Transitions:
         """Transitions over the durations (k,)."""

@@ -46,15 +46,15 @@ class Solution:
         self.since = (ahead - self.turns * self.turn) / terms.frequency
         """(n, n) times from an impulse, a column, to an impact, a row."""
 
-    @cached_property
+    @property
     def transition(self) -> Transitions:
         """Over the period."""
-        return self.motion.transitions(np.array([self.period]))
+        return self.motion.repeated(self.period)[0]
 
-    @cached_property
+    @property
     def kicked(self) -> Array:
         """Periodic state (2, slots) just after a unit impulse once a period."""
-        return np.asarray(self.transition.periodic(self.motion.kick))
+        return self.motion.repeated(self.period)[1]
 
     def _spread(self, state: Array) -> Array:
         """What becomes of a state in all times `since`, (n, n, 2 slots)."""
