@@ -48,7 +48,7 @@ def test_workers_and_a_store_give_the_same_map() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["--x", "speed,1,2,3"], "x must be of one of: springs, .*; got 'speed'"),
+        (["--x", "speed,1,2,3"], "x must name one of: springs, .*; got 'speed'"),
         (["--x", "frequency,1,2"], r"x must be NAME,FROM,TO,COUNT; got \['frequency', 1, 2\]"),
         (["--x", "1,2,3,4"], "x must be NAME,FROM,TO,COUNT; got"),
         (["--x", "frequency,1,two,4"], "x must be a finite number; got 'two'"),

@@ -168,7 +168,10 @@ BAD_INPUT = [
     ),
     (
         ["continue", "--frequency", "0.35", "--from", "0.3", "--to", "0.4"],
-        "continue: error: attractor must be P(n,m) or P(inf,m); it is chaotic",
+        (
+            "continue: error: impacts and periods must be given where the motion is not P(n,m) "
+            "or P(inf,m); at frequency 0.35 it is chaotic"
+        ),
     ),
     (
         ["reproduce", "--out", "results", "--only", "figure-18"],

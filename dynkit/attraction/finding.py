@@ -69,7 +69,7 @@ def basins(
     ValueError
         When an argument is refused, by name, before anything is simulated or written; among them a
         store of other starts, of another version, damaged, or in use. When no start is a state.
-    dynkit.workers.WorkerLost
+    dynkit.WorkerLost
         When a worker died and its executor does not start another: what was finished before is kept
         in the store.
     OSError

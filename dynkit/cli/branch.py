@@ -54,13 +54,14 @@ def continue_branch(options: Options) -> None:
         branch.save(store)
     if file is not None:
         write_picture(file, lambda: _figure(branch))
-    print_summary(_summary(orbit, branch), None)
+    shown = _summary(orbit, branch)
+    written = [str(path) for path in (store, file) if path is not None]
+    if written:
+        shown["written"] = ", ".join(written)
+    print_summary(shown, None)
     if branch.bifurcations:
         print()
         _print_table(branch)
-    written = [str(path) for path in (store, file) if path is not None]
-    if written:
-        print(f"\nwritten: {', '.join(written)}")
 
 
 def _start(chain: ImpactChain, options: Options) -> PeriodicOrbit:
@@ -73,7 +74,13 @@ def _start(chain: ImpactChain, options: Options) -> PeriodicOrbit:
         return chain.periodic_orbit(
             impacts=options.get("impacts", 1), periods=options.get("periods", 1)
         )
-    return chain.attractor(transient=options.get("transient", 700)).periodic_orbit()
+    attractor = chain.attractor(transient=options.get("transient", 700))
+    if attractor.label.periods is None:
+        raise ValueError(
+            f"impacts and periods must be given where the motion is not P(n,m) or P(inf,m); at "
+            f"frequency {chain.frequency:g} it is {attractor.label}"
+        )
+    return attractor.periodic_orbit()
 
 
 def _summary(orbit: PeriodicOrbit, branch: Branch) -> dict[str, str]:

@@ -92,7 +92,7 @@ def _axis(options: Options, name: str) -> tuple[str, Array]:
         raise ValueError(f"{name} must be NAME,FROM,TO,COUNT; got {given!r}")
     known = [option.name for option in CHAIN if option.name != "masses"]
     if given[0] not in known:
-        raise ValueError(f"{name} must be of one of: {', '.join(known)}; got {given[0]!r}")
+        raise ValueError(f"{name} must name one of: {', '.join(known)}; got {given[0]!r}")
     first, last = (finite_scalar(name, value) for value in given[1:3])
     return given[0], np.linspace(first, last, positive_integer(f"COUNT of {name}", given[3]))
 

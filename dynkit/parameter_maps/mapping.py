@@ -63,7 +63,7 @@ def parameter_map(
     ValueError
         When an argument is refused, by name, before anything is simulated or written; among them a
         store of another map, of another version, damaged, or in use.
-    dynkit.workers.WorkerLost
+    dynkit.WorkerLost
         When a worker died and its executor does not start another: what was finished before is kept
         in the store.
     OSError

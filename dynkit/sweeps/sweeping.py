@@ -76,7 +76,7 @@ def sweep(
         When an argument is refused, by name, before anything is simulated or written; among them a
         store of another sweep, of another version, damaged, or in use. When a system refuses a
         state or value only on the way: what was finished before is kept in the store.
-    dynkit.workers.WorkerLost
+    dynkit.WorkerLost
         When a worker died and its executor does not start another: what was finished before is kept
         in the store.
     OSError

@@ -33,7 +33,10 @@ class ImpactChain(ImpactOscillator):
     damping : float or array_like, shape (N,)
         One number: every dashpot constant is this times its spring constant. An array: the dashpot
         constants themselves. Not negative.
-    frequency, restitution, amplitude, offset, chatter_tolerance : float
+    frequency, restitution, amplitude, offset, play, chatter_tolerance : float
+    contact : int
+    side : str
+    harmonic_forces, constant_forces : array_like, shape (N,)
         As for `ImpactOscillator`.
 
     Raises
