@@ -143,12 +143,17 @@ class Window:
         States at which the motion left sticking contact, during the window; without the phase.
     release_times : (j,) array or None
         When it did, on the same clock.
+    release_error : callable or None
+        Return the largest error of a number of the n-th release after the first, by what rounding
+        does from the beginning of the window on; n is asked for where a period is found. None for
+        exact ones.
     """
 
     states: Array
     times: Array | None = None
     releases: Array | None = None
     release_times: Array | None = None
+    release_error: Callable[[int], float] | None = None
 
 
 class OrbitSource(Protocol):
@@ -188,6 +193,9 @@ def label_orbit(
       tolerance, down to 1e-10), the multiple is taken. When n is a multiple of a period that the
       orbit may still be settling on, more is looked at.
     - A window with releases from sticking contact is decided on the states at release: P(inf,m).
+      Contact forgets: doubles that are released twice alike repeat themselves to the last digit,
+      also where chaos lies between, and which contact ends it is a matter of rounding. So the error
+      of the release a period later must be within the tolerance, too.
     - A motion that settles geometrically is taken for the orbit that it settles on, when the ratio
       of its decay is below 1 by five standard errors, is the same in both halves of the window, and
       the extrapolated orbit is within 100 tolerances (1e-2 when the budget ends).
@@ -232,6 +240,8 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         orbit = _recurrences(window, source)
         nearest = float(orbit.from_last.min(initial=np.inf))
         period = orbit.recurrent(tolerance) or orbit.settling(_NEAR * tolerance)
+        if period is not None and not _is_certain(window, period, tolerance * orbit.scale):
+            period = None
         if period is None and seen >= _CHAOS_AFTER and not orbit.decays:
             steps = min(seen, (limit - spent) // 2)
             if steps >= _CHAOS_AFTER:
@@ -245,6 +255,9 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         ends = 2 * request < seen
         if period is None and ends:
             period = orbit.settling(_NEAR_AT_LAST)
+            nearly = _NEAR_AT_LAST * orbit.scale
+            if period is not None and not _is_certain(window, period, nearly):
+                period = None
         if period is not None:
             return _periodic_label(orbit, period, window, tolerance, spent)
         if ends:
@@ -317,6 +330,11 @@ def _recurrences(window: Window, source: OrbitSource) -> Recurrences:
     if window.releases is not None and len(window.releases) > 0:
         return Recurrences(window.releases, window.release_times, source.difference)
     return Recurrences(window.states, window.times, source.difference)
+
+
+def _is_certain(window: Window, period: int, most: float) -> bool:
+    """Whether rounding moves the release a period later by no more than this."""
+    return window.release_error is None or window.release_error(period) <= most
 
 
 def _parts_exponentially(growth: list[Array], time: int) -> float | None:

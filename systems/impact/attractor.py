@@ -217,7 +217,7 @@ class _ImpactOrbit:
         self.fresh = False
         record = self.record
         period = TWO_PI / self.system.frequency
-        releases = release_times = None
+        releases = release_times = release_error = None
         ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
         # The next impact after each release, which is a function of it, stands for it.
         after = np.searchsorted(record.time, ends)
@@ -225,9 +225,12 @@ class _ImpactOrbit:
         if len(after):
             releases = record.states[after, :-1]
             release_times = (self.clock + record.time[after]) / period
-        return Window(
-            record.states[:, :-1], (self.clock + record.time) / period, releases, release_times
-        )
+
+            def release_error(n: int) -> float:
+                return float(record._until(int(after[n])).error[-1])
+
+        times = (self.clock + record.time) / period
+        return Window(record.states[:, :-1], times, releases, release_times, release_error)
 
     def difference(self, a: Array, b: Array) -> Array:
         return np.asarray(a - b)

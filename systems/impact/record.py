@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, final
@@ -215,6 +216,11 @@ class ImpactRecord:
             worst[:k] = np.maximum(worst[:k], gap)
             worst[k:] = np.inf
         return np.asarray(_SAFETY * np.maximum.accumulate(worst))
+
+    def _until(self, last: int) -> ImpactRecord:
+        """The record up to an impact; its ending, final state and cost stay those of the whole."""
+        run = replace(self._run, states=self._run.states[: last + 1], impacts=last + 1)
+        return ImpactRecord(self.system, run)
 
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times, exact between impacts and while stuck.

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp, mpf
 
+from dynkit.labels import OrbitKind
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import ImpactState
@@ -323,3 +324,72 @@ def test_plastic_impacts_hold_the_mass_until_the_housing_turns_back(play: float)
     assert record.relative_velocity.tolist() == [0.0] * 20
     assert np.signbit(record.relative_velocity).tolist() == [True, False] * 10
     assert str(system.attractor().label) == "P(inf,1)"
+
+
+# --- chaos between contacts -----------------------------------------------------------------------
+
+RATTLE = PlayOscillator(frequency=1.5, play=2.0)
+"""Let go by a stop its motion is always the same, and chaotic until, by chance, it sticks again."""
+
+
+def free_flight(a: Real, w: Real, s: Real, begin: tuple[Real, Real, Real]) -> tuple[Real, int]:
+    """Phase and side of the next impact of a free mass, from phase, position and velocity.
+
+    Between the phases at which the housing is as fast as the mass both gaps are monotonic.
+    """
+    phase, x, v = begin
+    whole = 2 * mp.pi * mpmath.floor(phase / (2 * mp.pi))
+    angle, place, slope = float(phase - whole), float(x), float(v / w)
+
+    def gap(side: int, at: float) -> float:
+        rest = place + slope * (at - angle) - float(a) * math.sin(at)
+        return side * rest + 0.5 * float(s)
+
+    alike = [angle + 2.0 * float(s + 2 * a) / abs(slope)]
+    if abs(slope) < a:
+        turn, turns = math.acos(slope / float(a)), range(3 + int(alike[0] / math.tau))
+        alike = [math.tau * k + p for k in turns for p in (turn, math.tau - turn)]
+    low = angle
+    for high in (p for p in alike if p > angle + 1e-6):
+        assert min(abs(gap(1, high)), abs(gap(-1, high))) > 1e-6  # nothing that only grazes
+        for side in (1, -1):
+            if gap(side, high) < 0.0:
+                for _ in range(50):
+                    middle = 0.5 * (low + high)
+                    low, high = (middle, high) if gap(side, middle) > 0.0 else (low, middle)
+                end = whole + mpf(high)
+                for _ in range(mp.prec.bit_length()):
+                    value = side * (x + v * (end - phase) / w - a * mpmath.sin(end)) + s / 2
+                    end -= value / (side * (v / w - a * mpmath.cos(end)))
+                return end, side
+        low = high
+    raise AssertionError("a free mass comes to a stop")
+
+
+def test_chaos_that_contact_interrupts_is_not_called_periodic() -> None:
+    # Doubles stick again after some hundred periods, always the same number; to 300 digits no
+    # impact is ever near to sticking in so many.
+    record = RATTLE.simulate(impacts=2000)
+    releases = record.sticking[:, 1] * RATTLE.frequency / math.tau
+    assert np.diff(releases) == pytest.approx(releases[0], rel=1e-12)
+    assert record.error[np.searchsorted(record.time, record.sticking[0, 0])] > 1.0
+    with mp.workprec(1000):
+        a, w, s = mpf(RATTLE.amplitude), mpf(RATTLE.frequency), mpf(RATTLE.play)
+        phase, x, v, slowest = mpf(0), -s / 2, a * w, mpf(1)
+        while phase < 2 * mp.pi * releases[0]:
+            end, side = free_flight(a, w, s, (phase, x, v))
+            x, phase = x + v * (end - phase) / w, end
+            housing = a * w * mpmath.cos(end)
+            u = mpf(RATTLE.restitution) * side * (housing - v)
+            v = housing + side * u
+            slowest = min(slowest, u)
+    assert slowest > 1e-2
+    assert RATTLE.attractor().label.kind is OrbitKind.UNSETTLED
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_motions_of_the_rattle_are_periodic_only_where_they_do_not_stick(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    start = RATTLE.state(random.uniform(-0.9, 0.9, 1), random.uniform(-1.0, 1.0, 1))
+    label = RATTLE.attractor(start=start).label
+    assert str(label) in ("P(2,1)", "chaotic", "unsettled")
