@@ -164,7 +164,7 @@ def cell_bounds(
     h = smallest * 2.0 ** np.arange(rungs)[:, None, None]
     rows = derivatives[[0, 1, 2, 6]]
     if pairs.grows:
-        each = np.stack([pairs.bounds(rows, window) for window in h.ravel().tolist()], axis=1)
+        each = np.ascontiguousarray(pairs.bounds(rows, h.ravel()).swapaxes(0, 1))
     else:
         each = np.broadcast_to(pairs.bounds(rows)[:, None], (4, rungs, *rows.shape[1:]))
     most, first, second, sixth = each

@@ -175,8 +175,11 @@ class Pairs:
         """
         return np.asarray(self.bounds(self.derivative_rows(row, order)[None], window)[0])
 
-    def bounds(self, rows: Array, window: float = math.inf) -> Array:
-        """Weights (k, 2, n) of abs(y) that bound what rows (k, 2, n) give, for a time `window`."""
+    def bounds(self, rows: Array, window: float | Array = math.inf) -> Array:
+        """Weights (k, 2, n) of abs(y) that bound what rows (k, 2, n) give, for a time `window`.
+
+        Of each of several finite windows (w,): (w, k, 2, n).
+        """
         together = self.scale > 0.0
         scale = np.where(together, self.scale, 1.0)
         norm = np.hypot(rows[:, 0], rows[:, 1] / scale)
@@ -185,16 +188,18 @@ class Pairs:
                 squares = np.where(together, part * part, 0.0)
                 part[:] = np.sqrt(np.bincount(self._clusters, squares, self.count))[self._clusters]
         weights = np.where(together, norm[:, None], abs(rows))
-        if self._parts is not None:
+        shape = (*np.shape(window), *weights.shape)
+        if self._parts is None:
+            weights = np.broadcast_to(weights, shape).copy()
+        else:
             number, growth, decay = self._parts
-            larger = _majorant(growth, decay, window)
             involved = number >= 0
-            for part in weights:
-                own = np.zeros(len(growth))
-                own[number[involved]] = part[involved]  # the same for all of a part
-                total = (own[:, None] * np.where(own[:, None] > 0.0, larger, 0.0)).sum(axis=0)
-                part[:] = np.where(involved, total[number], part)
-        weights[:, 1] *= scale
+            own = np.zeros((len(rows), len(growth), 1))
+            own[:, number[involved], 0] = weights[:, involved]  # the same for all of a part
+            larger = _majorant(growth, decay, window)[..., None, :, :]
+            total = (own * np.where(own > 0.0, larger, 0.0)).sum(axis=-2)
+            weights = np.where(involved, total[..., number], weights)
+        weights[..., 1, :] *= scale
         return weights
 
     @cached_property
@@ -267,22 +272,19 @@ class Pairs:
         return fast, slow
 
 
-def _majorant(growth: Array, decay: Array, window: float) -> Array:
-    """Bound of each part by the parts at the start, for a time `window` or for ever."""
+def _majorant(growth: Array, decay: Array, window: float | Array) -> Array:
+    """Bound of each part by the parts at the start, for a time or for ever; for each of times."""
     n = len(growth)
     total = power = np.eye(n)
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(1, n + 1):
-            if math.isinf(window):
+            if np.isinf(window).all():
                 # A target that decays takes in no more than its source's largest value.
                 scaled = np.where(growth > 0.0, growth / decay[:, None], 0.0)
             else:
-                scaled = growth * (window / k)
-            power = np.where(
-                scaled[:, :, None] * (power > 0.0)[None] > 0.0,
-                scaled[:, :, None] * power[None],
-                0.0,
-            ).sum(axis=1)
+                scaled = growth * (np.asarray(window) / k)[..., None, None]
+            factor, power = scaled[..., None], power[..., None, :, :]
+            power = np.where(factor * (power > 0.0) > 0.0, factor * power, 0.0).sum(axis=-2)
             if not power.any():
                 break
             total = total + power
