@@ -55,7 +55,7 @@ def dataset(
         import xarray as xr
     except ImportError as missing:
         raise ImportError(
-            "to_xarray needs xarray, which is not installed: pip install dynkit[xarray]"
+            "to_xarray needs xarray, which is not installed: pip install xarray"
         ) from missing
     attributes: dict[str, str | float] = {"title": title, "dynkit_version": __version__}
     if system is not None:

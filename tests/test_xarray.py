@@ -118,7 +118,7 @@ def test_a_dataset_can_be_written_to_and_the_result_stays() -> None:
 
 def test_without_xarray_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImportError, match=r"pip install dynkit\[xarray\]"):
+    with pytest.raises(ImportError, match="pip install xarray"):
         CHAIN.simulate(impacts=1).to_xarray()
 
 
