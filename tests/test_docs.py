@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.public_classes import public_classes
+
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = [DOCS.parent / "README.md", *sorted(DOCS.rglob("*.md"))]
 
@@ -37,11 +39,30 @@ def test_every_public_name_is_in_the_reference(page: str, module: str) -> None:
     assert own == names
 
 
-def test_what_oscillators_give_back_is_in_the_reference() -> None:
-    for name in listed("systems.md"):
+@pytest.mark.parametrize("page", ["toolkit.md", "systems.md", "analysis.md"])
+def test_names_of_modules_in_the_reference_are_there(page: str) -> None:
+    for name in listed(page):
         home, _, attribute = f"dynkit.{name}".rpartition(".")
         if "." in name:
             assert hasattr(importlib.import_module(home), attribute)
+
+
+INSIDE = {
+    *("Condition", "Event", "ImpactProblem", "MapProblem", "Problem", "StickingProblem"),
+    *("Flight", "FreeMotion", "Passage", "Scene", "SecondMoments", "Solution", "Terms"),
+    "Transitions",
+}
+"""Equations of orbits and what they are made of: nothing that a user reads or makes."""
+
+
+def test_whatever_a_user_gets_is_in_the_reference() -> None:
+    known = {
+        name.rpartition(".")[2]
+        for page in ("toolkit.md", "systems.md", "analysis.md")
+        for name in listed(page)
+    }
+    got = {kind.__name__ for kind in public_classes()}
+    assert got - known == INSIDE
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS.parent).as_posix())
