@@ -161,7 +161,7 @@ def cell_bounds(
     2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''| (the Bernstein coefficients of the polynomial). On
     cells for which this is the smaller bound a term is left out, and f is off by sup |f| at most.
     """
-    h: Array = smallest * 2.0 ** np.arange(rungs)[:, None, None]
+    h = np.asarray(smallest * 2.0 ** np.arange(rungs), dtype=np.float64)[:, None, None]
     rows = derivatives[[0, 1, 2, 6]]
     if pairs.grows:
         each = np.ascontiguousarray(pairs.bounds(rows, h.ravel()).swapaxes(0, 1))
