@@ -3,8 +3,11 @@
 import shutil
 import sys
 from contextlib import redirect_stdout
+from enum import Enum
 from io import StringIO
 from pathlib import Path
+
+from sphinx.application import Sphinx
 
 import dynkit
 from dynkit.cli import main
@@ -77,3 +80,13 @@ pages = ["# The `dynkit` command", help_of()]
 for command in commands:
     pages += [f"## `dynkit {command}`", help_of(command)]
 (HERE / "api" / "command.md").write_text("\n\n".join(pages) + "\n", encoding="utf-8")
+
+
+def keep_values(_app: Sphinx, _what: str, _name: str, member: object, *_: object) -> bool | None:
+    """Show the values of enumerations, which have no docstrings."""
+    return False if isinstance(member, Enum) else None
+
+
+def setup(app: Sphinx) -> None:
+    """Register it."""
+    app.connect("autodoc-skip-member", keep_values)

@@ -21,7 +21,7 @@ def listed(page: str) -> set[str]:
     text = (DOCS / "api" / page).read_text(encoding="utf-8")
     tables = re.findall(r"autosummary::\n(.*?)```", text, flags=re.DOTALL)
     return {
-        line.strip() for table in tables for line in table.split("\n") if line.startswith("   ")
+        line.strip(" ~") for table in tables for line in table.split("\n") if line.startswith("   ")
     } - {":toctree: generated", ""}
 
 
