@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol, final
 
 import numpy as np
@@ -150,7 +151,7 @@ class ImpactModel:
         turn = np.exp(1j * (self.frequency * time + self.phase))
         return np.asarray(self.constant + (self.harmonic * turn).imag)
 
-    @property
+    @cached_property
     def forced(self) -> bool:
         """Whether there are forces from outside."""
         return bool(self.harmonic.any() or self.constant.any())
