@@ -32,6 +32,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.viewcode",
+    "whole_numbers",
 ]
 # Where notebooks' pictures are put, beside the built pages.
 exclude_patterns = ["_build", "jupyter_execute", "README.md"]
