@@ -104,7 +104,9 @@ def examples_of(text: str) -> list[list[str]]:
     return [line.split()[1:] for line in re.findall(r"^  (dynkit .*)$", text, flags=re.MULTILINE)]
 
 
-@pytest.mark.parametrize("command", ["simulate", "sweep", "continue", "reproduce"])
+@pytest.mark.parametrize(
+    "command", ["simulate", "sweep", "continue", "reproduce", "extremes", "work-precision"]
+)
 def test_examples_of_the_help_run(
     command: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

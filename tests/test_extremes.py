@@ -159,42 +159,6 @@ def test_an_error_above_the_claimed_one_is_wrong() -> None:
     assert outcome.true > 0.5
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--only", "sizes"], "only must hold groups among restitution, .*; got 'sizes'"),
-        (["--only", "size,,time"], "only must hold groups among restitution, .*; got ''"),
-        (["--only", ""], "only must hold groups among restitution, .*; got ''"),
-        (["--out", "table.txt"], "out must end in .md; got 'table.txt'"),
-        (["--out", ""], "out must end in .md; got ''"),
-        (["--out", "missing/table.md"], "out must be writable; got 'missing/table.md' .*"),
-        (["size"], "there is no argument size"),
-    ],
-)
-def test_bad_input_is_refused_on_one_line(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["extremes", *arguments]) == 2
-    assert re.fullmatch(f"dynkit extremes: error: {message}\n", capsys.readouterr().err)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_examples_of_the_help_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["extremes", "--help"]) == 0
-    examples = re.findall(r"^  dynkit (.*)$", capsys.readouterr().out, flags=re.MULTILINE)
-    assert len(examples) == 2
-    for example in examples:
-        assert main(example.split()) == 0
-
-
 def test_nothing_is_simulated_before_the_arguments_are_right() -> None:
     log = io.StringIO()
     with pytest.raises(ValueError, match="out must end in"):
