@@ -98,11 +98,17 @@ def _written(impact: Impact, contact: int, kept: list[int]) -> dict[str, Any]:
     sign = -1 if impact.side == "far" else 1
     with mp.workprec(BITS):
         state = [impact.position[i] for i in others] + [impact.velocity[i] for i in others]
-        state += [sign * impact.relative_velocity, impact.phase % (2 * mp.pi)]
+        state += [sign * impact.relative_velocity, _phase(impact.phase)]
         return {
             "time": mpmath.nstr(impact.time, DIGITS),
             "state": [mpmath.nstr(state[i], DIGITS) for i in kept],
         }
+
+
+def _phase(phase: Any) -> Any:
+    """Within one turn; zero where only rounding keeps it from a whole number of turns."""
+    turns = phase / (2 * mp.pi)
+    return mpf(0) if abs(turns - mpmath.nint(turns)) < mpf("1e-150") else phase % (2 * mp.pi)
 
 
 if __name__ == "__main__":

@@ -96,8 +96,8 @@ class LinearMotion:
         self.forced = any(forcing[i, j] != 0 for i in range(n) for j in range(2))
         self._powers: list[arb_mat] = []
         self.fastest = self._fastest()
-        # Below 2^lowest the Taylor series is short.
-        self.lowest = -4 - _ceil_log2(self.fastest)
+        # Below 2^lowest the Taylor series is short. Of large matrices powers are dearer than terms.
+        self.lowest = -(20 if n <= 10 else 4) - _ceil_log2(self.fastest)
 
     def _fastest(self) -> arb:
         """About the spectral radius of A, whatever the units: a 64th root of a norm of A^64."""
@@ -142,9 +142,15 @@ class LinearMotion:
 
     def _series(self, z: arb_mat, duration: arb) -> arb_mat:
         total, term, small = z, z, 0
+        step = self.matrix * duration
+        # No term is that small before the powers of the fastest rate are.
+        size, power, least = upper(self.fastest * duration), arb(1), arb((1, -ctx.prec - 8))
         for j in range(1, 10 * ctx.prec):
-            term = ((self.matrix * term) * (duration / j)).mid()
+            term = step * term / j
             total += term
+            power *= size / j
+            if power > least:
+                continue
             pairs = zip(term.entries(), total.entries(), strict=True)
             # Two in a row: a position moves by every other term.
             small = small + 1 if all(_negligible(a, b) for a, b in pairs) else 0
