@@ -90,8 +90,8 @@ class OrbitLabel:
 
         Of P(n,m) and P(inf,m) the `recurrence`: how far the states are, relative, from repeating
         themselves, which whatever is slower than the window can hide behind. Of chaos the `chance`.
-        Of a motion at rest zero: that no impact comes any more is proved. An unsettled one claims
-        nothing: infinite.
+        Of a motion at rest zero: that no impact comes any more, or none that doubles can hold, is
+        proved. An unsettled one claims nothing: infinite.
         """
         if self.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
             return self.recurrence

@@ -8,6 +8,10 @@ from dynkit.compiled import kernel
 from dynkit.exponential.evaluation_kernels import DRIFT, TAIL, TERM, Ladder
 from dynkit.validation import Array
 
+NOTHING = 1e-200
+"""What never exceeds this again is no motion any more: doubles would soon not hold it, nor hold now
+the products of its numbers with high powers of slow rates."""
+
 
 @kernel(reorder=True, inline=True)
 def weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> float:
@@ -113,3 +117,14 @@ def stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
         moves = down + up
     moves += ladder.swing + _reach(ladder, states, _less_steady(ladder, states, k))
     return abs(value) + moves <= band
+
+
+@kernel()
+def died_out(ladder: Ladder, states: Array, k: int) -> bool:
+    """Whether f, which nothing keeps from zero, has fallen below what doubles hold, but is not 0.
+
+    Then impacts and releases would go on for ever, smaller and smaller.
+    """
+    if ladder.offset != 0.0 or ladder.swing != 0.0:
+        return False
+    return stays_in_band(ladder, states, k, NOTHING) and not stays_in_band(ladder, states, k, 0.0)

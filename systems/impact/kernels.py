@@ -26,7 +26,7 @@ from dynkit.exponential.evaluation_kernels import (
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, ROOT, TOUCH
 from dynkit.exponential.search_kernels import FOREVER, first_root
-from dynkit.exponential.tail_kernels import stays_in_band
+from dynkit.exponential.tail_kernels import died_out, stays_in_band
 from dynkit.systems.impact.clock_kernels import (
     CELLS,
     CHATTER_ERROR,
@@ -63,7 +63,14 @@ Indices = NDArray[np.intp]
 FLIGHT, BOUNCED, RELEASED = 0, 1, 2
 """Where a run starts or goes on: gap open, on the table (u >= 0), just released by it."""
 
-COUNT_REACHED, NO_FURTHER_CONTACT, CONTACT_FOR_EVER, SEARCH_LIMIT, CONTACTS_FULL = 0, 1, 2, 3, 4
+(
+    COUNT_REACHED,
+    NO_FURTHER_CONTACT,
+    CONTACT_FOR_EVER,
+    SEARCH_LIMIT,
+    DIED_OUT,
+    CONTACTS_FULL,
+) = range(6)
 """Endings of a run."""
 
 FIRST_CELLS = 64
@@ -133,6 +140,7 @@ def run(
     smallest = mechanics.stops[0].gap.smallest
     table = mechanics.stops[0].gap.steady
     store = states.shape[0] > 0
+    fades = mechanics.stops[0].gap.swing == 0.0  # nothing drives the gap
     # Not literals: for every set of them the search would be compiled once more.
     zero = count - count
     for_ever = FOREVER + zero
@@ -145,6 +153,8 @@ def run(
         side = int(clock[SIDE])
         phase = clock[PHASE_OF_MOTION]
         u = clock[SPEED]
+        if fades and died_out(mechanics.stops[side].gap, y, START):
+            return done, DIED_OUT
         order = 0
         if phase == RELEASED:
             order = 3

@@ -41,6 +41,7 @@ class Ending(Enum):
     NO_FURTHER_CONTACT = "the mass cannot reach the table any more"
     CONTACT_FOR_EVER = "the mass stays on the table for ever"
     SEARCH_LIMIT = "no further event was found within the search limit"
+    DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
 
 
 @final

@@ -109,6 +109,55 @@ def test_a_motion_that_decays_on_a_table_at_rest_ends_or_goes_on_in_time(name: s
     assert record.ending is not Ending.SEARCH_LIMIT
 
 
+@pytest.mark.parametrize("damping", [0.1, 0.5, 1.0])
+def test_impacts_that_never_end_are_told_until_they_die_out(damping: float) -> None:
+    # About a rest on the table: half a period of free flight each, and u falls by the same factor.
+    chain = ImpactChain(masses=1, damping=damping, amplitude=0.0, frequency=1.0)
+    record = chain.simulate(impacts=6000, start=chain.state([1.0]))
+    assert record.ending is Ending.DIED_OUT
+    half = math.pi / math.sqrt(1.0 - 0.25 * damping**2)
+    count = np.arange(len(record))
+    late = abs(record.time - record.time[0] - half * count)
+    assert (late <= 2.0**-50 * record.time + 1e-15).all()
+    logs = np.log(record.relative_velocity)
+    fall = math.log(chain.restitution) - 0.5 * damping * half
+    assert abs(logs - logs[0] - fall * count).max() < 1e-11
+    assert record.relative_velocity[-1] < 1e-199
+    assert str(chain.attractor(transient=6000).label) == "at rest"
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0, 4.0])
+def test_a_slow_mode_that_ends_on_the_table_keeps_the_others_off_it(factor: float) -> None:
+    # From t = 0 on the gap is above 0.005 exp(-0.0028 t): other terms decay faster.
+    mass = np.diag([2.5369438458969875, 0.8750600176462597, 2.410163678103507])
+    stiffness = np.array(
+        [
+            [0.21767298934051485, 0.3680083899769145, 0.040531593184829975],
+            [0.3680083899769145, 0.6585305370526447, 0.0008966284063944636],
+            [0.040531593184829975, 0.0008966284063944636, 0.3974928879760802],
+        ]
+    )
+    system = MatrixOscillator(
+        M=factor * mass,
+        C=factor * mass,
+        K=factor * stiffness,
+        frequency=1.0,
+        restitution=0.0,
+        amplitude=0.0,
+        contact=0,
+    )
+    place, velocity = [1.0, -0.46042657, -0.91805295], [-0.96694473, 0.62654048, 0.82551115]
+    record = system.simulate(impacts=12, start=system.state(place, velocity))
+    assert len(record) == 0
+    assert record.ending is Ending.NO_FURTHER_CONTACT
+
+
+@pytest.mark.parametrize("decay", [2.0, 20.0, 2000.0])
+def test_a_sum_of_decaying_exponentials_of_one_sign_has_no_root(decay: float) -> None:
+    root = ExponentialSum([1.0], [0.0], [1.0], [decay]).first_root()
+    assert root.kind is RootKind.NEVER
+
+
 def test_dead_impacts_have_the_relative_velocity_plus_zero() -> None:
     record = ImpactChain(frequency=0.408, restitution=0.0).simulate(impacts=50)
     assert not np.signbit(record.relative_velocity).any()
