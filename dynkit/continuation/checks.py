@@ -54,7 +54,7 @@ def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
         When it is no orbit, the system lacks one of them, or it does not solve its equations.
     """
     if not isinstance(orbit, PeriodicOrbit):
-        raise ValueError(f"orbit must be a PeriodicOrbit; got {orbit!r}")
+        raise ValueError(f"orbit must be a PeriodicOrbit; got {_no_orbit(orbit)}")
     known = orbit.system.parameters
     for name in names:
         if name not in known:
@@ -69,3 +69,8 @@ def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
     if not residual <= 1e-8:
         raise ValueError(f"orbit must solve its equations; got a residual of {residual:.1e}")
     return problem
+
+
+def _no_orbit(given: object) -> str:
+    has_one = hasattr(given, "periodic_orbit")
+    return f"{given!r}{', whose periodic_orbit() gives one' if has_one else ''}"

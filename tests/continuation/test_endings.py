@@ -11,6 +11,7 @@ import pytest
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.newton import NoConvergence, solve
 from dynkit.orbits import PeriodicOrbit
+from dynkit.systems import ImpactChain
 from tests.continuation.families import Cycle, CycleProblem, Flat, Logistic
 from tests.continuation.starts import flat, logistic
 
@@ -90,6 +91,9 @@ def test_what_is_no_orbit_is_refused() -> None:
     system: Any = Logistic(2.5)
     with pytest.raises(ValueError, match=r"^orbit must be a PeriodicOrbit; got Logistic"):
         continue_orbit(system, "r", bounds=(2.0, 3.0))
+    attractor: Any = ImpactChain(masses=1, frequency=0.9).attractor(transient=5, impacts=5)
+    with pytest.raises(ValueError, match=r">, whose periodic_orbit\(\) gives one$"):
+        continue_orbit(attractor, "frequency", bounds=(0.8, 1.0))
     with pytest.raises(ValueError, match=r"^orbit must solve its equations; got a residual of "):
         continue_orbit(Cycle(Logistic(2.5), np.array([0.5])), "r", bounds=(2.0, 3.0))
 
