@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, pairwise
-from queue import SimpleQueue
 from typing import NamedTuple, TypeAlias, final
 
 import numpy as np
@@ -173,20 +173,22 @@ def _share_out(
     task: Callable[[_Part, _Buffers], None], parts: Iterable[_Part], buffers: Sequence[_Buffers]
 ) -> None:
     """Do a task for all its parts, in one thread for each of the buffers."""
-    spare: SimpleQueue[_Buffers] = SimpleQueue()
-    for own in buffers:
-        spare.put(own)
+    left = deque(parts)
 
-    def do(part: _Part) -> None:
-        own = spare.get()
-        try:
+    def work(own: _Buffers) -> None:
+        while True:
+            try:
+                part = left.popleft()
+            except IndexError:
+                return
             task(part, own)
-        finally:
-            spare.put(own)
 
     with ThreadPoolExecutor(len(buffers)) as pool:
-        for _ in pool.map(do, parts):  # raises what was raised
-            pass
+        try:
+            for _ in pool.map(work, buffers):  # raises what was raised
+                pass
+        finally:
+            left.clear()  # of which no thread takes any more
 
 
 def _share_lumps(lumps: Counts, filled: Counts, members: Counts, shares: Counts) -> None:
