@@ -21,10 +21,12 @@ from typing import Any, TypeAlias
 
 import mpmath
 import numpy as np
+from flint import arb, arb_mat, ctx
 from mpmath import mp, mpf
 
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.validation import Array
+from tests.reference.impact_chain import to_mpf
 
 DIGITS = 40
 
@@ -60,7 +62,9 @@ class Orbit:
 
 def flight_matrix(c: Real, k: Real, time: Real) -> Real:
     """(x, x') of x'' + c x' + k x = 0 after a time, by (x, x') before."""
-    return mpmath.expm(mpmath.matrix([[0, 1], [-k, -c]]) * time)
+    with ctx.workprec(mp.prec + 20):
+        flow = (arb_mat([[0, 1], [-arb(k), -arb(c)]]) * arb(time)).exp()
+        return mpmath.matrix([[to_mpf(x) for x in row] for row in flow.table()])
 
 
 def next_impact_derivative(

@@ -94,12 +94,15 @@ class ImpactMap:
 
     def moved(self, z: Ball, time: Ball) -> Ball:
         """exp(A time) z of a short time, by its series."""
-        total = term = z
+        step = self.rates * time
+        norm = max(sum(float(abs(x).mid()) for x in row) for row in step.table())
+        total, term, least = z, z, 1.0
         for k in range(1, 400):
-            term = (self.rates * term * (time / k)).mid()
-            total = (total + term).mid()
-            if size(term.entries()) <= 2.0**-BITS * (size(total.entries()) + 1e-30):
-                return total
+            term = step * term / k
+            total += term
+            least *= norm / k
+            if least <= 2.0 ** -(BITS + 40) and k > norm:
+                return total.mid()
         raise ArithmeticError("the time is too long")
 
     def next(self, y: list[Ball], side: int, flow: Ball, time: Ball, to: int) -> list[Ball]:
