@@ -47,7 +47,8 @@ class Heyoka(ImpactMethod):
     References
     ----------
     F. Biscani, D. Izzo, Revisiting high-order Taylor methods for astrodynamics and celestial
-    mechanics, Monthly Notices of the Royal Astronomical Society 504 (2021) 2614-2628.
+    mechanics, Monthly Notices of the Royal Astronomical Society 504 (2021) 2614-2628; of events:
+    Reliable event detection for Taylor methods in astrodynamics, arXiv:2204.09948 (2022).
     """
 
     name = "heyoka"
