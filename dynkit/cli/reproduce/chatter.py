@@ -45,7 +45,7 @@ def figure_3(workshop: Workshop) -> Section:
             f"{chatter.flights[bounce]:.2e}",
             f"{chatter.ratios[bounce - 1]:.12f}",
             f"{chatter.ratios[bounce - 1] - limit:+.1e}",
-            f"{rounded[bounce - 1]:.6g}",
+            f"{rounded[bounce - 1]:.6g}".replace("nan", "-"),  # of two flights of no length
         ]
         for bounce in (1, 5, 10, 20, 50, 80, 100, 200, 300)
     ]
