@@ -19,8 +19,6 @@ from dynkit.validation import Array, finite_array, positive_integer
 # States of an orbit that agree so well, relative, are tried as one: a doubling leaves them so near
 # only within rounding, which is the square, of the parameter where it happens.
 _SAME = 1e-7
-# Of a call, in units of the map's accuracy: a few roundings.
-_ROUNDINGS = 4.0
 _NONE = np.empty(0)
 
 
@@ -205,15 +203,13 @@ class MapOrbit(PeriodicOrbit):
         from dynkit.continuation.newton import error_bound
 
         problem = self.problem()
-        size = float(abs(self._x).max())
-        rounding = _ROUNDINGS * self._system.accuracy * size / problem.units
         bound = error_bound(
             problem.linearization(self._x, _NONE),
             self._x,
             problem.residual(self._x, _NONE),
             problem.scale(self._x),
             None,
-            np.tile(rounding, self.period),
+            problem.rounding(self._x, _NONE),
         )
         return float(bound.max())
 

@@ -21,6 +21,9 @@ TURN = 2.0 * np.pi
 # Errors of calls are no larger than this in the equations: Newton's method ends in them.
 _NOISE = 1e-13
 
+ROUNDINGS = 4.0
+"""What is left in the equations, and in derivatives, in units of the accuracy of a call."""
+
 # States that agree so well, in units of their size, are one.
 _REPEATED = 1e-7
 
@@ -80,6 +83,11 @@ class MapProblem(Problem):
         gap = system.difference(arrived, np.roll(states, -1, axis=0))
         return np.asarray((gap / self.units).ravel())
 
+    def rounding(self, x: Array, p: Array) -> Array:
+        """Four times what a call may be wrong by, for states of the size of the largest."""
+        wrong = ROUNDINGS * self.at(p).accuracy * float(abs(x).max()) / self.units
+        return np.tile(wrong, len(self._like))
+
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
         n, d = self._like.shape
         blocks = self.jacobians(x, p) / self.units[:, None]
@@ -101,6 +109,9 @@ class MapProblem(Problem):
 
     def multipliers(self, x: Array, p: Array) -> Any:
         return product_eigenvalues(self.jacobians(x, p))
+
+    def factors(self, x: Array, p: Array) -> tuple[Array, float]:
+        return self.jacobians(x, p), ROUNDINGS * self.at(p).accuracy
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> MapOrbit:
         from dynkit.map_orbits import MapOrbit

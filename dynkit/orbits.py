@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -60,6 +61,21 @@ class PeriodicOrbit(ABC):
     @abstractmethod
     def multipliers(self) -> Any:
         """Floquet multipliers, (d,) complex, the largest modulus first."""
+
+    @cached_property
+    def multipliers_error(self) -> Array:
+        """Estimate of the error of each multiplier, (d,), read-only.
+
+        Four times the largest change in some probes, which disturb the unknowns by their errors and
+        the matrices whose product it is by rounding. Infinite where nothing is known, as where an
+        impact only grazes. Whether a multiplier lies inside the unit circle is certain where its
+        modulus is farther from one than that.
+        """
+        from dynkit.continuation.multiplier_errors import multiplier_errors_of
+
+        error = multiplier_errors_of(self)
+        error.setflags(write=False)
+        return error
 
     @property
     @final

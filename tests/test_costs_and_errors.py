@@ -208,6 +208,24 @@ def test_results_have_a_cost_and_an_error(name: str) -> None:
     assert not np.isnan(error).any()
 
 
+@pytest.mark.parametrize("name", ["Branch", "ImpactOrbit", "MapOrbit", "StickingOrbit"])
+def test_each_multiplier_has_an_error(name: str) -> None:
+    result = RESULTS[name]()
+    error = result.multipliers_error
+    assert error.shape == result.multipliers.shape
+    assert (error >= 0.0).all()
+    assert (error < 1e-6).all()
+    assert not error.flags.writeable
+
+
+def test_nothing_is_known_of_multipliers_of_an_impact_that_only_grazes() -> None:
+    orbit = RESULTS["ImpactOrbit"]()
+    grazing = orbit.problem().orbit(
+        orbit.unknowns * np.repeat([1.0, 0.0], orbit.impacts), np.empty(0), (0.0,)
+    )
+    assert np.isinf(grazing.multipliers_error).all()
+
+
 @pytest.mark.parametrize("name", RESULTS)
 def test_whatever_results_hold_is_known(name: str) -> None:
     """What annotations do not tell: the classes of the values of all properties."""

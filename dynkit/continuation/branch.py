@@ -118,6 +118,31 @@ class Branch:
         error.setflags(write=False)
         return error
 
+    @cached_property
+    def multipliers_error(self) -> Array:
+        """Estimate of the error of each multiplier, (k, d), read-only.
+
+        As `PeriodicOrbit.multipliers_error`; points may be off by `error`.
+
+        Raises
+        ------
+        ValueError
+            When the branch was loaded without an orbit.
+        """
+        from dynkit.continuation.multiplier_errors import multiplier_errors
+
+        width = float(np.ptp(self.parameter)) or 1.0
+        scale = OrbitEquations(self.problem, width).scale
+        rows = []
+        for x, p, found, off in zip(
+            self.unknowns, self.parameter, self.multipliers, self.error, strict=True
+        ):
+            moved = off * scale(np.append(x, p))
+            rows.append(multiplier_errors(self.problem, x, np.array([p]), found, moved))
+        error = np.array(rows)
+        error.setflags(write=False)
+        return error
+
     @property
     def problem(self) -> Problem:
         """The equations of its orbits.

@@ -115,6 +115,14 @@ class Problem(ABC):
     def multipliers(self, x: Array, p: Array) -> Any:
         """Return the Floquet multipliers of a solution, complex, the largest modulus first."""
 
+    def factors(self, x: Array, p: Array) -> tuple[Array, float] | None:
+        """Return matrices (n, d, d) whose product, in the order of time, has these eigenvalues.
+
+        And how wrong their entries may be, as a part of the norm of each. Multipliers that are zero
+        by their nature need not be among them. None, unless a subclass tells.
+        """
+        return None
+
     @abstractmethod
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> PeriodicOrbit:
         """Return the orbit that a solution stands for; `history` as in `PeriodicOrbit`."""

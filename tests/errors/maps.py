@@ -12,6 +12,7 @@ import numpy as np
 from mpmath import mp, mpf
 
 from dynkit import MapAttractor, NoConvergence, periodic_orbit
+from dynkit.map_orbits import MapOrbit
 from dynkit.systems import Henon, HighBounce, Logistic
 from dynkit.validation import Array
 
@@ -79,6 +80,19 @@ def states_of_orbits(every: int) -> Iterator[tuple[float, float]]:
 
     What it leaves out is the square of the error.
     """
+    for orbit in orbits_of_maps(every):
+        system = orbit.system
+        left = exact_residual(system, orbit.states)
+        n, d = orbit.states.shape
+        matrix = -np.roll(np.eye(n * d), d, axis=1)
+        for i, state in enumerate(orbit.states):
+            part = slice(i * d, i * d + d)
+            matrix[part, part] += system.jacobian(state)
+        yield float(abs(np.linalg.solve(matrix, left)).max()), orbit.error
+
+
+def orbits_of_maps(every: int) -> Iterator[MapOrbit]:
+    """Of the logistic map and of Henon's, of periods 1 to 8."""
     for number in range(0, CASES, every):
         random = Random(number)
         if random.random() < 0.5:
@@ -88,16 +102,9 @@ def states_of_orbits(every: int) -> Iterator[tuple[float, float]]:
             system = Henon(a=random.uniform(0.1, 1.4), b=random.uniform(-0.3, 0.3))
             guess = [random.uniform(-0.5, 1.0), random.uniform(-0.2, 0.2)]
         try:
-            orbit = periodic_orbit(system, guess, period=random.choice((1, 1, 2, 3, 4, 5, 6, 8)))
+            yield periodic_orbit(system, guess, period=random.choice((1, 1, 2, 3, 4, 5, 6, 8)))
         except (ValueError, NoConvergence):
             continue
-        left = exact_residual(system, orbit.states)
-        n, d = orbit.states.shape
-        matrix = -np.roll(np.eye(n * d), d, axis=1)
-        for i, state in enumerate(orbit.states):
-            part = slice(i * d, i * d + d)
-            matrix[part, part] += system.jacobian(state)
-        yield float(abs(np.linalg.solve(matrix, left)).max()), orbit.error
 
 
 def exact_residual(system: Any, states: Array) -> Array:

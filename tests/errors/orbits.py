@@ -18,14 +18,14 @@ SYSTEMS, SEVERAL = 1500, 300
 
 def states_of_orbits(every: int) -> Iterator[tuple[float, float]]:
     """Largest error of a section coordinate of P(1,m), m = 1 to 3, from their closed form."""
-    for orbit in _orbits_of_one_impact(every):
+    for orbit in orbits_of_one_impact(every):
         exact = one_impact_orbits(orbit.system, orbit.periods)
         off = [abs(orbit.system.difference(orbit.states[0], e.state)).max() for e in exact]
         # The closed form is rounded to doubles.
         yield float(min(off)), orbit.error + 2.0**-53 * float(abs(orbit.states).max())
 
 
-def _orbits_of_one_impact(every: int) -> Iterator[ImpactOrbit]:
+def orbits_of_one_impact(every: int) -> Iterator[ImpactOrbit]:
     for number in range(0, SYSTEMS, every):
         system = random_case(STARTS * number).system()
         for periods in (1, 2, 3):
@@ -55,7 +55,7 @@ def states_of_longer_orbits(every: int) -> Iterator[tuple[float, float]]:
 
 def coefficients_of_harmonics(every: int) -> Iterator[tuple[float, float]]:
     """Largest error of a Fourier coefficient of P(1,m), whose impulses make a closed form."""
-    for orbit in _orbits_of_one_impact(every):
+    for orbit in orbits_of_one_impact(every):
         system, period = orbit.system, orbit.period
         c = system.contact % system.degrees_of_freedom
         times = np.linspace(0.0, period, 513)
@@ -69,8 +69,8 @@ def _coefficients(orbit: ImpactOrbit, c: int, count: int) -> Array:
     system = orbit.system
     w = 2.0 * np.pi / orbit.period * np.arange(1.0, count + 1.0)[:, None, None]
     mass, drag, spring = system.mass, system.damping_matrix, system.stiffness
-    impulse = float(orbit.impulses[0]) * float(np.sign(orbit.states[0, -2]) or 1.0)
-    impulse *= 1.0 if system.side == "above" else -1.0
+    far = bool(np.signbit(orbit.states[0, -2]))  # of minus zero, too, where nothing rebounds
+    impulse = float(orbit.impulses[0]) * (-1.0 if far == (system.side == "above") else 1.0)
     force = np.zeros((count, len(mass)), dtype=complex)
     force[:, c] = impulse / np.linalg.inv(mass)[c, c] / orbit.period
     if len(system.harmonic_forces):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from tests.errors import branches, maps, orbits, records, sums
+from tests.errors import branches, maps, multipliers, orbits, records, sums
 
 
 class Quantity(NamedTuple):
@@ -24,9 +24,13 @@ QUANTITIES = {
     "`ExponentialSum.first_root`, times": Quantity(sums.times_of_roots, 20),
     "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
     "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 100),
+    "`multipliers_error`, maps": Quantity(multipliers.of_maps, 100),
+    "`multipliers_error`, P(1,m)": Quantity(multipliers.of_oscillators, 100),
+    "`multipliers_error`, branches": Quantity(multipliers.of_branches, 50),
     "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 40),
     "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
     "`Branch.error`": Quantity(branches.points_of_branches, 100),
-    "`Bifurcation.error`, SN, PD, NS": Quantity(branches.bifurcations_of_maps, 200),
+    "`Bifurcation.error`, SN, PD, NS": Quantity(branches.bifurcations_of_maps, 180),
     "`Bifurcation.error`, SN, GR": Quantity(branches.bifurcations_of_oscillators, 25),
+    "`Bifurcation.error`, CB": Quantity(branches.borders_of_contact, 100),
 }

@@ -34,12 +34,23 @@ def multipliers(solution: Solution) -> Any:
         roots = _secular(flights, jumps)
         if roots is not None:
             return roots[np.lexsort((-roots.imag, -abs(roots)))]
+    return product_eigenvalues(_matrices(solution, flights, jumps))
+
+
+def factors(solution: Solution) -> Array | None:
+    """Matrices (n, 2N, 2N) from each impact to the next; None where one only grazes."""
+    if not solution.impulses.all():
+        return None
+    return _matrices(solution, *_passages(solution))
+
+
+def _matrices(solution: Solution, flights: Transitions, jumps: list[tuple[Array, Array]]) -> Array:
     slots = solution.motion.regime.layout.modes
     matrices = flights.matrices(slots)
     for matrix, (left, right) in zip(matrices, jumps, strict=True):
         flat = left[:, slots].reshape(-1, 2), right[:, slots].reshape(-1, 2)
         matrix += flat[0] @ (flat[1].T @ matrix)
-    return product_eigenvalues(matrices)
+    return np.asarray(matrices)
 
 
 def _passages(solution: Solution) -> tuple[Transitions, list[tuple[Array, Array]]]:

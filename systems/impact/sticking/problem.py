@@ -228,10 +228,18 @@ class StickingProblem(Problem):
             # An impact that only grazes stretches without bound.
             found[0] = np.inf
         elif self.half:
-            unit = np.repeat(self.sizes, self.half)
-            factors = [q.derivative * unit / unit[:, None] for q in passages]
-            found[:-2] = product_eigenvalues(factors)
+            found[:-2] = product_eigenvalues(self._matrices(passages))
         return found
+
+    def factors(self, x: Array, p: Array) -> tuple[Array, float] | None:
+        passages = self.passages(x, p)
+        if not self.half or not all(rate for passage in passages for rate in passage.rates):
+            return None
+        return self._matrices(passages), PASSED * 2.0**-52
+
+    def _matrices(self, passages: list[Passage]) -> Array:
+        unit = np.repeat(self.sizes, self.half)
+        return np.array([q.derivative * unit / unit[:, None] for q in passages])
 
     # --- orbits -----------------------------------------------------------------------------------
 

@@ -1,0 +1,80 @@
+"""How wrong Floquet multipliers may be."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.continuation.newton import error_bound
+from dynkit.continuation.problem import NoSolution
+from dynkit.multipliers import product_eigenvalues
+from dynkit.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.continuation.problem import Problem
+    from dynkit.orbits import PeriodicOrbit
+
+_PROBES = 4
+# A few probes seldom add up what a bound of every single unknown allows.
+_MARGIN = 4.0
+_ROUNDING = 2.0**-52
+
+
+def multiplier_errors_of(orbit: PeriodicOrbit) -> Array:
+    """Return how wrong each multiplier of an orbit may be, (d,)."""
+    problem, x, none = orbit.problem(), orbit.unknowns, np.empty(0)
+    try:
+        moved = error_bound(
+            np.asarray(problem.linearization(x, none)),
+            x,
+            problem.residual(x, none),
+            problem.scale(x),
+            None,
+            problem.rounding(x, none),
+        )
+    except NoSolution:
+        moved = np.full(len(x), np.inf)
+    return multiplier_errors(problem, x, none, orbit.multipliers, moved)
+
+
+def multiplier_errors(problem: Problem, x: Array, p: Array, found: Any, moved: Array) -> Array:
+    """Return how wrong each multiplier found, (d,), may be; infinite where nothing can be told.
+
+    Four times the largest change in a few probes: unknowns and parameters are disturbed by as much
+    as they may be wrong, `moved` (m + k,), at random up or down, and the factors of the product
+    whose eigenvalues the multipliers are by their own errors.
+    """
+    worst, random, m = np.zeros(len(found)), np.random.default_rng(0), len(x)
+    if not (np.isfinite(found).all() and np.isfinite(moved).all()):
+        return np.full(len(found), np.inf)
+    for _ in range(_PROBES):
+        step = moved * random.choice([-1.0, 1.0], len(moved))
+        try:
+            there = _disturbed(problem, x + step[:m], p + step[m:], random)
+        except (NoSolution, np.linalg.LinAlgError):
+            return np.full(len(found), np.inf)
+        if not np.isfinite(there).all():
+            return np.full(len(found), np.inf)
+        worst = np.maximum(worst, _changes(found, there))
+    return np.asarray(_MARGIN * (worst + _ROUNDING * abs(found)))
+
+
+def _disturbed(problem: Problem, x: Array, p: Array, random: np.random.Generator) -> Any:
+    known = problem.factors(x, p)
+    if known is None:
+        return problem.multipliers(x, p)
+    factors, part = known
+    sizes = np.sqrt((factors**2).sum(axis=(1, 2), keepdims=True))
+    return product_eigenvalues(factors + part * sizes * random.uniform(-1.0, 1.0, factors.shape))
+
+
+def _changes(found: Any, there: Any) -> Array:
+    """Change (d,) of each multiplier; those that have no partner are zero by their nature."""
+    from scipy.optimize import linear_sum_assignment
+
+    apart = abs(np.subtract.outer(found, there))
+    out = np.zeros(len(found))
+    rows, columns = linear_sum_assignment(apart)
+    out[rows] = apart[rows, columns]
+    return out
