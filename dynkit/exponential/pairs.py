@@ -188,9 +188,9 @@ class Pairs:
                 squares = np.where(together, part * part, 0.0)
                 part[:] = np.sqrt(np.bincount(self._clusters, squares, self.count))[self._clusters]
         weights = np.where(together, norm[:, None], abs(rows))
-        shape = (*np.shape(window), *weights.shape)
         if self._parts is None:
-            weights = np.broadcast_to(weights, shape).copy()
+            if np.ndim(window):
+                weights = np.repeat(weights[None], np.size(window), axis=0)
         else:
             number, growth, decay = self._parts
             involved = number >= 0

@@ -181,25 +181,43 @@ class Derivation:
 
 
 _lock = RLock()
-_derivations: OrderedDict[Hashable, Derivation] = OrderedDict()
+
+
+class _Derivations:
+    """Those used last, of so many entries of matrices in all; one at least."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[Hashable, Derivation] = OrderedDict()
+        self._entries = 0
+
+    def known(self, key: Hashable) -> Derivation | None:
+        """The one that was kept under a key."""
+        if key in self._kept:
+            self._kept.move_to_end(key)
+        return self._kept.get(key)
+
+    def keep(self, key: Hashable, found: Derivation) -> None:
+        """Keep one, and drop those that were not used for longest."""
+        self._kept[key] = found
+        self._entries += found.mass.size**2
+        while self._entries > _MOST_KEPT and len(self._kept) > 1:
+            _, dropped = self._kept.popitem(last=False)
+            self._entries -= dropped.mass.size**2
+
+
+_derivations = _Derivations()
 
 
 def _shared_derivation(structure: LagrangianStructure) -> Derivation:
     key = _key(structure)
     with _lock:
-        known = _derivations.get(key) if key is not None else None
-        found = known or structure._derive()
-        if key is not None:
-            _derivations[key] = found
-            _derivations.move_to_end(key)
-            while (
-                known is None
-                and sum(kept.mass.size**2 for kept in _derivations.values()) > _MOST_KEPT
-            ):
-                if len(_derivations) == 1:
-                    break
-                _derivations.popitem(last=False)
-    return found
+        if key is None:
+            return structure._derive()
+        known = _derivations.known(key)
+        if known is None:
+            known = structure._derive()
+            _derivations.keep(key, known)
+        return known
 
 
 def _key(structure: LagrangianStructure) -> Hashable | None:
