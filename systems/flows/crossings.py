@@ -45,7 +45,7 @@ class Look:
     @property
     def behind(self) -> bool:
         """Whether the section is clearly still to come."""
-        return self.value < -_ON_SECTION * self.reach
+        return self.value < 0.0 and self.value < -_ON_SECTION * self.reach
 
     def turns_before(self, after: Look) -> bool:
         """Whether the value has an extremum until another look that may tell more than the two."""

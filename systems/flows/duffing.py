@@ -89,8 +89,9 @@ class Duffing(IntegratedFlow):
 
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
         x, v, phase = finite_array("state", state, (3,))
-        self.value_of(name)
         if name == "frequency":
             return np.array([0.0, 0.0, 1.0])
-        rates = {"damping": -v, "stiffness": -x, "cubic": -(x**3), "force": np.cos(phase)}
+        rates = {"damping": -v, "stiffness": -x, "cubic": -(x**3), "force": math.cos(phase)}
+        if name not in rates:
+            self.value_of(name)  # refuses it
         return np.array([0.0, rates[name], 0.0])

@@ -62,5 +62,7 @@ class Rossler(IntegratedFlow):
 
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
         _, y, z = finite_array("state", state, (3,))
-        self.value_of(name)
-        return np.array({"a": [0.0, y, 0.0], "b": [0.0, 0.0, 1.0], "c": [0.0, 0.0, -z]}[name])
+        rows = {"a": [0.0, y, 0.0], "b": [0.0, 0.0, 1.0], "c": [0.0, 0.0, -z]}
+        if name not in rows:
+            self.value_of(name)  # refuses it
+        return np.array(rows[name])
