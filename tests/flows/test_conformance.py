@@ -131,8 +131,8 @@ def test_it_has_attractors(name: str, check: AttractorCheck) -> None:
 @pytest.mark.parametrize("name", ATTRACTORS)
 def test_the_error_of_an_attractor_is_that_of_the_integration(name: str) -> None:
     system, start = ATTRACTORS[name]
-    attractor = MapAttractor(system, np.array(start), transient=40, iterations=5)
-    exact = MapAttractor(tightened(system), np.array(start), transient=40, iterations=5)
+    attractor = MapAttractor(system, np.array(start), transient=20, iterations=5)
+    exact = MapAttractor(tightened(system), np.array(start), transient=20, iterations=5)
     off = np.abs(system.difference(attractor.states, exact.states)).max()
     assert off < attractor.error < 1e-4 * np.abs(exact.states).max()
 

@@ -114,11 +114,11 @@ def test_duffings_oscillator_settles_on_what_branches_off() -> None:
     found = branch(stroboscopic, [1.2, 0.1], "force", (0.25, 0.28))
     doubling = only(found, "PD")
     (orbit,) = doubling.switch()
-    second = continue_orbit(orbit, "force", bounds=(0.25, 0.275), largest_step=0.5)
+    second = continue_orbit(orbit, "force", bounds=(0.25, 0.275), step=0.03, largest_step=0.5)
     place = int(np.argmax(second.parameter))
     force = float(second.parameter[place])
     assert force > doubling.value
-    attractor = MapAttractor(stroboscopic.replace(force=force), np.array([1.0, 0.0]), 200, 20)
+    attractor = MapAttractor(stroboscopic.replace(force=force), np.array([1.0, 0.0]), 60, 20)
     states = second.orbit(place).states
     gaps = abs(states[:, None] - attractor.states[-2:][None]).max(axis=2)
     assert second.stable[place]
