@@ -82,7 +82,8 @@ class Forced:
     """Motion of N coordinates: those of a basis under forces, the others as they are told to.
 
     Positions are Im(shape exp(i phase)) + rest + those of the basis, velocities Im(turning exp(i
-    phase)) + drift + those of the basis.
+    phase)) + drift + those of the basis. `rest_terms` are the sums of the absolute terms of which
+    the rest is the sum.
     """
 
     def __init__(self, basis: Basis | None, free: NDArray[np.intp], load: Load) -> None:
@@ -93,6 +94,7 @@ class Forced:
         self.turning = 1j * load.frequency * self.shape
         self.rest = np.array(load.rest, dtype=float)
         self.drift = np.zeros_like(self.rest)
+        self.rest_terms = abs(self.rest)
         self._own_links: list[tuple[int, bool, Array]] = []
         if basis is not None and (load.harmonic.any() or load.constant.any()):
             forces = np.stack([load.harmonic.real, load.harmonic.imag, load.constant])
@@ -104,6 +106,8 @@ class Forced:
             sine, cosine, still = basis.velocities(response)
             self.turning[free] += sine + 1j * cosine
             self.drift[free] += still
+            rows = np.array([basis.position_row(unit) for unit in np.eye(len(free))])
+            self.rest_terms[free] = abs(rows * response[2]).sum(axis=(1, 2))
         self.turns = bool(load.harmonic.any() or self.shape.any())
 
     def _response(self, basis: Basis, push: Array) -> Array:

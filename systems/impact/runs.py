@@ -74,7 +74,8 @@ def run(
     """Simulate `count` impacts from a state of this oscillator.
 
     With noise every number of the start, and of the states after impacts, is changed by up to this
-    part of itself, pseudo-randomly. The search for an event gives up after `most_cells`.
+    part of itself, pseudo-randomly, and the rest by this part of the terms of which it is the sum.
+    The search for an event gives up after `most_cells`.
     """
     from dynkit.exponential.evaluation_kernels import START
     from dynkit.systems.impact import clock_kernels, kernels
@@ -95,6 +96,7 @@ def run(
         q += oscillator._structure.free.coordinates(x, v)
         turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
         clock[clock_kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
+        shifts = noise * random.uniform(-1.0, 1.0, (2, 2))
     clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
     slots = free.layout.slots
     flight = workspace(slots)
@@ -106,6 +108,8 @@ def run(
     done = 0
     while True:
         mechanics, contact = mechanics_of(oscillator, with_contact=len(contacts) > 0)
+        if noise > 0.0:
+            mechanics = _displaced(mechanics, oscillator, shifts)
         impacts, ending = kernels.run(
             mechanics,
             clock,
@@ -175,3 +179,21 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
         oscillator.frequency if free.layout.table < 0 else 0.0,
     )
     return mechanics, workspace(slots)
+
+
+def _displaced(mechanics: Any, oscillator: ImpactOscillator, parts: Array) -> Any:
+    """The same with gaps and forces (k, 2) changed by these parts of the terms of their rest.
+
+    Where the structure rests on the table, all but exactly, their differences are rounding.
+    """
+    structure, free = oscillator._structure, oscillator._free.forced
+    if not free.rest_terms.any():
+        return mechanics
+    c, stops = structure.contact, []
+    gap_terms = float(free.rest_terms[c])
+    force_terms = float(abs(structure.stiffness[c]) @ free.rest_terms)
+    for stop, (place, push) in zip(mechanics.stops, parts.tolist(), strict=False):
+        gap = stop.gap._replace(offset=stop.gap.offset + place * gap_terms)
+        force = stop.force._replace(offset=stop.force.offset + push * force_terms)
+        stops.append(stop._replace(gap=gap, force=force))
+    return mechanics._replace(stops=tuple(stops))

@@ -317,6 +317,29 @@ def test_fast_motions_do_not_round_the_velocity_that_drag_leaves() -> None:
     assert abs(record.time[0] - float(impact.time)) <= record.error[0] / chain.frequency
 
 
+@pytest.mark.parametrize(("spring", "damping"), [(3.0, 0.1), (3.0, 1.0), (7.0, 0.5), (11.0, 0.7)])
+@pytest.mark.parametrize("offset", [-0.1, -0.3, -0.7])
+def test_the_error_counts_the_rounding_of_a_rest_that_is_all_but_on_the_table(
+    spring: float, damping: float, offset: float
+) -> None:
+    # The weight stretches the spring down to the table, but for the rounding of all three.
+    parameters: dict[str, Any] = {
+        "frequency": 1.0,
+        "restitution": 0.85,
+        "amplitude": 0.0,
+        "offset": offset,
+        "constant_forces": (spring * offset,),
+    }
+    system = MatrixOscillator(M=[[1.0]], C=[[damping]], K=[[spring]], **parameters)
+    record = system.simulate(impacts=60, start=system.state([1.0], [0.0]))
+    exact = GeneralOscillator([[1.0]], [[damping]], [[spring]], **parameters)
+    impacts = exact.simulate([1.0], [0.0], 0.0, impacts=60).impacts
+    common = min(len(record), len(impacts))
+    assert common > 10
+    off = abs(record.time[:common] - np.array([float(x.time) for x in impacts[:common]]))
+    assert (off <= record.error[:common] + 2.0**-51 * record.time[:common]).all()
+
+
 def test_the_error_of_a_time_counts_the_turns_of_the_table() -> None:
     # Dead impacts: the force carries the mass on by 1e-5 a unit of time, the table moves by 0.2.
     parameters: dict[str, Any] = {
