@@ -22,6 +22,10 @@ Indices = NDArray[np.intp]
 SMALLEST = 1e-100
 """Relative velocity below which a chatter is over, whatever is tolerated: cubes of it vanish."""
 
+PLACE = 1000.0
+"""So many times the tolerance the place of the contact mass may be off in the bounces that are left
+out, where it follows parabolas: nothing else follows from it."""
+
 
 class Stop(NamedTuple):
     """What the contact coordinate meets on one side.
@@ -55,6 +59,7 @@ class Mechanics(NamedTuple):
         its time integral
     coupling : largest such change of a position or velocity
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
+        (see `PLACE` for the contact coordinate before it)
     clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
     """
 
@@ -82,7 +87,7 @@ def transform(matrix: Array, states: Array, k: int, out: Array) -> None:
 @kernel()
 def chatter_completes(
     mechanics: Mechanics,
-    window: float,
+    stop: Stop,
     u: float,
     second: float,
     third: float,
@@ -92,7 +97,8 @@ def chatter_completes(
     """Whether the bounces from relative velocity `u` on must accumulate before contact can be lost.
 
     With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 -
-    r)/4 over 2T. The bound of f^(4) holds for the time `window`.
+    r)/4 over 2T. The bound of f^(4) holds for the time `stop.gap.window`. And whether they may be
+    left out.
     """
     r = mechanics.restitution
     a = -second
@@ -101,7 +107,12 @@ def chatter_completes(
     if mechanics.tolerance == 0.0 and u > SMALLEST:
         return False  # under constant forces the error is zero, too
     rest = 4.0 * u / (a * (1.0 - r))
-    return rest <= window and (abs(third) + 0.5 * fourth * rest) * rest <= 0.25 * (1.0 - r) * a
+    if rest > stop.gap.window:
+        return False
+    if (abs(third) + 0.5 * fourth * rest) * rest > 0.25 * (1.0 - r) * a:
+        return False
+    most = PLACE * mechanics.tolerance
+    return most == 0.0 or _place_error(stop, u, rest, second, third) <= most
 
 
 @kernel()
@@ -133,16 +144,34 @@ def pulls(force: Ladder, states: Array, band_factor: float) -> bool:
 
 
 @kernel()
+def _drag(stop: Stop) -> float:
+    """What a unit of velocity adds to the contact acceleration."""
+    rows = stop.gap.rows
+    kick = stop.kick
+    c = 0.0
+    for i in range(rows.shape[1]):
+        c -= rows[4, i] * kick[0, i] + rows[5, i] * kick[1, i]
+    return c
+
+
+@kernel()
+def _place_error(stop: Stop, u: float, rest: float, second: float, third: float) -> float:
+    """Bound of the gap's error, to leading order, where the bounces are drawn as parabolas.
+
+    In flight D'' = -a - b s - c D'; b/a and c shift the bounces by up to a twelfth and a twentieth
+    of themselves times T^2, T their duration, at any restitution. `rest` is 2T.
+    """
+    c = _drag(stop)
+    return 0.025 * u * rest * rest * (abs(c + third / second) + abs(c))
+
+
+@kernel()
 def chatter_rest(stop: Stop, restitution: float, u: float, second: float, third: float) -> float:
     """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`.
 
-    In flight the gap obeys D'' = -a - b s - c D' + ...; c is what a unit of velocity adds.
+    In flight the gap obeys D'' = -a - b s - c D' + ...
     """
-    gap = stop.gap
-    kick = stop.kick
-    c = 0.0
-    for i in range(gap.rows.shape[1]):
-        c -= gap.rows[4, i] * kick[0, i] + gap.rows[5, i] * kick[1, i]
+    c = _drag(stop)
     a = -second - c * u
     first = 2.0 * u / (a * (1.0 - restitution))
     return first * (1.0 - (1.5 * c * a - third) * first / (3.0 * a))
@@ -158,6 +187,6 @@ def chatter_error(mechanics: Mechanics, u: float, second: float) -> float:
 def lifted(restitution: float, u: float, second: float) -> float:
     """Time integral of the gap over the bounces from relative velocity `u` on: parabolas."""
     r = restitution
-    if u == 0.0:
+    if u < SMALLEST:
         return 0.0
     return (2.0 / 3.0) * u * u * u / (second * second * (1.0 - r * r * r))

@@ -159,12 +159,13 @@ def run(
         if phase == RELEASED:
             order = 3
         elif phase != FLIGHT:
-            gap = mechanics.stops[side].gap
+            stop = mechanics.stops[side]
+            gap = stop.gap
             second, third, fourth, _ = start_sums(gap.rows, y, START)
             error = chatter_error(mechanics, u, second)
             if u > 0.0:
                 order = 1
-                sticks = chatter_completes(mechanics, gap.window, u, second, third, fourth, error)
+                sticks = chatter_completes(mechanics, stop, u, second, third, fourth, error)
             else:
                 order = order_at_rest(gap.rows, y, band_factor)
                 if order > 0 and stays_in_band(gap, y, START, mechanics.tolerance):
@@ -175,7 +176,6 @@ def run(
                 k = int(clock[CONTACTS])
                 if k == contacts.shape[0]:
                     return done, CONTACTS_FULL
-                stop = mechanics.stops[side]
                 transform(stop.to_stuck, y, START, contact.states)
                 if pulls(stop.force, contact.states, band_factor):
                     # What rounding hid in flight is clear on the table: it does not hold the mass.

@@ -77,8 +77,9 @@ class ImpactOscillator(DrivenStructure, Map):
         g, such as weights.
     chatter_tolerance : float
         Chatter is replaced by contact when that changes no position or velocity by more than this,
-        to leading order; 0 for never. The changes made are summed up in the record's
-        ``chatter_error``.
+        to leading order, and the place of the contact mass in the bounces left out by no more than
+        a thousand times this; 0 for never. The changes made, as contact begins, are summed up in
+        the record's ``chatter_error``.
 
     Raises
     ------

@@ -157,7 +157,8 @@ class ImpactRecord:
         """Sum of what replacing the rests of chatters by contact changed, to leading order.
 
         Of each it is the largest change of a position or velocity as contact begins, which goes
-        with the cube of the velocity of the last bounce. The true change is at most twice as large,
+        with the cube of the velocity of the last bounce; it counts the others, as the contact mass
+        is on the table then. The true change is at most twice as large,
         and hardly larger where that velocity is small. What the motion then makes of it, and the
         times of the release and of impacts, is part of `error`.
         """
@@ -227,7 +228,8 @@ class ImpactRecord:
         """Positions and velocities at given times, exact between impacts and while stuck.
 
         At the time of an impact the state just after it is given. In the rest of a chatter that was
-        replaced by contact the contact mass follows the bounces to leading order.
+        replaced by contact the contact mass follows the bounces to leading order: its place is then
+        off by a thousand times the `chatter_tolerance` at most.
 
         Parameters
         ----------

@@ -324,6 +324,51 @@ def test_the_next_impact_is_as_near_as_the_error_of_the_record(rows: list[Row]) 
     assert all(row.later <= row.bound for row in rows)
 
 
+# --- the contact mass itself ---------------------------------------------------------------------
+
+
+def tied(tie: float, ground: float, restitution: float) -> ImpactOscillator:
+    """Two masses, a weight on the last one, and a spring `tie` between them."""
+    return MatrixOscillator(
+        M=np.eye(2),
+        C=np.diag([0.1, 0.0]),
+        K=[[1.0 + tie, -tie], [-tie, tie + ground]],
+        frequency=0.4,
+        restitution=restitution,
+        amplitude=0.8,
+        constant_forces=(0.0, -0.1),
+    )
+
+
+@pytest.mark.parametrize("tolerance", [1e-16, 1e-11])
+@pytest.mark.parametrize("restitution", [0.3, 0.6])
+@pytest.mark.parametrize("tie", [1e-5, 1e-10])
+def test_bounces_left_out_are_drawn_well_where_nothing_else_feels_them(
+    tie: float, restitution: float, tolerance: float
+) -> None:
+    system = tied(tie, 0.01, restitution)
+    start = after_impact(system, (0.2, 0.0, 0.02, 3.0))
+    bounces = math.ceil(math.log(LAST) / math.log(restitution)) + 2
+    reference = twin(system)
+    exact = reference.simulate(
+        start.position.tolist(), start.velocity.tolist(), start.phase, bounces
+    )
+    begin = exact.contacts[0].start
+    record = start.simulate(tolerance)
+    last = float(record.time[bounces_of(record) - 1])
+    times = last + (float(begin) - last) * np.linspace(0.01, 1.0, 100)
+    places, _ = record.sample(times)
+    with mp.workprec(BITS):
+        off = [
+            float(abs(mpf(x) - reference.state_at(exact, time)[0][1]))
+            for x, time in zip(places[:, 1].tolist(), times.tolist(), strict=True)
+        ]
+        late = float(abs(mpf(float(record.sticking[0, 0])) - begin))
+    assert max(off) <= 1e3 * tolerance
+    # A bounce that begins so much later is off by this times its velocity.
+    assert late * float(record.relative_velocity[bounces_of(record) - 1]) <= 1e3 * tolerance
+
+
 # --- where contact hardly begins ------------------------------------------------------------------
 
 
