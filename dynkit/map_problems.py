@@ -79,8 +79,7 @@ class MapProblem(Problem):
 
     def residual(self, x: Array, p: Array) -> Array:
         system, states = self.at(p), self._rows(x)
-        arrived = np.array([_defined(system, state) for state in states])
-        gap = system.difference(arrived, np.roll(states, -1, axis=0))
+        gap = system.difference(_defined(system, states), _next(states))
         return np.asarray((gap / self.units).ravel())
 
     def rounding(self, x: Array, p: Array) -> Array:
@@ -93,18 +92,20 @@ class MapProblem(Problem):
         blocks = self.jacobians(x, p) / self.units[:, None]
         complex_needed = isinstance(multiplier, complex | np.complexfloating)
         matrix = np.zeros((n, d, n, d), dtype=complex if complex_needed else float)
-        for i in range(n):
-            matrix[i, :, i] += blocks[i]
-            returned = multiplier if i == n - 1 else 1.0
-            matrix[i, :, (i + 1) % n] -= np.diag(returned / self.units)
+        each, coordinates = np.arange(n), np.arange(d)
+        matrix[each, :, each] = blocks
+        returned = np.ones((n, 1), dtype=matrix.dtype)
+        returned[-1] = multiplier
+        matrix[each[:, None], coordinates, _next(each)[:, None], coordinates] -= (
+            returned / self.units
+        )
         return matrix.reshape(n * d, n * d)
 
     def parameter_derivative(self, x: Array, p: Array) -> Array:
         system, columns = self.at(p), []
         for name in self._names:
             by_name = partial(system.parameter_derivative, name=name)
-            rows = [_defined(by_name, state) for state in self._rows(x)]
-            columns.append((np.array(rows) / self.units).ravel())
+            columns.append((_defined(by_name, self._rows(x)) / self.units).ravel())
         return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
 
     def multipliers(self, x: Array, p: Array) -> Any:
@@ -175,7 +176,7 @@ class MapProblem(Problem):
         key = np.asarray(x).tobytes() + np.asarray(p, dtype=np.float64).tobytes()
         if key != self._derivatives[0]:
             system = self.at(p)
-            found = np.array([_defined(system.jacobian, state) for state in self._rows(x)])
+            found = _defined(system.jacobian, self._rows(x))
             found.setflags(write=False)
             self._derivatives = (key, found)
         return self._derivatives[1]
@@ -184,15 +185,23 @@ class MapProblem(Problem):
         return np.asarray(x).reshape(self._like.shape)
 
 
-def _defined(function: Callable[[Array], Array], state: Array) -> Array:
+def _defined(function: Callable[[Array], Array], states: Array) -> Array:
+    """What a function gives at each of the states (n, d), as an array."""
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            found = function(state)
+            found = np.array([function(state) for state in states])
     except (ValueError, RuntimeError) as refusal:
         raise NoSolution(str(refusal)) from refusal
-    if not np.isfinite(found).all():
-        raise NoSolution(f"the map is not finite at {state.tolist()}")
+    finite = np.isfinite(found)
+    if not finite.all():
+        where = int(np.argmin(finite.reshape(len(states), -1).all(axis=1)))
+        raise NoSolution(f"the map is not finite at {states[where].tolist()}")
     return found
+
+
+def _next(rows: Any) -> Any:
+    """The rows that follow, the first one after the last."""
+    return np.concatenate([rows[1:], rows[:1]])
 
 
 def sizes(states: Array) -> Array:
