@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
+from unittest.mock import patch
 
 from hypothesis import HealthCheck, settings
 
@@ -39,3 +42,16 @@ def is_thorough() -> bool:
 def share(part: float) -> settings:
     """Settings with a part of the profile's examples, for properties that cost more than others."""
     return settings(max_examples=max(round(part * settings().max_examples), 1))
+
+
+@contextmanager
+def shorter_searches(cells: int) -> Iterator[None]:
+    """Searches for impacts give up after so many cells, unless this run looks at everything.
+
+    Of motions that come to rest, or creep, a million cells show no more than some ten thousand.
+    """
+    from dynkit.systems.impact.runs import run
+
+    changed = {} if is_thorough() else {"most_cells": cells}
+    with patch.dict(run.__kwdefaults__, changed):
+        yield

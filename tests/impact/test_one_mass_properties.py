@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +19,17 @@ from dynkit.systems.impact.record import ImpactRecord
 from dynkit.systems.impact.single import SingleImpactOscillator
 from dynkit.systems.impact.state import ImpactState
 from dynkit.validation import Array
+from tests.effort import shorter_searches
 
 SHARE = st.just(0.0) | st.floats(1e-100, 1.0)
 RESTITUTION = st.floats(0.0, 1.0) | st.sampled_from([0.0, 1.0])
 TOLERANCE = st.sampled_from([1e-16, 1e-12, 1e-8])
+
+
+@pytest.fixture(autouse=True, scope="module")
+def searches() -> Iterator[None]:
+    with shorter_searches(50_000):
+        yield
 
 
 @dataclass(frozen=True)
