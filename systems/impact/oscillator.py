@@ -354,6 +354,11 @@ class ImpactOscillator(DrivenStructure, Map):
 
         Those that stick are sought from releases of some motions, always the same: of structures at
         rest on the table, of random ones there, and of the motion from the default start.
+
+        Raises
+        ------
+        ValueError
+            When nothing drives the system, or nothing holds a part of it and it does not stick.
         """
         from dynkit.systems.impact.orbits.finding import find_orbits
         from dynkit.systems.impact.sticking.finding import find_sticking

@@ -48,8 +48,10 @@ def test_periods_that_are_no_number_of_periods_are_refused(periods: Any) -> None
 
 def test_a_system_that_nothing_drives_is_refused() -> None:
     quiet = ImpactChain(masses=2, frequency=0.87, amplitude=0.0, constant_forces=(0.0, -1.0))
-    assert quiet.periodic_orbits(sticking=True) == []
-    assert refusal(quiet).startswith("no orbit P(inf,1) was found for ImpactChain(")
+    message = "system must be driven: amplitude and harmonic_forces are zero"
+    assert refusal(quiet) == message
+    with pytest.raises(ValueError, match=message):
+        quiet.periodic_orbits(sticking=True)
 
 
 def test_without_loss_at_impacts_nothing_sticks() -> None:

@@ -46,8 +46,15 @@ def find_sticking(oscillator: ImpactOscillator, periods: object) -> list[Stickin
 
     From the releases of some motions: what was at rest on the table, the motion from the default
     start after 1000 impacts, and stuck structures in random motion, always the same.
+
+    Raises
+    ------
+    ValueError
+        When nothing drives the oscillator.
     """
     m = positive_integer("periods", periods)
+    if not oscillator._drive.turns:
+        raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
     began = time.perf_counter()
     found: list[tuple[StickingProblem, Array, tuple[float, ...]]] = []
     seen: list[Array] = []
