@@ -1,6 +1,7 @@
 """Slow, obvious modes in many digits, straight from a chain's masses and springs."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -34,10 +35,15 @@ def links_matrix(strengths: Sequence[float]) -> Any:
 
 def chain_modes(chain: Chain) -> tuple[list[Any], Any]:
     """Natural frequencies, ascending, and the mass-normalised modal matrix (tip outwards)."""
-    size = len(chain.masses)
+    return _modes_of(tuple(chain.masses), tuple(chain.springs))
+
+
+@cache
+def _modes_of(masses: tuple[float, ...], springs: tuple[float, ...]) -> tuple[list[Any], Any]:
+    size = len(masses)
     with mpmath.workdps(DIGITS):
-        roots = [mpmath.sqrt(mpmath.mpf(mass)) for mass in chain.masses]
-        matrix = links_matrix(chain.springs)
+        roots = [mpmath.sqrt(mpmath.mpf(mass)) for mass in masses]
+        matrix = links_matrix(springs)
         for i in range(size):
             for j in range(size):
                 matrix[i, j] /= roots[i] * roots[j]

@@ -3,12 +3,14 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from flint import arb, arb_mat, ctx
 from mpmath import mp, mpf
 
 from dynkit.systems.structure.chain import Chain
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
+from tests.reference.impact_chain import to_mpf
 from tests.structure import reference
 from tests.structure.reference import column_error, matrix_error, relative_errors, value
 
@@ -19,6 +21,11 @@ def random_chain(size: int, *, damped: bool = False) -> Chain:
     rng = np.random.default_rng(size)
     masses, springs = rng.uniform(0.5, 2.0, size), rng.uniform(0.5, 2.0, size)
     return Chain(masses, springs, rng.uniform(0.0, 0.2, size) if damped else 0.0)
+
+
+def uniform(size: int) -> Chain:
+    """Unit masses and springs, dashpots that go with the springs: one for all tests of a size."""
+    return Chain(size, dashpots=0.1)
 
 
 class GroundedTwins(LagrangianStructure):
@@ -48,7 +55,7 @@ def laplacian(size: int) -> Array:
 
 @pytest.mark.parametrize("size", [1, 2, 3, 10, 100, 1000])
 def test_frequencies_of_the_uniform_chain(size: int) -> None:
-    modes = Chain(size).modes
+    modes = uniform(size).modes
     errors = relative_errors(modes, reference.uniform_frequencies(size))
     assert np.all(errors <= modes.frequencies_error)
 
@@ -56,12 +63,12 @@ def test_frequencies_of_the_uniform_chain(size: int) -> None:
 @pytest.mark.parametrize("size", [1, 2, 3, 10, 100, 1000])
 def test_frequencies_of_the_uniform_chain_are_the_nearest_doubles(size: int) -> None:
     exact = [float(w) for w in reference.uniform_frequencies(size)]
-    assert Chain(size).modes.frequencies.tolist() == exact
+    assert uniform(size).modes.frequencies.tolist() == exact
 
 
 def test_the_lowest_frequency_of_a_long_chain_is_good_to_24_digits() -> None:
     # w = 1.6e-3, where the largest is 2: w^2 is 6e-7 of the norm of K.
-    modes = Chain(1000).modes
+    modes = uniform(1000).modes
     assert modes.frequencies_error[0] < 1e-24
     assert relative_errors(modes, reference.uniform_frequencies(1000))[0] < 1e-28
 
@@ -91,7 +98,7 @@ def test_high_and_low_parts_do_not_overlap() -> None:
 
 @pytest.mark.parametrize("size", [1, 2, 3, 10, 100, 1000])
 def test_modes_of_the_uniform_chain(size: int) -> None:
-    modes = Chain(size).modes
+    modes = uniform(size).modes
     for number in sorted({1, size // 2 + 1, size}):
         exact = reference.uniform_mode(size, number)
         assert column_error(modes.matrix[:, number - 1], exact) <= modes.error
@@ -215,14 +222,16 @@ def test_full_mass_and_stiffness_matrices(size: int) -> None:
     mass, stiffness = (x.T @ x for x in (a + 3 * np.sqrt(size) * np.eye(size), b))
     mass, stiffness = (mass + mass.T) / 2, (stiffness + stiffness.T) / 2
     modes = Modes.from_matrices(mass, np.zeros((size, size)), stiffness)
-    with mpmath.workdps(40):
-        m, k = mpmath.matrix(mass.tolist()), mpmath.matrix(stiffness.tolist())
+    with mpmath.workdps(40), ctx.workprec(400):
+        m, k = arb_mat(mass.tolist()), arb_mat(stiffness.tolist())
         for chosen in (0, size - 1):
-            squared = value(modes.frequencies[chosen], modes.frequencies_low[chosen]) ** 2
-            shifted = k - squared * m
-            column = mpmath.matrix(modes.matrix[:, chosen].tolist())
+            pair = modes.frequencies[chosen], modes.frequencies_low[chosen]
+            squared = (arb(float(pair[0])) + arb(float(pair[1]))) ** 2
+            column = modes.matrix[:, chosen].tolist()
             # One step of inverse iteration gives the mode to twice the digits, its growth the gap.
-            better = mpmath.lu_solve(shifted + mpmath.mpf("1e-22") * m, m * column)
+            shifted = k - m * squared + m * arb("1e-22")
+            solved = shifted.solve(m * arb_mat(size, 1, column)).entries()
+            better = [to_mpf(entry) for entry in solved]
             largest = max(abs(entry) for entry in better)
             exact = [entry / mpmath.norm(better) * mpmath.norm(column) for entry in better]
             sign = mpmath.sign(exact[size - 1] * column[size - 1])
@@ -269,7 +278,7 @@ def test_dashpots_like_the_springs_give_decays_like_the_squared_frequencies(
 
 
 def test_the_uniform_chain_decays_by_its_closed_form() -> None:
-    modes = Chain(1000, dashpots=0.1).modes
+    modes = uniform(1000).modes
     with mpmath.workdps(40):
         exact = [mpmath.mpf(0.1) * w**2 / 2 for w in reference.uniform_frequencies(1000)]
     assert modes.decay.tolist() == [float(d) for d in exact]
