@@ -37,11 +37,12 @@ class LyapunovSpectrum:
     (QR); the exponents are the averages of the logarithms of its stretching. A quarter as many
     iterates again come before those that count. All is worked out when it is first asked for.
 
-    Twice an error is the half-width of a 95 % interval (Student's t), from the slow waves in the
-    logarithms, and the accuracy of a single iterate besides; for periodic and quasi-periodic
-    motions, which are told by the much faster convergence of weighted averages, an error is the
-    largest distance between these over parts of the motion. They hold when the motion is
-    `resolved`, and for that attractor: chaos that ends after all is not told from chaos that lasts.
+    An error is one standard error, which covers about 68 %, and no bound: twice it is the
+    half-width of a 95 % interval (Student's t), from the slow waves in the logarithms, and the
+    accuracy of a single iterate besides; for periodic and quasi-periodic motions, which are told by
+    the much faster convergence of weighted averages, it is the largest distance between these over
+    parts of the motion. They hold when the motion is `resolved`, and for that attractor: chaos that
+    ends after all is not told from chaos that lasts.
 
     An exponent is minus infinity, with the error zero, where a direction is lost for good: its
     length was zero once, and no later stretching makes it longer. A sticking contact of an impact
@@ -216,7 +217,7 @@ class LyapunovSpectrum:
 
     @property
     def error(self) -> Array:
-        """Errors (d,) of the exponents."""
+        """One standard error (d,) of each exponent: it covers about 68 %, and is no bound."""
         return self._exponents[1]
 
     @cached_property
@@ -243,7 +244,7 @@ class LyapunovSpectrum:
 
     @property
     def per_time_error(self) -> Array:
-        """Errors (d,) of the exponents per unit of time."""
+        """One standard error (d,) of each exponent per unit of time; no bound."""
         return self._per_time[1]
 
     @cached_property
@@ -265,7 +266,7 @@ class LyapunovSpectrum:
 
     @property
     def sum_error(self) -> float:
-        """Error of the sum, much smaller than those of its terms where volumes shrink evenly."""
+        """One standard error of the sum, far below its terms' where volumes shrink evenly."""
         return self._sum[1]
 
     @cached_property
@@ -292,7 +293,7 @@ class LyapunovSpectrum:
 
     @property
     def dimension_error(self) -> float:
-        """Error of the `dimension`."""
+        """One standard error of the `dimension`; no bound."""
         return self._dimension[1]
 
     @property

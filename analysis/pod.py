@@ -198,20 +198,20 @@ class POD:
 
     @cached_property
     def standard_errors(self) -> Array:
-        """Errors of the powers, (N,), as averages over an endless motion.
+        """One standard error of each power, (N,), as an average over an endless motion.
 
-        Twice an error is the half-width of a 95 % interval (Student's t), from the amplitudes of
-        the slow waves in the batches: see `dynkit.analysis.averages`. The motion is divided into at
-        most 32 batches of successive impacts or samples; with fewer than two the errors are
-        infinite. They are too small where the motion remembers for longer than a sixth of its
-        length, or has not yet reached its attractor, and too large for a periodic one, where they
-        tell where periods are cut.
+        It covers about 68 %, and is no bound, as `error` is. Twice it is the half-width of a 95 %
+        interval (Student's t), from the amplitudes of the slow waves in the batches: see
+        `dynkit.analysis.averages`. The motion is divided into at most 32 batches of successive
+        impacts or samples; with fewer than two the errors are infinite. They are too small where
+        the motion remembers for longer than a sixth of its length, or has not yet reached its
+        attractor, and too large for a periodic one, where they tell where periods are cut.
         """
         return self._errors(self._deviations)
 
     @cached_property
     def cumulative_errors(self) -> Array:
-        """Errors, (N,), of the shares in `cumulative`, in the same way."""
+        """One standard error, (N,), of each share in `cumulative`, in the same way."""
         running = np.cumsum(self._deviations, axis=1)
         shares = (running - self.cumulative * running[:, -1:]) / self.power.sum()
         return self._errors(shares)

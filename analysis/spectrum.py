@@ -151,6 +151,7 @@ class PowerSpectrum:
     def error(self) -> float:
         """Relative standard error of a density of a motion without lines.
 
+        One standard error covers about 68 %, and is no bound.
         It follows from the number of segments and their overlap, and is near 1 for a periodogram.
         The power of a line has no such error when the motion is periodic. What samples fold back is
         not part of it: of an array what lies beyond `nyquist`, of an impact attractor what lies

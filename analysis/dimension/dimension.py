@@ -216,6 +216,7 @@ class CorrelationDimension:
     def error(self) -> float:
         """One standard error of the dimension; infinite when there is no scaling region.
 
+        It covers about 68 %, and is no bound: twice it covers about 95 %.
         It is made of the slope's statistical error, from bootstrap over blocks of time, which
         covers that neighbouring radii and successive states share pairs, and of the scatter of the
         slopes of the region's quarters beyond that.

@@ -39,7 +39,7 @@ class Outcome(Enum):
 @final
 @dataclass(frozen=True)
 class Estimate:
-    """A number and one standard error.
+    """A number and one standard error, which covers about 68 % and is no bound.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class ScalingRegion:
 
     @property
     def error(self) -> float:
-        """Statistical and systematic error together."""
+        """One standard error, statistical and systematic together; no bound."""
         return float(np.hypot(self.statistical, self.systematic))
 
 

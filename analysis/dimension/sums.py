@@ -62,6 +62,7 @@ class CorrelationSums:
     def error(self) -> Array:
         """One standard error of C(r), (k,), relative, from bootstrap over blocks of time.
 
+        It covers about 68 %, and is no bound.
         See `dynkit.analysis.dimension.errors`. Infinite where no pair is so near, and where there
         are too few blocks to tell.
         """
