@@ -246,7 +246,8 @@ def _radius(at: arb) -> arb:
 def _bisection_newton(function: OscillatorSum, order: int, low: arb, high: arb) -> arb:
     """Zero of derivative ``order`` in (low, high), where it changes sign: safeguarded Newton."""
     rising = function.derivatives(high, order + 1)[order] > 0
-    x = (low + high) / 2
+    # A root beside the one at 0 is about four times as far as where its cell begins: see `_split`.
+    x = 4 * low if high > 16 * low > 0 else (low + high) / 2
     for _ in range(400):
         x = x.mid()
         here, slope = function.derivatives(x, order + 2)[order : order + 2]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import wraps
+from functools import lru_cache, wraps
 from typing import Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
 
 import mpmath
@@ -117,19 +117,27 @@ def _modes(masses: Sequence[Real], stiffness: Matrix, damping: Real) -> _Modes:
 
 def _oscillate(value: Real, rate: Real, w: Real, sigma: Real, s: Real) -> tuple[Real, Real]:
     """Value and rate at s of y'' + 2 sigma y' + w^2 y = 0."""
+    cosine, sine = _waves(w, sigma, s)
+    return (
+        value * cosine + (rate + sigma * value) * sine,
+        rate * cosine - (w * w * value + sigma * rate) * sine,
+    )
+
+
+@lru_cache(maxsize=64)
+def _waves(w: Real, sigma: Real, s: Real) -> tuple[Real, Real]:
+    """What decays from value 1 and rate -sigma, and from value 0 and rate 1; the same for all y."""
     square = w * w - sigma * sigma
     root = mpmath.sqrt(abs(square))
     if square > 0:
-        cosine, sine = mpmath.cos(root * s), mpmath.sin(root * s) / root
+        cosine, sine = mpmath.cos_sin(root * s)
+        sine /= root
     elif square < 0:
         cosine, sine = mpmath.cosh(root * s), mpmath.sinh(root * s) / root
     else:
         cosine, sine = mpf(1), s
     decay = mpmath.exp(-sigma * s)
-    return (
-        decay * (value * cosine + (rate + sigma * value) * sine),
-        decay * (rate * cosine - (w * w * value + sigma * rate) * sine),
-    )
+    return decay * cosine, decay * sine
 
 
 class ReferenceChain:
