@@ -52,7 +52,7 @@ def _discriminant_sign(w: arb, sigma: arb) -> int:
 
 
 @final
-class _Oscillators:
+class Oscillators:
     """What follows from frequencies and decays alone."""
 
     def __init__(self, w: Sequence[arb], sigma: Sequence[arb]) -> None:
@@ -64,6 +64,29 @@ class _Oscillators:
             for a, b, s in zip(self.w, self.sigma, self.sign, strict=True)
         ]
         self._weights: dict[int, tuple[arb_mat, list[tuple[arb, ...]]]] = {}
+
+    def flow(self, s: arb) -> list[tuple[arb, arb, arb, arb]]:
+        """Value and rate at s by those at 0, of each oscillator: y = a v + b r, y' = c v + d r."""
+        rows = []
+        for w2, sigma, root, sign in zip(
+            self.w2, self.sigma, self.root_discriminant, self.sign, strict=True
+        ):
+            if sign > 0:
+                sine, cosine = (root * s).sin_cos()
+                sine /= root
+            elif sign < 0:
+                sine, cosine = (root * s).sinh_cosh()
+                sine /= root
+            else:
+                sine, cosine = s, arb(1)
+            if sigma == 0:
+                rows.append((cosine, sine, -w2 * sine, cosine))
+                continue
+            decay = (-sigma * s).exp()
+            sine, cosine = sine * decay, cosine * decay
+            part = sigma * sine
+            rows.append((cosine + part, sine, -w2 * sine, cosine - part))
+        return rows
 
     def weights(self, count: int) -> tuple[arb_mat, list[tuple[arb, ...]]]:
         """Weights of values and rates in derivatives of the sum, and in further ones of each term.
@@ -87,18 +110,19 @@ class _Oscillators:
 
 
 @lru_cache(maxsize=64)
-def _exact_oscillators(
+def _shared_oscillators(
     w: tuple[Number, ...], sigma: tuple[Number, ...], precision: int
-) -> _Oscillators:
+) -> Oscillators:
     with ctx.workprec(precision):
-        return _Oscillators([arb(x) for x in w], [arb(x) for x in sigma])
+        return Oscillators([arb(x) for x in w], [arb(x) for x in sigma])
 
 
-def _oscillators(w: Sequence[Number], sigma: Sequence[Number]) -> _Oscillators:
+def oscillators(w: Sequence[Number], sigma: Sequence[Number]) -> Oscillators:
+    """Those of these frequencies and decays, made once for each precision."""
     # Only exact numbers can be told to be the same again.
     if any(isinstance(x, arb) and not x.is_exact() for part in (w, sigma) for x in part):
-        return _Oscillators([arb(x) for x in w], [arb(x) for x in sigma])
-    return _exact_oscillators(tuple(w), tuple(sigma), ctx.prec)
+        return Oscillators([arb(x) for x in w], [arb(x) for x in sigma])
+    return _shared_oscillators(tuple(w), tuple(sigma), ctx.prec)
 
 
 @final
@@ -126,23 +150,11 @@ class OscillatorSum:
     ) -> None:
         self.value = [arb(x) for x in value]
         self.rate = [arb(x) for x in rate]
-        self._oscillators = _oscillators(w, sigma)
+        self._oscillators = oscillators(w, sigma)
         self.w, self.sigma = self._oscillators.w, self._oscillators.sigma
         self.w2 = self._oscillators.w2
         self.polynomial = [arb(offset)]
         self.leading = [arb(x) for x in leading]
-        self._terms = [
-            (v, r + sigma * v, r, w2 * v + sigma * r, sigma, root, sign)
-            for v, r, w2, sigma, root, sign in zip(
-                self.value,
-                self.rate,
-                self.w2,
-                self.sigma,
-                self._oscillators.root_discriminant,
-                self._oscillators.sign,
-                strict=True,
-            )
-        ]
         self._known: dict[arb, tuple[list[arb], list[arb]]] = {}
         if self.leading:
             plain = self.derivatives(arb(0), len(self.leading), override=False)
@@ -159,21 +171,11 @@ class OscillatorSum:
             return list(self.value), list(self.rate)
         if s.is_exact() and s in self._known:
             return self._known[s]
+        rows = zip(self._oscillators.flow(s), self.value, self.rate, strict=True)
         values, rates = [], []
-        for v, mixed, r, pull, sigma, root, sign in self._terms:
-            if sign > 0:
-                sine, cosine = (root * s).sin_cos()
-                sine /= root
-            elif sign < 0:
-                sine, cosine = (root * s).sinh_cosh()
-                sine /= root
-            else:
-                sine, cosine = s, arb(1)
-            if sigma != 0:
-                decay = (-sigma * s).exp()
-                sine, cosine = sine * decay, cosine * decay
-            values.append(v * cosine + mixed * sine)
-            rates.append(r * cosine - pull * sine)
+        for (a, b, c, d), v, r in rows:
+            values.append(a * v + b * r)
+            rates.append(c * v + d * r)
         if s.is_exact():
             self._known[s] = values, rates
         return values, rates
