@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 TERMS: Final = 14
 EPSILON: Final = 2.0**-52
-CHUNK: Final = 2_000
+CHUNK: Final = 1_000
 ROUNDS: Final = 14
 CLOSE: Final = 1e-6
 """A claim within this relative distance of the true first root claims that root."""
@@ -63,7 +63,7 @@ class Verification:
 
 
 class _Cases(NamedTuple):
-    """Checked input: m cases of n oscillators."""
+    """Checked input: m cases of n oscillators; w and sigma (1, n) where all have the same."""
 
     offset: Array
     value: Array
@@ -78,26 +78,31 @@ class _Cases(NamedTuple):
             self.offset[rows],
             self.value[rows],
             self.rate[rows],
-            self.w[rows],
-            self.sigma[rows],
+            self.w if len(self.w) == 1 else self.w[rows],
+            self.sigma if len(self.sigma) == 1 else self.sigma[rows],
             self.leading[rows],
             self.zero_order,
         )
 
+    def own(self, i: int) -> list[list[float]]:
+        """Values, rates, frequencies and decays of a case."""
+        return [x[min(i, len(x) - 1)].tolist() for x in self[1:5]]
+
     def single(self, i: int) -> OscillatorSum:
-        terms = (x[i].tolist() for x in (self.value, self.rate, self.w, self.sigma, self.leading))
-        value, rate, w, sigma, leading = terms
+        value, rate, w, sigma = self.own(i)
+        leading = self.leading[i].tolist()
         return OscillatorSum(float(self.offset[i]), value, rate, w, sigma, leading)
 
     def height_and_slope(self, i: int, at: arb) -> list[arb]:
         """f and f' of a case at a time."""
         if self.leading.size:
             return self.single(i).derivatives(at, 2)
-        rows = oscillators(self.w[i].tolist(), self.sigma[i].tolist()).flow(at)
+        value, rate, w, sigma = self.own(i)
+        rows = oscillators(w, sigma).flow(at)
         n = len(rows)
         columns = [x for a, _, c, _ in rows for x in (a, c)]
         columns += [x for _, b, _, d in rows for x in (b, d)]
-        start = arb_mat(1, 2 * n, self.value[i].tolist() + self.rate[i].tolist())
+        start = arb_mat(1, 2 * n, value + rate)
         height, slope = (start * arb_mat(2 * n, 2, columns)).entries()
         return [height + float(self.offset[i]), slope]
 
@@ -105,7 +110,7 @@ class _Cases(NamedTuple):
         """As `OscillatorSum.scale`."""
         if self.leading.size:
             return self.single(i).scale()
-        v, r, w = self.value[i], self.rate[i], self.w[i]
+        v, r, w, _ = map(np.array, self.own(i))
         own = np.where(w > 0.0, np.hypot(v, r / np.where(w > 0.0, w, 1.0)), abs(v) + abs(r))
         return float(abs(self.offset[i]) + own.sum())
 
@@ -218,7 +223,8 @@ def _checked(
     if zero_order < exact.shape[1] and not (exact[:, zero_order] > 0).all():
         raise ValueError("the first non-zero leading derivative must be positive in every case")
     offsets = np.broadcast_to(np.asarray(offset, dtype=float), (count,))
-    return _Cases(offsets, table(value), table(rate), table(w), table(sigma), exact, zero_order)
+    natural, decay = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (w, sigma))
+    return _Cases(offsets, table(value), table(rate), natural, decay, exact, zero_order)
 
 
 def _speed(cases: _Cases) -> Array:
@@ -421,7 +427,7 @@ def _verdict(
             if not right[i]:
                 counterexamples[i] = first_root(
                     float(cases.offset[i]),
-                    *(x[i].tolist() for x in cases[1:5]),
+                    *cases.own(i),
                     horizon=float(horizon[i]),
                     leading=cases.leading[i].tolist(),
                 )
