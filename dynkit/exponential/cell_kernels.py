@@ -14,7 +14,7 @@ from dynkit.exponential.evaluation_kernels import (
     Ladder,
     walk,
 )
-from dynkit.exponential.tail_kernels import NOTHING, stays_in_band, tail, weighted
+from dynkit.exponential.tail_kernels import died_out, tail, weighted
 from dynkit.validation import Array
 
 HURDLE = 3
@@ -143,8 +143,7 @@ def leap(
             n += 1 << j
             passed += 1
             if passed & 15 == 0 and (
-                tail(ladder, states, current) > band
-                or (ladder.swing == 0.0 and stays_in_band(ladder, states, current, NOTHING))
+                tail(ladder, states, current) > band or died_out(ladder, states, current)
             ):
                 return True, j, 0, n, current, cells, band
             if j < top and low > 32.0 * error:

@@ -125,6 +125,6 @@ def died_out(ladder: Ladder, states: Array, k: int) -> bool:
 
     Then impacts and releases would go on for ever, smaller and smaller.
     """
-    if ladder.offset != 0.0 or ladder.swing != 0.0:
+    if ladder.offset != 0.0 or ladder.steady >= 0:
         return False
     return stays_in_band(ladder, states, k, NOTHING) and not stays_in_band(ladder, states, k, 0.0)

@@ -140,7 +140,6 @@ def run(
     smallest = mechanics.stops[0].gap.smallest
     table = mechanics.stops[0].gap.steady
     store = states.shape[0] > 0
-    fades = mechanics.stops[0].gap.swing == 0.0  # nothing drives the gap
     # Not literals: for every set of them the search would be compiled once more.
     zero = count - count
     for_ever = FOREVER + zero
@@ -153,7 +152,8 @@ def run(
         side = int(clock[SIDE])
         phase = clock[PHASE_OF_MOTION]
         u = clock[SPEED]
-        if fades and died_out(mechanics.stops[side].gap, y, START):
+        # Nothing drives it: then it may die out.
+        if table < 0 and died_out(mechanics.stops[side].gap, y, START):
             return done, DIED_OUT
         order = 0
         if phase == RELEASED:
