@@ -122,7 +122,7 @@ class Branch:
     def multipliers_error(self) -> Array:
         """Estimate of the error of each multiplier, (k, d), read-only.
 
-        As `PeriodicOrbit.multipliers_error`; points may be off by `error`.
+        As `PeriodicOrbit.multipliers_error`; points may be off as they may from the exact curve.
 
         Raises
         ------
@@ -132,12 +132,10 @@ class Branch:
         from dynkit.continuation.multiplier_errors import multiplier_errors
 
         width = float(np.ptp(self.parameter)) or 1.0
-        scale = OrbitEquations(self.problem, width).scale
+        equations = OrbitEquations(self.problem, width)
         rows = []
-        for x, p, found, off in zip(
-            self.unknowns, self.parameter, self.multipliers, self.error, strict=True
-        ):
-            moved = off * scale(np.append(x, p))
+        for x, p, found in zip(self.unknowns, self.parameter, self.multipliers, strict=True):
+            moved = _moved(equations, np.append(x, p))
             rows.append(multiplier_errors(self.problem, x, np.array([p]), found, moved))
         error = np.array(rows)
         error.setflags(write=False)
@@ -281,8 +279,12 @@ class Branch:
 
 
 def _distance(equations: OrbitEquations, y: Array) -> float:
+    return float((_moved(equations, y) / equations.scale(y)).max())
+
+
+def _moved(equations: OrbitEquations, y: Array) -> Array:
+    """How far each unknown and the parameter may be from the curve, (m + 1,)."""
     scale = equations.scale(y)
     jacobian = equations.jacobian(y)
     tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    bound = error_bound(jacobian, y, equations.residual(y), scale, tangent, equations.rounding(y))
-    return float((bound / scale).max())
+    return error_bound(jacobian, y, equations.residual(y), scale, tangent, equations.rounding(y))
