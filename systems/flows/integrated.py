@@ -117,11 +117,12 @@ class IntegratedFlow(Flow):
 
     @property
     def accuracy(self) -> float:
-        """How wrong a crossing may be, relative: ten times the tolerance, an order of magnitude.
+        """How wrong a crossing may be, relative to a state of order one: 20 times the tolerance.
 
-        So it is where the way to the section takes tens of steps; `advance_error` is more exact.
+        A step may be wrong by ``tolerance * (1 + |x_i|)``, twice the tolerance; on a way of tens of
+        steps what counts is some ten of them. `advance_error` looks at the motion itself.
         """
-        return 10.0 * self.tolerance
+        return 20.0 * self.tolerance
 
     @abstractmethod
     def velocity_jacobian(self, state: Array) -> Array:

@@ -19,7 +19,7 @@ from tests.impact_orbits.exact_orbits import ImpactMap
 from tests.reference.random_cases import STARTS, random_case
 
 BITS = 400
-MAPS, BRANCHES, OSCILLATORS = 360, 100, 500
+MAPS, BRANCHES, OSCILLATORS = 360, 100, 560
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from tests.errors import branches, maps, multipliers, orbits, records, sums
+from tests.errors import averages, branches, flows, maps, multipliers, orbits, records, sums
 
 
 class Quantity(NamedTuple):
@@ -21,16 +21,19 @@ QUANTITIES = {
     "`ImpactAttractor.error`": Quantity(records.states_of_attractors, 8),
     "`MapAttractor.error`": Quantity(maps.states_of_attractors, 10),
     "`MapOrbit.error`": Quantity(maps.states_of_orbits, 6),
+    "`PoincareMap.accuracy`": Quantity(flows.states_of_returns, 60),
+    "`IntegratedFlow.advance_error`": Quantity(flows.states_of_times, 60),
     "`ExponentialSum.first_root`, times": Quantity(sums.times_of_roots, 20),
     "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
     "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 100),
-    "`multipliers_error`, maps": Quantity(multipliers.of_maps, 100),
-    "`multipliers_error`, P(1,m)": Quantity(multipliers.of_oscillators, 100),
-    "`multipliers_error`, branches": Quantity(multipliers.of_branches, 50),
-    "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 40),
+    "`multipliers_error`, maps": Quantity(multipliers.of_maps, 120),
+    "`multipliers_error`, P(1,m)": Quantity(multipliers.of_oscillators, 60),
+    "`multipliers_error`, branches": Quantity(multipliers.of_branches, 100),
+    "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 110),
     "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
+    "`POD.error`, exact": Quantity(averages.powers, 60),
     "`Branch.error`": Quantity(branches.points_of_branches, 100),
     "`Bifurcation.error`, SN, PD, NS": Quantity(branches.bifurcations_of_maps, 180),
-    "`Bifurcation.error`, SN, GR": Quantity(branches.bifurcations_of_oscillators, 25),
-    "`Bifurcation.error`, CB": Quantity(branches.borders_of_contact, 100),
+    "`Bifurcation.error`, SN, GR": Quantity(branches.bifurcations_of_oscillators, 100),
+    "`Bifurcation.error`, CB": Quantity(branches.borders_of_contact, 400),
 }

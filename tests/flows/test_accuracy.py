@@ -78,17 +78,14 @@ def test_the_default_tolerance_gives_eleven_digits(name: str) -> None:
         assert np.linalg.norm(off) <= 1e-11 * np.linalg.norm(expected)
 
 
-@pytest.mark.parametrize(("tolerance", "share"), [(1e-6, 0.75), (1e-10, 0.95), (1e-11, 0.95)])
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-10, 1e-11])
 @pytest.mark.parametrize("name", FLOWS)
-def test_the_error_is_seldom_above_its_estimate(name: str, tolerance: float, share: float) -> None:
-    # as the docstring says: 4 in 5, and 49 in 50; less what 40 starts may miss by chance
+def test_the_error_is_below_its_estimate(name: str, tolerance: float) -> None:
     flow = FLOWS[name].replace(tolerance=tolerance)
     duration = DURATIONS[name]
-    below = []
     for start, fine in zip(*starts_and_ends(name), strict=True):
         off = np.linalg.norm(flow.advance(start, duration) - fine)
-        below.append(off <= flow.advance_error(start, duration))
-    assert np.mean(below) >= share
+        assert off <= flow.advance_error(start, duration)
 
 
 @cache

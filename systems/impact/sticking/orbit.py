@@ -87,7 +87,8 @@ class StickingOrbit(DrivenOrbit):
         problem, x = self._problem, self._x
         derivative = np.asarray(problem.linearization(x, NONE))
         here, scale = problem.residual(x, NONE), problem.scale(x)
-        noise = np.zeros(len(x))
+        # What rounding left in rows and modes is the same in all probes.
+        noise = np.full(len(x), _ROUNDING)
         random = np.random.default_rng(0)
         for _ in range(_PROBES):
             near = x + 8.0 * _ROUNDING * scale * random.uniform(-1.0, 1.0, len(x))
