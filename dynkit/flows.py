@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, TypeAlias, final
 
 import numpy as np
 
@@ -15,6 +16,16 @@ from dynkit.validation import finite_array, finite_scalar, non_negative_integer,
 if TYPE_CHECKING:
     from dynkit.sections import PoincareSection
     from dynkit.validation import Array
+
+
+Seen: TypeAlias = "Callable[[Array, Array], Array]"
+
+_HALVINGS = 7
+"""How often an interval is halved at most to follow a frame that it stretches unevenly."""
+
+
+def _all_of_it(_: Array, change: Array) -> Array:
+    return change
 
 
 class NoCrossing(RuntimeError):
@@ -119,8 +130,9 @@ class Flow(Family, ABC):
         ----------
         state : (d,) array
         interval : float
-            Time from one QR decomposition to the next; positive. Directions that stretch so much
-            less than others that rounding hides them in an interval are NaN.
+            Time from one QR decomposition to the next; positive. Where a direction stretches so
+            much less than others that rounding hides it, the interval is halved, seven times at
+            most; what is hidden then is NaN.
         n : int
             How many intervals; zero or more.
 
@@ -139,9 +151,25 @@ class Flow(Family, ABC):
         frame = np.eye(self.dimension)
         logs = np.empty((count, self.dimension))
         for i in range(count):
-            here, derivative = self._transport(here, duration)
-            frame, logs[i] = stretched(derivative @ frame, self.accuracy)
+            here, frame, logs[i] = self._carried(here, frame, duration, _all_of_it)
         return Stretching(logs, np.full(count, duration), here)
+
+    def _carried(
+        self, state: Array, frame: Array, duration: float, seen: Seen, halvings: int = _HALVINGS
+    ) -> tuple[Array, Array, Array]:
+        """State and frame (d, k) a duration later, and logs (k,) of its stretching.
+
+        The frame is what is seen, (d, k), of the changes, (d, k), of a state.
+        """
+        end, derivative = self._transport(state, duration)
+        carried, logs = stretched(seen(end, derivative @ frame), self.accuracy)
+        if halvings > 0 and np.isnan(logs).any():
+            # in shorter parts less is hidden by the direction that stretches most
+            half = 0.5 * duration
+            middle, carried, before = self._carried(state, frame, half, seen, halvings - 1)
+            end, carried, logs = self._carried(middle, carried, half, seen, halvings - 1)
+            logs = before + logs
+        return end, carried, logs
 
     def _transport(self, state: Array, duration: float) -> tuple[Array, Array]:
         """The state after a duration, and its derivative."""

@@ -12,9 +12,6 @@ from dynkit.maps import Map, stretched
 from dynkit.sections.surfaces import PoincareSection
 from dynkit.validation import Array, finite_array, positive
 
-_HALVINGS = 7
-"""How often part of a return is halved at most to follow a frame that it stretches unevenly."""
-
 
 class TangentCrossing(RuntimeError):
     """The flow touches the section without passing through: the map has no derivative there."""
@@ -121,23 +118,9 @@ class PoincareMap(Map):
         hit = self.crossing(state)
         here = self.section.lift(state)
         there = self._across(here, self.section.lift_derivative(state) @ frame)
-        _, there, logs = self._along(here, there, hit.time, _HALVINGS)
+        _, there, logs = self.flow._carried(here, there, hit.time, self._across)
         there, more = stretched(self._on_section(hit, there), self.accuracy)
         return self.section.reduce(hit.state), there, logs + more, hit.time
-
-    def _along(
-        self, state: Array, frame: Array, duration: float, halvings: int
-    ) -> tuple[Array, Array, Array]:
-        """State and frame a duration later, and logs of its stretching across the flow."""
-        end, derivative = self.flow._transport(state, duration)
-        carried, logs = stretched(self._across(end, derivative @ frame), self.accuracy)
-        if halvings > 0 and np.isnan(logs).any():
-            # in shorter parts less is hidden by the direction that stretches most
-            half = 0.5 * duration
-            middle, carried, before = self._along(state, frame, half, halvings - 1)
-            end, carried, logs = self._along(middle, carried, half, halvings - 1)
-            logs = before + logs
-        return end, carried, logs
 
     def _across(self, state: Array, change: Array) -> Array:
         """Changes (d, k) less what is along the flow, which the section does not see."""
