@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from random import Random
 from typing import Any
 
 import numpy as np
 from flint import acb_mat, arb, arb_mat, ctx
 from scipy.optimize import linear_sum_assignment
 
+from dynkit import continue_orbit, periodic_orbit
 from dynkit.map_orbits import MapOrbit
 from dynkit.systems import Henon, Logistic
 from dynkit.validation import Array
-from tests.errors.branches import BRANCHES, branch_of_henon
+from tests.errors.branches import BRANCHES
 from tests.errors.maps import orbits_of_maps
 from tests.errors.orbits import orbits_of_one_impact
 from tests.impact_orbits.exact_orbits import exact_orbit
@@ -39,13 +41,15 @@ def of_oscillators(every: int) -> Iterator[tuple[float, float]]:
 def of_branches(every: int) -> Iterator[tuple[float, float]]:
     """Of fixed points of Henon's map at the parameter that has the coordinate x of a point."""
     for number in range(0, BRANCHES, every):
-        branch = branch_of_henon(number)
+        b = round(Random(number).uniform(-0.8, 0.8), 6)
+        start = periodic_orbit(Henon(a=0.5, b=b), [1.0, b])
+        branch = continue_orbit(start, "a", bounds=(0.2, 3.0))
         claims = branch.multipliers_error
         for i in range(0, len(branch), 10):
             with ctx.workprec(BITS):
-                b, x = arb(branch.system.value_of("b")), arb(branch.unknowns[i, 0].item())
-                a = (1 - (1 - b) * x) / x**2
-                exact = _eigenvalues(arb_mat([[-2 * a * x, 1], [b, 0]]))
+                beta, x = arb(b), arb(branch.unknowns[i, 0].item())
+                a = (1 - (1 - beta) * x) / x**2
+                exact = _eigenvalues(arb_mat([[-2 * a * x, 1], [beta, 0]]))
             yield from _pairs(branch.multipliers[i], exact, claims[i])
 
 
