@@ -24,7 +24,7 @@ _HALVINGS = 45
 # rounding.
 _FLAT, _UNFOLDED = 1e-3, 1e-9
 # A place that may be wrong by more, in the range of the parameter, is not solved for.
-_UNSURE = 1e-6
+_UNSURE = 1e-5
 # Multipliers are on the unit circle within this, where two of them are one and rounding counts.
 _ON_CIRCLE = 1e-5
 # What is watched jumps where it changes its sign without becoming so small.
