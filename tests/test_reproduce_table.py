@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterator
 from math import ceil
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +13,8 @@ from dynkit.cli.reproduce import paper
 from dynkit.cli.reproduce.measures import motions
 from dynkit.cli.reproduce.measures.modes import figure_14, figure_15
 from dynkit.cli.reproduce.measures.motions import Motion
-from dynkit.cli.reproduce.measures.rows import DIMENSIONS, EXPONENTS, MODES
-from dynkit.cli.reproduce.measures.table_1 import table_1
+from dynkit.cli.reproduce.measures.rows import DIMENSIONS, EXPONENTS, MODES, Line
+from dynkit.cli.reproduce.measures.table_1 import _slopes_of, table_1
 from dynkit.cli.reproduce.section import Section
 from dynkit.cli.reproduce.workshop import Workshop
 
@@ -214,3 +216,11 @@ def test_modes_are_nearer_to_the_normal_ones_in_strong_chaos(workshop: Workshop)
 def test_figure_of_modes_is_written_twice(workshop: Workshop, modes: Section) -> None:
     expected = {f"{modes.figures[0]}.{end}" for end in ("png", "svg")}
     assert {path.name for path in workshop.folder.glob("figure-14.*")} == expected
+
+
+def test_a_motion_whose_slopes_are_all_unknown_has_a_line_too() -> None:
+    nothing = SimpleNamespace(errors=np.empty(0), values=np.empty(0), radii=np.empty(0))
+    motion: Any = SimpleNamespace(dimension=SimpleNamespace(local_slopes=nothing, region=None))
+    row = next(row for row in paper.TABLE_1 if row.scaling is not None)
+    text = _slopes_of(Line(row, motion, 0.0))
+    assert text == f"At {row.frequency:g} with damping {row.damping:g} no range of 4:1 scales."

@@ -130,14 +130,16 @@ def _about_slopes(lines: Sequence[Line]) -> str:
 def _slopes_of(line: Line) -> str:
     row, dimension = line.row, line.motion.dimension
     slopes = dimension.local_slopes
+    where = f"At {row.frequency:g} with damping {row.damping:g} no range of 4:1 scales"
     relative = slopes.errors / slopes.values
+    if row.scaling is None or not len(relative):
+        return f"{where}."
     known = max(_KNOWN, float(relative.min()))
     first = int(np.flatnonzero(relative <= known)[0])
-    assert row.scaling is not None
     last = int(np.searchsorted(slopes.radii, row.scaling * slopes.radii[first], side="right")) - 1
     short = find_scaling(dimension.sums, len(dimension.states), row.scaling).region
     return (
-        f"At {row.frequency:g} with damping {row.damping:g} no range of 4:1 scales. The paper has "
+        f"{where}. The paper has "
         f"{row.dimension:g} ± {row.error:g} over {row.scaling:g}:1; a range as short as that "
         + ("does not scale either" if short is None else f"has the slope {short.slope:.1f}")
         + f": from radius {slopes.radii[last]:.3g} down to {slopes.radii[first]:.3g}, the least "
