@@ -121,8 +121,9 @@ def _of_oscillator(
         for i, place in enumerate(exact[kind]):
             for branch in _near(system, periods, float(place.mid()), width):
                 for found in branch.bifurcations:
-                    vanishes = kind != "GR" or abs(found.orbit.unknowns[1]) < 1e-6
-                    if found.kind == kind and vanishes:
+                    impulse = float(found.orbit.unknowns[1])
+                    meant = {"GR": abs(impulse) < 1e-6, "CB": impulse > 0.0}.get(kind, True)
+                    if found.kind == kind and meant:
                         with ctx.workprec(BITS):
                             offs = [float(abs(arb(found.value) - x).mid()) for x in exact[kind]]
                         if min(offs) == offs[i]:
