@@ -14,7 +14,7 @@ from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table, told
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Run, run
-from dynkit.systems.impact.state import ImpactState, on_table
+from dynkit.systems.impact.state import ImpactState, in_turn, on_table
 from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.second_moments import SecondMoments
 
-TWO_PI = 2.0 * math.pi
 
 # Twin runs for the error, the size of their disturbances in units of 2^-52, and the factor on the
 # distance they reach.
@@ -107,7 +106,7 @@ class ImpactRecord:
     def phase(self) -> Array:
         """Phase of the table at the impacts, (n,), in [0, 2 pi)."""
         sine, cosine = self._run.states[:, -4], self._run.states[:, -3]
-        return np.asarray(np.arctan2(sine, cosine) % TWO_PI)
+        return in_turn(np.arctan2(sine, cosine))
 
     @property
     def _coordinates(self) -> tuple[Array, Array, Array]:

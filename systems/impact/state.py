@@ -80,8 +80,14 @@ def state_of(
         x[oscillator.contact], v[oscillator.contact] = on_table(oscillator, sine, cosine, u)
     for array in (x, v, q, turn):
         array.setflags(write=False)
-    phase = math.atan2(*turn.tolist()) % TWO_PI
+    phase = float(in_turn(math.atan2(*turn.tolist())))
     return ImpactState(x, v, phase, float(u), motion, oscillator, q, turn)
+
+
+def in_turn(angles: Any) -> Array:
+    """Angles in [0, 2 pi); one that is below zero by less than a turn is rounded to is zero."""
+    turned = np.asarray(angles) % TWO_PI
+    return np.where(turned < TWO_PI, turned, 0.0)
 
 
 def on_table(oscillator: ImpactOscillator, sine: Any, cosine: Any, u: Any) -> tuple[Any, Any]:

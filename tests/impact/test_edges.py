@@ -14,6 +14,7 @@ from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.state import in_turn
 from tests.impact.exact import exact_errors
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 
@@ -373,3 +374,9 @@ def test_an_impact_at_the_very_end_of_the_first_cell_keeps_its_speed(power: int)
     record = ball.simulate(impacts=3, start=ball.state([0.0], [speed]))
     assert record.time.tolist() == [2.0 * speed, 4.0 * speed, 6.0 * speed]
     assert record.relative_velocity.tolist() == [speed, speed, speed]
+
+
+def test_a_phase_just_below_zero_is_zero_and_no_whole_turn() -> None:
+    # -1e-17 modulo a turn rounds to the turn itself
+    angles = in_turn(np.array([-1e-17, 0.0, 1.0, -1.0, math.tau]))
+    assert angles.tolist() == [0.0, 0.0, 1.0, math.tau - 1.0, 0.0]
