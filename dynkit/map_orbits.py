@@ -200,18 +200,9 @@ class MapOrbit(PeriodicOrbit):
         accuracy of a call, for states of the size of the largest. Infinite where the derivative is
         singular.
         """
-        from dynkit.continuation.newton import error_bound
+        from dynkit.continuation.newton import orbit_bound
 
-        problem = self.problem()
-        bound = error_bound(
-            problem.linearization(self._x, _NONE),
-            self._x,
-            problem.residual(self._x, _NONE),
-            problem.scale(self._x),
-            None,
-            problem.rounding(self._x, _NONE),
-        )
-        return float(bound.max())
+        return float(orbit_bound(self.problem(), self._x, _NONE).max())
 
     @property
     def cost(self) -> Cost:

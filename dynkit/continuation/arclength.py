@@ -78,7 +78,6 @@ class OrbitEquations(Equations):
         return self.problem.residual(y[:-1], y[-1:])
 
     def rounding(self, y: Array) -> Array:
-        """How wrong each equation may be by rounding."""
         return self.problem.rounding(y[:-1], y[-1:])
 
     def jacobian(self, y: Array) -> Array:

@@ -230,7 +230,6 @@ class BifurcationEquations(Equations):
         return np.concatenate([self.problem.scale(x) * self._m**0.5, sizes, self._widths])
 
     def rounding(self, y: Array) -> Array:
-        """How wrong each equation may be by rounding."""
         x, _, p = self.split(y)
         of_orbit = self.problem.rounding(x, p)
         own = max(getattr(self.condition, "rounding", 0.0), float(of_orbit.max()))

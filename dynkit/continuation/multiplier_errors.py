@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.continuation.newton import error_bound
+from dynkit.continuation.newton import orbit_bound
 from dynkit.continuation.problem import NoSolution
 from dynkit.multipliers import product_eigenvalues
 from dynkit.validation import Array
@@ -25,14 +25,7 @@ def multiplier_errors_of(orbit: PeriodicOrbit) -> Array:
     """Return how wrong each multiplier of an orbit may be, (d,)."""
     problem, x, none = orbit.problem(), orbit.unknowns, np.empty(0)
     try:
-        moved = error_bound(
-            np.asarray(problem.linearization(x, none)),
-            x,
-            problem.residual(x, none),
-            problem.scale(x),
-            None,
-            problem.rounding(x, none),
-        )
+        moved = orbit_bound(problem, x, none)
     except NoSolution:
         moved = np.full(len(x), np.inf)
     return multiplier_errors(problem, x, none, orbit.multipliers, moved)

@@ -61,9 +61,9 @@ class Equations(ABC):
     def scale(self, y: Array) -> Array:
         """Return typical sizes of the unknowns, all positive."""
 
+    @abstractmethod
     def rounding(self, y: Array) -> Array:
-        """Return how wrong each equation may be by rounding; 16 units by default."""
-        return np.full(len(self.residual(y)), _FLOOR)
+        """Return how wrong each equation may be by rounding."""
 
 
 @final
@@ -213,7 +213,7 @@ def bordered_direction(jacobian: Array, scale: Array, row: Array) -> Direction |
 
 
 def error_bound(
-    jacobian: Array, y: Array, f: Array, scale: Array, row: Array | None, rounding: Any = _FLOOR
+    jacobian: Array, y: Array, f: Array, scale: Array, row: Array | None, rounding: Any
 ) -> Array:
     """Return how far a solution y with residual f may be from the exact one, unknown by unknown.
 
@@ -250,6 +250,22 @@ class FixedParameters(Equations):
 
     def scale(self, y: Array) -> Array:
         return self._problem.scale(y)
+
+    def rounding(self, y: Array) -> Array:
+        return self._problem.rounding(y, self._p)
+
+
+def orbit_bound(problem: Problem, x: Array, p: Array) -> Array:
+    """Return the `error_bound` (m,) of the unknowns of one orbit at given parameters.
+
+    Raises
+    ------
+    NoSolution
+        Where the equations have no derivative.
+    """
+    equations = FixedParameters(problem, p)
+    jacobian, f = equations.jacobian(x), equations.residual(x)
+    return error_bound(jacobian, x, f, equations.scale(x), None, equations.rounding(x))
 
 
 def solve(problem: Problem, guess: Array, p: Array) -> tuple[Array, tuple[float, ...]]:
