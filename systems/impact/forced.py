@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, final
 
 import numpy as np
@@ -82,8 +83,7 @@ class Forced:
     """Motion of N coordinates: those of a basis under forces, the others as they are told to.
 
     Positions are Im(shape exp(i phase)) + rest + those of the basis, velocities Im(turning exp(i
-    phase)) + drift + those of the basis. `rest_terms` are the sums of the absolute terms of which
-    the rest is the sum.
+    phase)) + drift + those of the basis.
     """
 
     def __init__(self, basis: Basis | None, free: NDArray[np.intp], load: Load) -> None:
@@ -94,7 +94,7 @@ class Forced:
         self.turning = 1j * load.frequency * self.shape
         self.rest = np.array(load.rest, dtype=float)
         self.drift = np.zeros_like(self.rest)
-        self.rest_terms = abs(self.rest)
+        self._rest_given, self._still = abs(self.rest), np.zeros(0)
         self._own_links: list[tuple[int, bool, Array]] = []
         if basis is not None and (load.harmonic.any() or load.constant.any()):
             forces = np.stack([load.harmonic.real, load.harmonic.imag, load.constant])
@@ -106,9 +106,18 @@ class Forced:
             sine, cosine, still = basis.velocities(response)
             self.turning[free] += sine + 1j * cosine
             self.drift[free] += still
-            rows = np.array([basis.position_row(unit) for unit in np.eye(len(free))])
-            self.rest_terms[free] = abs(rows * response[2]).sum(axis=(1, 2))
+            self._still = response[2]
         self.turns = bool(load.harmonic.any() or self.shape.any())
+
+    @cached_property
+    def rest_terms(self) -> Array:
+        """Sums (N,) of the absolute terms of which the rest is the sum."""
+        terms = self._rest_given.copy()
+        if self.basis is not None and self._still.any():
+            units = np.eye(len(self.free))
+            rows = np.array([self.basis.position_row(unit) for unit in units])
+            terms[self.free] = abs(rows * self._still).sum(axis=(1, 2))
+        return terms
 
     def _response(self, basis: Basis, push: Array) -> Array:
         """Steady response (3, 2, m) to pushes (3, 2, m); modes that have none are to be linked."""
