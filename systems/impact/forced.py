@@ -94,7 +94,8 @@ class Forced:
         self.turning = 1j * load.frequency * self.shape
         self.rest = np.array(load.rest, dtype=float)
         self.drift = np.zeros_like(self.rest)
-        self._rest_given, self._still = abs(self.rest), np.zeros(0)
+        self._rest_given: Array = abs(self.rest)
+        self._still = np.zeros(0)
         self._own_links: list[tuple[int, bool, Array]] = []
         if basis is not None and (load.harmonic.any() or load.constant.any()):
             forces = np.stack([load.harmonic.real, load.harmonic.imag, load.constant])
@@ -117,7 +118,7 @@ class Forced:
             units = np.eye(len(self.free))
             rows = np.array([self.basis.position_row(unit) for unit in units])
             terms[self.free] = abs(rows * self._still).sum(axis=(1, 2))
-        return terms
+        return np.asarray(terms)
 
     def _response(self, basis: Basis, push: Array) -> Array:
         """Steady response (3, 2, m) to pushes (3, 2, m); modes that have none are to be linked."""
