@@ -61,6 +61,15 @@ def test_errors_of_solve_ivp_fall_with_the_tolerance(solver: Solver, exact: obje
 
 
 @pytest.mark.parametrize("exact", [bounces, sticking])
+def test_errors_of_taylor_s_method_fall_to_rounding(exact: object) -> None:
+    assert callable(exact)
+    tolerances = [1e-3, 1e-9, 2.0**-52]
+    found = errors(Heyoka(), exact(), tolerances)
+    assert (np.diff(found) < 0.0).all()
+    assert found[2] < 1e-13
+
+
+@pytest.mark.parametrize("exact", [bounces, sticking])
 def test_the_paper_reaches_rounding_where_it_finds_the_impacts(exact: object) -> None:
     assert callable(exact)
     (found,) = errors(PaperAlgorithm(), exact(), [1e-12])
@@ -80,7 +89,9 @@ def test_damping_beyond_critical_is_motion_like_other_for_the_paper() -> None:
 
 
 @pytest.mark.parametrize(
-    "method", [SolveIVP("DOP853"), MoreauTimeStepping(), PaperAlgorithm()], ids=lambda m: m.name
+    "method",
+    [SolveIVP("DOP853"), MoreauTimeStepping(), PaperAlgorithm(), Heyoka()],
+    ids=lambda m: m.name,
 )
 def test_a_mass_below_its_table_is_its_mirror_image(method: ImpactMethod) -> None:
     above = exact_of(3, frequency=0.87)
@@ -117,6 +128,7 @@ def test_forces_act_in_the_peers_as_in_dynkit() -> None:
     )
     assert outcome(SolveIVP("DOP853"), exact, 1e-11).error < 1e-8
     assert outcome(MoreauTimeStepping(), exact, 1e-5).error < 1e-2
+    assert outcome(Heyoka(), exact, 1e-12).error < 1e-11
     with pytest.raises(Unsuited, match="forces"):
         PaperAlgorithm().prepare(exact, 1e-6)
 
@@ -165,8 +177,9 @@ def test_what_samples_misses_a_grazing(method: ImpactMethod, tolerance: float) -
         (SolveIVP("RK45", budget=100), 1e-9, "more evaluations than allowed"),
         (PaperAlgorithm(budget=20), 1e-6, "more samples than allowed"),
         (MoreauTimeStepping(budget=1000), 1e-4, "more steps than allowed"),
+        (Heyoka(budget=5), 1e-9, "more steps than allowed"),
     ],
-    ids=["solve_ivp", "paper", "Moreau"],
+    ids=["solve_ivp", "paper", "Moreau", "heyoka"],
 )
 def test_more_work_than_the_budget_is_not_done(
     method: ImpactMethod, tolerance: float, message: str
