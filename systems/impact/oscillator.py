@@ -19,19 +19,16 @@ from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run, run
 from dynkit.systems.impact.state import (
     ImpactState,
-    Motion,
-    default_position,
     entered,
+    on_section,
     packed,
+    section_of,
     start,
-    state_at,
     unpacked,
 )
 from dynkit.validation import (
     Array,
     finite_array,
-    finite_scalar,
-    non_negative,
     non_negative_integer,
     positive_integer,
 )
@@ -152,15 +149,7 @@ class ImpactOscillator(DrivenStructure, Map):
             When a number is not finite; when the contact mass is beyond the table by more than
             rounding, or on it and moving into it.
         """
-        n = self.degrees_of_freedom
-        angle = finite_scalar("phase", phase)
-        x = (
-            default_position(self, angle)
-            if position is None
-            else finite_array("position", position, (n,))
-        )
-        v = np.zeros(n) if velocity is None else finite_array("velocity", velocity, (n,))
-        return start(self, x, v, angle)
+        return start(self, position, velocity, phase)
 
     @property
     def start_size(self) -> int:
@@ -251,17 +240,9 @@ class ImpactOscillator(DrivenStructure, Map):
         skipped = non_negative_integer("transient", transient)
         count = positive_integer("impacts", impacts)
         state = self._entered(start)
-        if skipped:
-            before = self._run(state, skipped, store=False)
-            return ImpactAttractor(
-                self,
-                skipped,
-                ImpactRecord(self, self._run(before.final, count, store=True)),
-                before,
-            )
-        return ImpactAttractor(
-            self, 0, ImpactRecord(self, self._run(state, count, store=True)), None
-        )
+        before = self._run(state, skipped, store=False) if skipped else None
+        kept = self._run(before.final if before else state, count, store=True)
+        return ImpactAttractor(self, skipped, ImpactRecord(self, kept), before)
 
     @overload
     def periodic_orbit(
@@ -380,9 +361,7 @@ class ImpactOscillator(DrivenStructure, Map):
 
     def section_state(self, state: ImpactState) -> Array:
         """Section coordinates, (2N,), of a state on the table."""
-        others = self._structure.others
-        x, v = state.position[others], state.velocity[others]
-        return np.concatenate([x, v, [state.relative_velocity, state.phase]])
+        return section_of(self, state)
 
     def impact_state(self, state: Array) -> ImpactState:
         """The state just after an impact that has the given section coordinates, (2N,).
@@ -393,18 +372,7 @@ class ImpactOscillator(DrivenStructure, Map):
             When the state is not finite or not of that shape, or the relative velocity is negative
             without play.
         """
-        y = finite_array("state", state, (self.dimension,))
-        n, others, stands = self.degrees_of_freedom, self._structure.others, self._stands
-        u, phase = float(y[-2]), float(y[-1])
-        if len(stands) == 1:
-            u = non_negative(f"state[{2 * n - 2}]", u) + 0.0
-        stand = stands[int(math.copysign(1.0, u) < 0.0)]
-        turn = np.array([math.sin(phase), math.cos(phase)])
-        x, v = np.empty(n), np.empty(n)
-        x[others], v[others] = y[: n - 1], y[n - 1 : -2]
-        x[self.contact] = self.amplitude * turn[0] + stand.offset
-        v[self.contact] = self.amplitude * self.frequency * turn[1] + stand.sign * abs(u)
-        return state_at(self, x, v, turn, u, Motion.TABLE)
+        return on_section(self, state)
 
     def __call__(self, state: Array) -> Array:
         done = self._run(self.impact_state(state), 1, store=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.validation import Array, finite_array
+from dynkit.validation import Array, finite_array, finite_scalar, non_negative
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -120,8 +120,15 @@ def default_position(oscillator: ImpactOscillator, angle: float) -> Array:
     return shape * ((table + near.sign * min(1.0, 0.5 * oscillator.play)) / place)
 
 
-def start(oscillator: ImpactOscillator, x: Array, v: Array, angle: float) -> ImpactState:
-    """A state to start from; ValueError where it is beyond a stop."""
+def start(
+    oscillator: ImpactOscillator, position: object, velocity: object, phase: object
+) -> ImpactState:
+    """A state to start from, at the defaults where None is given; ValueError beyond a stop."""
+    n = oscillator.degrees_of_freedom
+    angle = finite_scalar("phase", phase)
+    given = default_position(oscillator, angle) if position is None else position
+    x = finite_array("position", given, (n,))
+    v = finite_array("velocity", np.zeros(n) if velocity is None else velocity, (n,))
     turn = np.array([math.sin(angle), math.cos(angle)])
     c = oscillator.contact % oscillator.degrees_of_freedom
     middle = oscillator.amplitude * float(turn[0])
@@ -176,6 +183,31 @@ def entered(oscillator: ImpactOscillator, start: ImpactState) -> ImpactState:
     x[c] = oscillator.amplitude * float(turn[0]) + stand.offset
     v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stand.sign * abs(u)
     # Where the table released it under other parameters, its contact force is not zero here.
+    return state_at(oscillator, x, v, turn, u, Motion.TABLE)
+
+
+def section_of(oscillator: ImpactOscillator, state: ImpactState) -> Array:
+    """Section coordinates (2N,) of a state on the table."""
+    others = oscillator._structure.others
+    x, v = state.position[others], state.velocity[others]
+    return np.concatenate([x, v, [state.relative_velocity, state.phase]])
+
+
+def on_section(oscillator: ImpactOscillator, coordinates: object) -> ImpactState:
+    """The state just after an impact with these section coordinates (2N,); ValueError for none."""
+    y = finite_array("state", coordinates, (oscillator.dimension,))
+    n, stands = oscillator.degrees_of_freedom, oscillator._stands
+    others = oscillator._structure.others
+    u, phase = float(y[-2]), float(y[-1])
+    if len(stands) == 1:
+        u = non_negative(f"state[{2 * n - 2}]", u) + 0.0
+    stand = stands[int(math.copysign(1.0, u) < 0.0)]
+    turn = np.array([math.sin(phase), math.cos(phase)])
+    x, v = np.empty(n), np.empty(n)
+    x[others], v[others] = y[: n - 1], y[n - 1 : -2]
+    x[oscillator.contact] = oscillator.amplitude * turn[0] + stand.offset
+    v[oscillator.contact] = oscillator.amplitude * oscillator.frequency * turn[1]
+    v[oscillator.contact] += stand.sign * abs(u)
     return state_at(oscillator, x, v, turn, u, Motion.TABLE)
 
 
