@@ -14,7 +14,7 @@ from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table, told
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Run, run
-from dynkit.systems.impact.state import ImpactState, in_turn, on_table
+from dynkit.systems.impact.state import ImpactState, on_table, phases
 from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
@@ -105,8 +105,7 @@ class ImpactRecord:
     @property
     def phase(self) -> Array:
         """Phase of the table at the impacts, (n,), in [0, 2 pi)."""
-        sine, cosine = self._run.states[:, -4], self._run.states[:, -3]
-        return in_turn(np.arctan2(sine, cosine))
+        return phases(self._run.states[:, -4], self._run.states[:, -3])
 
     @property
     def _coordinates(self) -> tuple[Array, Array, Array]:

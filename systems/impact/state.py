@@ -80,8 +80,16 @@ def state_of(
         x[oscillator.contact], v[oscillator.contact] = on_table(oscillator, sine, cosine, u)
     for array in (x, v, q, turn):
         array.setflags(write=False)
-    phase = float(in_turn(math.atan2(*turn.tolist())))
+    phase = float(phases(turn[:1], turn[1:])[0])
     return ImpactState(x, v, phase, float(u), motion, oscillator, q, turn)
+
+
+def phases(sine: Array, cosine: Array) -> Array:
+    """Phases (n,) in [0, 2 pi), of sines and cosines (n,): the same bits in any company.
+
+    NumPy's arctan2 rounds in another way where vectors overlap in memory, or seem to.
+    """
+    return in_turn(list(map(math.atan2, sine.tolist(), cosine.tolist())))
 
 
 def in_turn(angles: Any) -> Array:

@@ -64,6 +64,12 @@ def test_the_final_state_has_the_bits_of_the_last_impact() -> None:
     assert record.final.phase == record.phase[-1]
 
 
+def test_phases_of_final_states_have_the_bits_of_those_of_a_record() -> None:
+    chain = ImpactChain(frequency=0.35)
+    finals = [chain.simulate(impacts=n).final.phase for n in range(1, 201)]
+    assert finals == chain.simulate(impacts=200).phase.tolist()
+
+
 def test_a_packed_state_goes_on_with_the_same_bits() -> None:
     chain = ImpactChain(frequency=0.408)
     final = chain.simulate(impacts=90).final
