@@ -99,6 +99,7 @@ PAYLOADS = [
 
 CHILD = f"""
 import contextlib, io, json, sys
+import numpy.testing  # older ones, which older SciPy imports, ask lscpu about the processor
 
 heard = []
 def listen(event, arguments):
