@@ -14,12 +14,20 @@ from dynkit.systems.impact.blocks import real_blocks
 from dynkit.systems.structure.modes import Modes
 from dynkit.validation import Array
 
+_CACHED = 2**14
+"""So many numbers are summed up at a time: processors hold them close by."""
+
 
 def row_by_row(rows: Array, matrix: Array) -> Array:
     """Products (..., m) of each row (..., n) with a matrix (m, n): the same bits in any company.
 
     BLAS sums in an order that depends on the number of rows.
     """
+    most = max(1, _CACHED // max(1, len(matrix)))
+    if rows.ndim == 2 and len(rows) > most:
+        parts = [rows[first : first + most] for first in range(0, len(rows), most)]
+        columns = np.asfortranarray(matrix)
+        return np.concatenate([row_by_row(part, columns) for part in parts])
     out = rows[..., :1] * matrix[:, 0]
     for j in range(1, matrix.shape[1]):
         out += rows[..., j, None] * matrix[:, j]
@@ -50,6 +58,10 @@ class Basis(ABC):
     @abstractmethod
     def position_row(self, coefficients: Array) -> Array:
         """Row (2, n) that gives a sum (n,) of positions from coordinates."""
+
+    @abstractmethod
+    def units(self) -> tuple[Array, Array]:
+        """Positions and velocities (2 n, n) of unit coordinates, both rows one after the other."""
 
     @abstractmethod
     def pushes(self, force: Array) -> Array:
@@ -139,6 +151,12 @@ class NormalModes(Basis):
             return np.stack([row, np.zeros_like(row)])
         return np.asarray(self.mixing[0] * row)
 
+    def units(self) -> tuple[Array, Array]:
+        n = len(self.matrix)
+        b = np.zeros((2, 2, n)) + np.eye(2)[..., None] if self.mixing is None else self.mixing
+        x, v = (b[..., None] * self.matrix.T).reshape(2, 2 * n, n)
+        return x, v
+
     def pushes(self, force: Array) -> Array:
         return self._from_modal(np.zeros_like(force), force @ self.matrix)
 
@@ -225,6 +243,9 @@ class CoupledModes(Basis):
 
     def position_row(self, coefficients: Array) -> Array:
         return np.asarray((coefficients @ self.position_matrix).reshape(2, -1))
+
+    def units(self) -> tuple[Array, Array]:
+        return self.position_matrix.T, self.velocity_matrix.T
 
     def pushes(self, force: Array) -> Array:
         velocity = np.linalg.solve(self.mass, force.T).T

@@ -52,9 +52,7 @@ class EigenCoordinates:
         fro = fro * np.where(rates.imag > 0.0, 2.0, 1.0)
         n = len(regime.forced.rest)
         back = np.zeros((n + 1, len(rates) + 1), dtype=complex)
-        slots = layout.slots
-        units = np.eye(2 * slots).reshape(2 * slots, 2, slots)
-        back[:n, :-1] = regime.forced.displacements(*regime.parts(units)).T @ fro
+        back[:n, :-1] = regime.units()[0].T @ fro
         back[:n, -1] = regime.forced.rest
         back[n, -1] = 1.0
         return EigenCoordinates(np.append(rates, 0.0), to, back, condition, np.append(error, 0.0))

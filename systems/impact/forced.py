@@ -115,9 +115,8 @@ class Forced:
         """Sums (N,) of the absolute terms of which the rest is the sum."""
         terms = self._rest_given.copy()
         if self.basis is not None and self._still.any():
-            units = np.eye(len(self.free))
-            rows = np.array([self.basis.position_row(unit) for unit in units])
-            terms[self.free] = abs(rows * self._still).sum(axis=(1, 2))
+            places = self.basis.units()[0]
+            terms[self.free] = abs(places * self._still.reshape(-1, 1)).sum(axis=0)
         return np.asarray(terms)
 
     def _response(self, basis: Basis, push: Array) -> Array:

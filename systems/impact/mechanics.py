@@ -59,6 +59,24 @@ class Structure:
         return basis_of(Modes.from_matrices(mass, damping, stiffness), mass, damping, stiffness)
 
     @cached_property
+    def caught(self) -> Array:
+        """(2 N - 2, 2 N) stuck coordinates of free ones, whose contact velocity is lost."""
+        if self.stuck is None:
+            return np.zeros((0, 2))
+        x, v = self.free.units()
+        v = v - np.outer(v[:, self.contact], self.kick_velocity)
+        return _flat(self.stuck.coordinates(x[:, self.others], v[:, self.others]))
+
+    @cached_property
+    def released(self) -> Array:
+        """(2 N, 2 N - 2) free coordinates of stuck ones, the contact coordinate at zero."""
+        if self.stuck is None:
+            return np.zeros((2, 0))
+        x, v = np.zeros((2, 2 * len(self.others), self.size))
+        x[:, self.others], v[:, self.others] = self.stuck.units()
+        return _flat(self.free.coordinates(x, v))
+
+    @cached_property
     def excursion(self) -> Array:
         """Changes (2, N) of positions and velocities by brief excursions of the contact coordinate.
 
@@ -92,6 +110,11 @@ class Structure:
         place = np.ix_(self.others, self.others)
         forces = part[self.others] @ self.kick_velocity
         return np.asarray(-np.linalg.solve(self.mass[place], forces))
+
+
+def _flat(units: Array) -> Array:
+    """Matrix (2 n, k) of the coordinates (k, 2, n) of k units."""
+    return np.ascontiguousarray(units.reshape(len(units), -1).T)
 
 
 _structures: WeakKeyDictionary[Any, dict[int, Structure]] = WeakKeyDictionary()
@@ -189,6 +212,21 @@ class Regime:
             return q, none, none
         return q, states[..., 0, self.layout.table], states[..., 1, self.layout.table]
 
+    def units(self) -> tuple[Array, Array]:
+        """Positions and velocities (2 slots, N) of unit states, less those at rest."""
+        forced, layout = self.forced, self.layout
+        x, v = np.zeros((2, 2, layout.slots, len(forced.rest)))
+        if forced.basis is not None:
+            for part, own in zip((x, v), forced.basis.units(), strict=True):
+                part[np.ix_((0, 1), layout.modes, forced.free)] = own.reshape(
+                    2, *layout.modes.shape, -1
+                )
+        if layout.table >= 0:
+            x[:, layout.table] = forced.shape.real, forced.shape.imag
+            v[:, layout.table] = forced.turning.real, forced.turning.imag
+        shape = 2 * layout.slots, len(forced.rest)
+        return x.reshape(shape), v.reshape(shape)
+
     def sum(self, row: Array, offset: float) -> Any:
         """The exponential sum ``offset + row . y`` as the kernels take it."""
         row = row[:, : self.layout.seen]
@@ -271,39 +309,45 @@ class Contact:
     @cached_property
     def to_stuck(self) -> Array:
         """(2 stuck slots, 2 slots + 1) matrix of the kernels' `Stop`."""
-        s, free, stuck = self._structure, self._free.forced, self.forced
-        (q, sine, cosine), origin = unit_states(self._free)
-        x, v = free.displacements(q, sine, cosine), free.speeds(q, sine, cosine)
-        v[origin] += free.drift
+        s = self._structure
+        x, v = _driven(self._free.forced)
         # The impacts left out take the relative velocity, and what it gives masses coupled by
         # inertia.
         told = 1j * self._drive.frequency * self._drive.amplitude
-        lost = v[:, s.contact] - sine * told.real - cosine * told.imag
-        v = v - np.outer(lost, s.kick_velocity)
-        x[origin] += free.rest - stuck.rest
-        v[origin] -= stuck.drift
-        return _matrix(self.regime, stuck.coordinates(x, v, sine, cosine), sine, cosine, origin)
+        lost = v[:, s.contact] - (told.real, told.imag, 0.0)
+        v -= np.outer(lost, s.kick_velocity)
+        return _matrix(self._free, self.regime, s.caught, x, v)
 
     @cached_property
     def to_free(self) -> Array:
         """(2 slots, 2 stuck slots + 1) matrix of the kernels' `Stop`."""
-        free, stuck = self._free.forced, self.forced
-        (q, sine, cosine), origin = unit_states(self.regime)
-        x, v = stuck.displacements(q, sine, cosine), stuck.speeds(q, sine, cosine)
-        x[origin] += stuck.rest - free.rest
-        v[origin] += stuck.drift - free.drift
-        return _matrix(self._free, free.coordinates(x, v, sine, cosine), sine, cosine, origin)
+        return _matrix(self.regime, self._free, self._structure.released, *_driven(self.forced))
 
 
-def unit_states(regime: Regime) -> tuple[tuple[Array, Array, Array], int]:
-    """Coordinates, sine and cosine of each unit state, and of no state at all, the last row."""
-    count = 2 * regime.layout.slots
-    return regime.parts(np.eye(count + 1, count).reshape(count + 1, 2, -1)), count
+def _driven(forced: Forced) -> tuple[Array, Array]:
+    """Positions and velocities (3, N) of the sine, of the cosine, and at rest."""
+    x = np.stack([forced.shape.real, forced.shape.imag, forced.rest])
+    v = np.stack([forced.turning.real, forced.turning.imag, forced.drift])
+    return x, v
 
 
-def _matrix(regime: Regime, q: Array, sine: Array, cosine: Array, origin: int) -> Array:
-    """Affine change of basis from the images (count + 1, ...) of the unit states and of none."""
-    out = regime.states(q, sine, cosine)
-    if regime.layout.constant >= 0:
-        out[:origin, 0, regime.layout.constant] = 0.0
-    return np.ascontiguousarray(out.reshape(origin + 1, -1).T)
+def _matrix(one: Regime, other: Regime, modes: Array, x: Array, v: Array) -> Array:
+    """Affine change of basis (2 slots of the other, 2 slots of the one + 1).
+
+    From that of the modes alone, and the positions and velocities that the one has of the sine, of
+    the cosine, and at rest, (3, N) each.
+    """
+    (sine, cosine), forced = np.eye(2, 3), other.forced
+    x[2] -= forced.rest
+    v[2] -= forced.drift
+    driven = other.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
+    a, b = one.layout, other.layout
+    if b.constant >= 0:
+        driven[:2, 0, b.constant] = 0.0
+    out = np.zeros((2 * b.slots, 2 * a.slots + 1))
+    places = (np.append(layout.modes, layout.slots + layout.modes) for layout in (b, a))
+    out[np.ix_(*places)] = modes
+    if a.table >= 0:
+        out[:, a.table], out[:, a.slots + a.table] = driven[:2].reshape(2, -1)
+    out[:, -1] = driven[2].ravel()
+    return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 import tracemalloc
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 
 from dynkit.exponential.ladders import padded
+from dynkit.systems.impact.bases import Basis, CoupledModes, NormalModes
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.runs import Run, run
+from dynkit.validation import Array
 
 
 def terms(system: ImpactOscillator) -> int:
@@ -59,6 +62,35 @@ def test_without_contact_there_is_no_basis_for_it() -> None:
     assert not len(record.sticking)
     assert "_contacts" not in vars(chain)
     assert "stuck" not in vars(chain._structure)
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        ImpactChain(masses=20, frequency=0.5),
+        ImpactChain(masses=20, frequency=0.5, play=3.0, damping=tuple(np.linspace(0.1, 0.3, 20))),
+    ],
+)
+def test_contact_at_another_frequency_takes_no_modes_anew(
+    system: ImpactOscillator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(oscillator: ImpactOscillator) -> list[Array]:
+        return [matrix for held in oscillator._contacts for matrix in (held.to_stuck, held.to_free)]
+
+    alone = made(dataclasses.replace(system, frequency=0.7, springs=(1.0,) * 20))
+    made(system)
+    rows: list[int] = []
+    for basis in (NormalModes, CoupledModes):
+
+        def counted(self: Basis, x: Array, v: Array, plain: Any = basis.coordinates) -> Array:
+            rows.append(int(np.prod(x.shape[:-1])))
+            return np.asarray(plain(self, x, v))
+
+        monkeypatch.setattr(basis, "coordinates", counted)
+    faster = system.replace(frequency=0.7)
+    found = made(faster)
+    assert max(rows) <= 3  # sine and cosine of the table, and the rest
+    assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=True))
 
 
 @pytest.mark.parametrize("arms", [3, 20])

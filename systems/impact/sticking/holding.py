@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.systems.impact.mechanics import unit_states
 from dynkit.systems.impact.motion import evolve
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.validation import Array
@@ -56,10 +55,8 @@ class Holding:
         if self.regime.layout.constant >= 0:
             states[:-1, 0, self.regime.layout.constant] = 0.0
 
-        parts, origin = unit_states(self.regime)
-        x, v = forced.displacements(*parts), forced.speeds(*parts)
-        x[origin] += forced.rest
-        v[origin] += forced.drift
+        x, v = self.regime.units()
+        x, v = np.vstack([x, forced.rest]), np.vstack([v, forced.drift])
         places = np.concatenate([x[:, others], v[:, others]], axis=1)
         return states.reshape(count + 3, -1).T, places.T
 
