@@ -218,9 +218,8 @@ class Regime:
         x, v = np.zeros((2, 2, layout.slots, len(forced.rest)))
         if forced.basis is not None:
             for part, own in zip((x, v), forced.basis.units(), strict=True):
-                part[np.ix_((0, 1), layout.modes, forced.free)] = own.reshape(
-                    2, *layout.modes.shape, -1
-                )
+                place = layout.modes[:, None], forced.free
+                part[:, *place] = own.reshape(2, len(layout.modes), -1)
         if layout.table >= 0:
             x[:, layout.table] = forced.shape.real, forced.shape.imag
             v[:, layout.table] = forced.turning.real, forced.turning.imag
