@@ -14,7 +14,9 @@ from dynkit.results import Cost
 from dynkit.systems.impact.eigen_coordinates import EigenCoordinates
 from dynkit.systems.impact.mechanics import Regime
 from dynkit.systems.impact.motion import evolve, transformed
-from dynkit.systems.impact.runs import Run
+from dynkit.systems.impact.runs import Run, band_factor
+from dynkit.systems.impact.state import Motion
+from dynkit.systems.impact.tangents import before_impacts, free_states
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -101,6 +103,7 @@ def second_moments(oscillator: ImpactOscillator, run: Run, batches: int) -> Seco
         lost += own_lost
     lost[oscillator.contact % n] += _left_out(oscillator, run, moments)
     lost += _clock_error(oscillator, run)
+    lost += _impact_error(oscillator, run, moments.sum(axis=0))
     if not np.isfinite(lost).all():
         raise ValueError(
             f"intervals must not need more than {_MOST_NODES} nodes of quadrature where modes merge"
@@ -242,19 +245,72 @@ def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
             own = batch[row] == b
             out[b] += weighted[own].T @ x[own]
     root = np.sqrt(np.diagonal(out.sum(axis=0)))
+    # Positions are rounded as the terms are of which they are sums.
+    terms = np.sqrt(part.durations @ _terms(part) ** 2)
     phases = fastest * float(part.durations.max(initial=0.0))
-    lost = _EPS * (8.0 + 2.0 * n + phases) * np.outer(root, root)
+    lost = 0.5 * _EPS * (8.0 + 2.0 * n + phases) * (np.outer(terms, root) + np.outer(root, terms))
     return out, lost, len(which) * _NODES
+
+
+def _terms(part: _Intervals) -> Array:
+    """Bounds (k, N + 1) of the sums of absolute terms of positions in each interval, and one."""
+    regime, rest = part.regime, part.regime.forced.rest_terms
+    rows = np.stack([regime.row(unit) for unit in np.eye(len(rest))])
+    weights = regime.pairs.bounds(rows, float(part.durations.max(initial=0.0)))
+    terms = np.einsum("nij,kij->kn", weights, abs(part.starts)) + rest
+    return np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
 
 
 def _clock_error(oscillator: ImpactOscillator, run: Run) -> Array:
     """Bound (N + 1, N + 1) of what rounded times, whose differences are durations, changed."""
+    root = np.sqrt(_EPS * (run.states[:, -1] @ _positions(oscillator, run) ** 2))
+    return np.asarray(np.outer(root, root))
+
+
+def _impact_error(oscillator: ImpactOscillator, run: Run, moments: Array) -> Array:
+    """Bound (N + 1, N + 1) of what impacts where the gap is zero but for rounding changed.
+
+    Where rounding leaves g in a gap that closes at the rate u and bends by a, the impact is late by
+    s = g / |u|, at most sqrt(2 g / |a|). g is a part of the terms of which the gap is the sum, or,
+    after a flight of duration t from the table, of t^2 / 2 times those of the acceleration. The
+    position moves by (1 + r) g times that of a kick k, which is rounding like any other; velocities
+    after it by (1 + r) (|a| s + h) k, h the rounding of u, and positions in the next flight, of
+    duration t, by that times t at most: its integral of x_i x_j by as much times t (|k_i x_j| +
+    |k_j x_i|) / 2. The last impact is where the averages R end: they move by (x x^T - R) s over the
+    whole duration.
+    """
+    gap, free = oscillator._gaps[0], oscillator._free
+    x, states = _positions(oscillator, run), free_states(oscillator, run)[1:]
+    rates, bends = before_impacts(oscillator, run)
+    flights = np.diff(run.states[:, -1], prepend=0.0)
+    held = run.contacts[run.contacts[:, 0] < run.impacts, 0].astype(np.intp)
+    from_table = np.full(run.impacts, True)
+    from_table[0] = run.start.motion is Motion.TABLE
+    from_table[held] = False
+    rows = abs(gap.rows[:6]).reshape(3, 2, -1)
+    terms = np.einsum("oij,kij->ok", rows, abs(states[..., : rows.shape[2]]))
+    terms[0] += abs(gap.offset)
+    place, speed, bent = band_factor(free.layout.slots) * _EPS * terms
+    left = np.where(from_table, np.minimum(place, 0.5 * bent * flights**2), place)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        late = np.fmin(left / abs(rates), np.sqrt(2.0 * left / abs(bends)))
+    late = np.where(np.isfinite(late), late, 0.0)
+    # What comes to rest on the table forgets how fast it was.
+    following = np.append(np.where(from_table, flights, 0.0)[1:], 0.0)
+    pushed = (1.0 + oscillator.restitution) * (abs(bends) * late + speed) * following**2
+    kick = np.append(abs(oscillator._structure.kick_velocity), 0.0)
+    moved = 0.5 * np.outer(kick, pushed @ abs(x))
+    ended = abs(np.outer(x[-1], x[-1]) - moments / moments[-1, -1]) * late[-1]
+    return np.asarray(moved + moved.T + ended)
+
+
+def _positions(oscillator: ImpactOscillator, run: Run) -> Array:
+    """Positions (impacts, N + 1) at the impacts, the number one last."""
     n, rows = oscillator.degrees_of_freedom, run.states
     x = np.ones((run.impacts, n + 1))
     q = rows[:, : 2 * n].reshape(-1, 2, n)
     x[:, :n] = oscillator._free.forced.positions(q, rows[:, 2 * n], rows[:, 2 * n + 1])
-    root = np.sqrt(_EPS * (rows[:, -1] @ x**2))
-    return np.asarray(np.outer(root, root))
+    return x
 
 
 def _left_out(oscillator: ImpactOscillator, run: Run, moments: Array) -> Array:

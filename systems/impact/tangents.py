@@ -98,11 +98,8 @@ def _follow(
 def steps_of(oscillator: ImpactOscillator, run: Run) -> Steps:
     """The steps of a run: contact, where there is one, flight and impact, cut where they spread."""
     motion = free_motion(oscillator._structure)
-    began = np.append(0.0, run.states[:, -1])
     before = run.contacts[:, 0].astype(np.intp)
-    held = run.contacts[:, 2] - began[before]
-    flights = np.diff(began)
-    flights[before] -= held
+    flights, held = _lasting(run)
     jumps, lost = _jumps(oscillator, run, flights, held)
 
     spread = _spread(motion)
@@ -166,6 +163,34 @@ def _jumps(
     oscillator: ImpactOscillator, run: Run, flights: Array, held: Array
 ) -> tuple[Array, Any]:
     """Bend and kick (n, 2) of the impacts, and how many directions they lose, (n,)."""
+    r = oscillator.restitution
+    rates, bends = _before_impacts(oscillator, run, flights, held)
+    impact = rates < 0.0
+    jumps = np.zeros((run.impacts, 2))
+    jumps[impact, 0] = (1.0 + r) * bends[impact] / rates[impact]
+    jumps[impact, 1] = -(1.0 + r)
+    return jumps, np.where(impact & (r == 0.0), 1, 0)
+
+
+def before_impacts(oscillator: ImpactOscillator, run: Run) -> tuple[Array, Array]:
+    """Rates and accelerations (n,) of the gap just before the impacts of a run."""
+    return _before_impacts(oscillator, run, *_lasting(run))
+
+
+def _lasting(run: Run) -> tuple[Array, Array]:
+    """Durations (n,) of the flights, and (k,) of the contacts before some of them."""
+    began = np.append(0.0, run.states[:, -1])
+    contacts = run.contacts[run.contacts[:, 0] < run.impacts]
+    before = contacts[:, 0].astype(np.intp)
+    held = contacts[:, 2] - began[before]
+    flights = np.diff(began)
+    flights[before] -= held
+    return flights, held
+
+
+def _before_impacts(
+    oscillator: ImpactOscillator, run: Run, flights: Array, held: Array
+) -> tuple[Array, Array]:
     r, free = oscillator.restitution, oscillator._free
     speeds = run.states[:, -2]
     sides = np.signbit(speeds).astype(np.intp)
@@ -175,6 +200,7 @@ def _jumps(
     if r == 0.0:  # the states after impacts do not tell how fast they were
         starts = states[:-1].copy()
         before, stops = _contacts_of(run)
+        before, stops = before[: len(held)], stops[: len(held)]
         for side in np.unique(stops).tolist():
             contact, here = oscillator._contacts[side], stops == side
             stuck = transformed(contact.to_stuck, starts[before[here]])
@@ -193,11 +219,7 @@ def _jumps(
             turn = stand.sign * float((rows[1] * kick).sum())
             bends[here] = np.einsum("ij,kij->k", rows[1], states[1:][here])
             bends[here] += (1.0 + r) * rates[here] * turn
-    impact = rates < 0.0
-    jumps = np.zeros((run.impacts, 2))
-    jumps[impact, 0] = (1.0 + r) * bends[impact] / rates[impact]
-    jumps[impact, 1] = -(1.0 + r)
-    return jumps, np.where(impact & (r == 0.0), 1, 0)
+    return rates, bends
 
 
 def _contacts_of(run: Run) -> tuple[Any, Any]:

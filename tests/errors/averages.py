@@ -22,23 +22,28 @@ NONE = arb((1, -200))
 def powers(every: int) -> Iterator[tuple[float, float]]:
     """Largest error of a power of a motion of one to three flights, from just after an impact."""
     for number in range(0, CASES, every):
-        case = random_case(STARTS * (40_000 + number))
-        system = case.system()
-        if system.degrees_of_freedom > FEW:
-            continue
-        before = system.simulate(impacts=1 + number % 7, start=case.start(system))
-        if not len(before):
-            continue
-        start, count = before.states[-1], 1 + number % 3
-        record = system.simulate(impacts=count, start=system.impact_state(start))
-        if len(record) < count or len(record.sticking):
-            continue
-        try:
-            pod = POD(record)
-            exact = _exact(start, record)
-        except (ArithmeticError, ValueError):  # it rests, or modes merge
-            continue
-        yield float(abs(pod.power - exact).max()), pod.error
+        yield from powers_of(number)
+
+
+def powers_of(number: int) -> Iterator[tuple[float, float]]:
+    """The same of one case, if it has such a motion."""
+    case = random_case(STARTS * (40_000 + number))
+    system = case.system()
+    if system.degrees_of_freedom > FEW:
+        return
+    before = system.simulate(impacts=1 + number % 7, start=case.start(system))
+    if not len(before):
+        return
+    start, count = before.states[-1], 1 + number % 3
+    record = system.simulate(impacts=count, start=system.impact_state(start))
+    if len(record) < count or len(record.sticking):
+        return
+    try:
+        pod = POD(record)
+        exact = _exact(start, record)
+    except (ArithmeticError, ValueError):  # it rests, or modes merge
+        return
+    yield float(abs(pod.power - exact).max()), pod.error
 
 
 def _exact(start: Array, record: ImpactRecord) -> Array:
