@@ -37,6 +37,8 @@ class Responses:
     @staticmethod
     def of(pairs: Pairs) -> Responses:
         """All that there are: none where a mode is driven at its own rate, or a body pushed."""
+        if not pairs.links.size:
+            return Responses(pairs, np.empty((0, 2), dtype=np.intp), np.empty((0, 2, 2)))
         g, links = pairs.generator, pairs.links.T.tolist()
         coupling = pairs.coupling.T.reshape(-1, 2, 2)
         targets = {t for t, _ in links}
@@ -125,6 +127,8 @@ class Drift:
         """The drift of a row (2, n); None where it is not known."""
         g = pairs.generator
         rigid = (pairs.scale == 0.0) & (g[0] == 0.0) & row.any(axis=0)
+        if not rigid.any():
+            return Drift(np.zeros((6, pairs.count)), row, np.zeros_like(row))
         dragged = rigid & (g[3] < 0.0)
         value, rest = np.where(rigid, row, 0.0), row.copy()
         rest[0, rigid] = 0.0

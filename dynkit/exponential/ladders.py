@@ -41,7 +41,7 @@ def rung_sizes(pairs: Pairs) -> tuple[float, int]:
     """Smallest step (a power of two with every abs(lambda) h <= REACH) and rungs of the search."""
     from dynkit.exponential.evaluation_kernels import REACH
 
-    fast, slow = pairs.rates()
+    fast, slow = pairs.rates
     fastest = max(float(fast.max(initial=0.0)), SLOWEST) if fast.any() else 1.0
     slowest = float(slow[slow > 0.0].min(initial=fastest))
     if pairs.grows:
@@ -203,7 +203,7 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     tail, drift, swing = tail_rows(propagators.responses, full, steady)
     if pairs.grows:
         size = np.where(np.isfinite(size), size, pairs.bound(full, 0, 0.0))
-    fast = pairs.rates()[0]
+    fast = pairs.rates[0]
     slow = (pairs.scale > 0.0) & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
     slow &= full.any(axis=0)
     slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude

@@ -248,6 +248,7 @@ class Pairs:
         even = g[0] == g[3] and g[1] == -g[2] * scale**2 and self._clusters[slot] == slot
         return max(0.0, -float(g[0])) if even else 0.0
 
+    @cached_property
     def rates(self) -> tuple[Array, Array]:
         """Largest and smallest absolute eigenvalue of each G, (n,) each.
 

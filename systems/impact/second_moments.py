@@ -221,7 +221,7 @@ def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
     regime = part.regime
     n = len(regime.forced.rest)
     out = np.zeros((len(edges) - 1, n + 1, n + 1))
-    fastest = 2.0 * float(regime.pairs.rates()[0].max(initial=0.0))
+    fastest = 2.0 * float(regime.pairs.rates[0].max(initial=0.0))
     panels = np.maximum(np.ceil(part.durations * fastest / _REACH), 1.0)
     if panels.sum() * _NODES > _MOST_NODES:
         return out, np.full(out.shape[1:], np.inf), 0
