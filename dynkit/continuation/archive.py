@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from dynkit import __version__, store
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
@@ -39,7 +41,8 @@ _CURVE_ARRAYS = {
     "admissible": ("b", 1),
     "residuals": ("f", 1),
 }
-_OF_BIFURCATION = ("unknowns", "direction", "tangent", "own")
+_OLDER = ("unknowns", "direction", "tangent", "own")
+_OF_BIFURCATION = (*_OLDER, "unknowns_error", "own_error")
 
 
 def write_archive(path: str | os.PathLike[str], archive: store.Archive) -> None:
@@ -234,6 +237,7 @@ def _described(bifurcation: Bifurcation) -> dict[str, Any]:
         "touching": dict(bifurcation.touching),
         "history": bifurcation.history,
         "event": bifurcation.event,
+        "arrays": _OF_BIFURCATION,
         "seconds": bifurcation.cost.seconds,
         "work": dict(bifurcation.cost.counts),
     }
@@ -241,7 +245,10 @@ def _described(bifurcation: Bifurcation) -> dict[str, Any]:
 
 def _restored(archive: store.Archive, number: int, parameter: str) -> Bifurcation:
     entry = json.loads(archive.entries[f"bifurcation {number}"])
-    arrays = {key: archive.arrays[f"bifurcations/{number}/{key}"] for key in _OF_BIFURCATION}
+    kept = entry.get("arrays", _OLDER)
+    arrays = {key: archive.arrays[f"bifurcations/{number}/{key}"] for key in kept}
+    for key in ("unknowns", "own"):
+        arrays.setdefault(f"{key}_error", np.full(len(arrays[key]), np.inf))
     for array in arrays.values():
         array.setflags(write=False)
     multiplier = entry["multiplier"]

@@ -43,21 +43,28 @@ class Bifurcation:
     error : float
         To first order a bound on the error of `value`.
     multiplier : complex or None
-        The critical multiplier: 1, -1, or exp(i theta); None at GR and CB.
+        The critical multiplier: 1, -1, or exp(i theta), as wrong as theta; None at GR and CB.
     direction : (m,) array
         Null vector of D(multiplier), in the unknowns of the orbit's problem; empty at GR and CB.
+        No error is claimed of it, nor of `tangent`: what starts along them is solved for.
     place : float
         Between which points of its branch: 3.5 is between points 3 and 4; less than 0, or more than
         the last one's, just beyond an end.
     touching : mapping of str to float
-        At GR where and when it touches, in the problem's own words.
+        At GR where and when it touches, in the problem's own words; as wrong as `own`, or as the
+        unknowns where it is an impact that vanishes.
     history : tuple of float
         Largest residual of the extended system before the first and after each Newton step.
     cost : Cost
     unknowns : (m,) array
         The solution of the equations of the orbit's problem.
+    unknowns_error : (m,) array
+        To first order bounds on their errors; infinite, as `own_error`, where an older store has
+        none.
     own : (e,) array
         Unknowns of the condition's own: at NS theta, at GR those of the problem's condition.
+    own_error : (e,) array
+        To first order bounds on their errors.
     tangent : (m + 1,) array
         Direction of the branch, the parameter last.
     event : int
@@ -75,7 +82,9 @@ class Bifurcation:
     history: tuple[float, ...]
     cost: Cost
     unknowns: Array
+    unknowns_error: Array
     own: Array
+    own_error: Array
     tangent: Array
     event: int
     _problem: Problem | None

@@ -17,7 +17,7 @@ from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.endings import Bound, Ending, Reason
 from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
 from dynkit.continuation.newton import correct, error_bound
-from dynkit.continuation.problem import Problem
+from dynkit.continuation.problem import NoSolution, Problem
 from dynkit.continuation.starting import start_points
 from dynkit.results import Cost
 from dynkit.validation import Array, in_interval
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # Where theta is nearer to 0 or pi the two equations of NS are one.
 _RESONANCE = 1e-3
+# What changes less along a curve, in units of its bounds, is constant but for rounding.
+_CHANGES = 1e-8
 
 
 @final
@@ -93,6 +95,7 @@ class BifurcationCurve:
     _problem: Problem | None
     _event: int = -1
     _error: Array | None = None
+    _widths: Array | float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("parameters", "unknowns", "own", "admissible", "residuals"):
@@ -107,13 +110,15 @@ class BifurcationCurve:
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
-        The parameters are measured in their ranges, the unknowns in their typical sizes.
+        It holds for all numbers of a point: the parameters are measured in their ranges, or in
+        those of their bounds where they hardly change, the orbit's unknowns in their typical sizes,
+        and `own`, such as theta, in units of one, or of their size where that is larger.
         """
         error = self._error
         if error is None:
             problem = given(self._problem, "BifurcationCurve")
             ranges = np.ptp(self.parameters, axis=0)
-            widths = np.where(ranges > 0.0, ranges, 1.0)
+            widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)
             points = zip(self.unknowns, self.own, self.parameters, strict=True)
             error = np.array(
                 [_distance(self.kind, self._event, problem, widths, *point) for point in points]
@@ -318,6 +323,7 @@ def continue_curve(
         ),
         _problem=problem,
         _event=bifurcation.event,
+        _widths=widths,
     )
 
 
@@ -344,7 +350,10 @@ def _start(
         own = np.arccos(np.cos(own))
     condition, own = condition_of(kind, bifurcation.event, problem, x, own, p)
     equations = BifurcationEquations(problem, condition, widths)
-    (start, *_) = start_points(equations, np.concatenate([x, own, p]))
+    try:
+        (start, *_) = start_points(equations, np.concatenate([x, own, p]))
+    except NoSolution as refusal:
+        raise ValueError(f"bifurcation must be solved for; got {refusal}") from refusal
     found = correct(equations, start.y, start.scale, start.tangent)
     if not found.converged:
         raise ValueError(f"bifurcation must be solved for; got {found.outcome.value}")

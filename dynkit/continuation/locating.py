@@ -36,13 +36,16 @@ _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
 
 @final
 class Located(NamedTuple):
-    """A bifurcation that was solved for: all unknowns, and how wrong they may be."""
+    """A bifurcation that was solved for: all unknowns, and how wrong they may be.
+
+    `errors`, (m + e + 1,), are those of `x`, `own` and `p`.
+    """
 
     crossing: Crossing
     x: Array
     own: Array
     p: Array
-    error: float
+    errors: Array
     multiplier: complex | None
     direction: Any
     history: tuple[float, ...]
@@ -61,7 +64,8 @@ def locate(
     """
     began = time.perf_counter()
     steps = 0
-    size = max(_height(before, crossing), _height(after, crossing))
+    heights = [_height(before, crossing), _height(after, crossing)]
+    size = max(height for height in heights if height < np.inf)
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind == "BP" else None
@@ -84,14 +88,14 @@ def locate(
     critical = _CRITICAL.get(crossing.kind)
     if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
         return None
-    error = abs(float(after.y[-1] - before.y[-1])) + _blur(follower, after)
+    errors = abs(after.y - before.y) + _blur(follower, after)
     x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
     return Located(
         crossing,
         x=x,
         own=none,
         p=p,
-        error=error,
+        errors=errors,
         multiplier=critical,
         direction=null_vector(problem, x, p, critical) if critical else none,
         history=(after.residual,),
@@ -105,13 +109,13 @@ def _height(point: Point, crossing: Crossing) -> float:
     return abs(point.seen.events[crossing.event].value) if crossing.event >= 0 else 0.0
 
 
-def _blur(follower: Follower, point: Point) -> float:
-    """How far the parameter of a border may be off because its orbit is."""
+def _blur(follower: Follower, point: Point) -> Array:
+    """How far unknowns and parameter of a border may be off because its orbit is, (m + 1,)."""
     equations, scale = follower.equations, point.scale
     jacobian, residual = equations.jacobian(point.y), equations.residual(point.y)
     rounding = equations.rounding(point.y)
     bound = error_bound(jacobian, point.y, residual, scale, point.tangent, rounding)
-    return float((bound / scale).max() * scale[-1])
+    return np.asarray((bound / scale).max() * scale)
 
 
 def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
@@ -165,15 +169,15 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         return None
     if kind == "BP" and abs(own[0]) > _UNFOLDED:
         return None
-    if kind == "NS" and _on_the_circle(problem, x, p) > 1:
+    # where an orbit grazes D(mu) is singular for numbers that are no multipliers
+    if kind == "NS" and _on_the_circle(problem, x, p) != 1:
         return None
-    error = float(bound[-1])
-    if not error < _UNSURE * before.scale[-1]:
+    if not bound[-1] < _UNSURE * before.scale[-1]:
         return None
     multiplier, direction = None, np.empty(0)
     if isinstance(condition, CriticalMultiplier):
         multiplier, direction = condition.multiplier(own), condition.direction(x, own, p)
-    return Located(crossing, x, own, p, error, multiplier, direction, found.history, 0.0, 0)
+    return Located(crossing, x, own, p, bound, multiplier, direction, found.history, 0.0, 0)
 
 
 def _part(before: Point, after: Point, crossing: Crossing) -> float:

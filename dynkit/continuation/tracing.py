@@ -111,7 +111,7 @@ def _same(a: Located, b: Located) -> bool:
 
 def _at(a: Located, b: Located) -> bool:
     """Whether two happen at the same value of the parameter, as far as can be told."""
-    return abs(float(a.p[0] - b.p[0])) <= 2.0 * (a.error + b.error)
+    return bool(abs(a.p[0] - b.p[0]) <= 2.0 * (a.errors[-1] + b.errors[-1]))
 
 
 def _same_on_both_sides(

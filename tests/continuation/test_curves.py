@@ -51,6 +51,14 @@ def test_a_torus_curve_ends_at_strong_resonances() -> None:
     assert np.ptp(curve.own) > 3.13
 
 
+def test_what_does_not_change_along_a_curve_is_not_measured_in_its_rounding() -> None:
+    # of Henon's map areas are kept just where b = -1
+    start = first(henon(0.5, -0.95), "b", (-1.05, -0.9), "NS")
+    curve = continue_curve(start, ("b", "a"), bounds=((-1.5, -0.5), (0.2, 0.9)))
+    assert np.ptp(curve.parameters[:, 0]) < ROUNDING
+    assert (curve.error < ROUNDING).all()
+
+
 def test_a_branch_point_curve() -> None:
     # where there is a symmetry, or a solution that is always there, branch points have curves
     start = first(flat("pitchfork", 0.0, 0.3), "p", (-1.0, 1.0), "BP")

@@ -42,7 +42,7 @@ def test_loaded_bifurcations_have_the_same_bits(branch: Branch, stored: Path) ->
     for a, b in zip(branch.bifurcations, loaded.bifurcations, strict=True):
         for name in ("kind", "value", "error", "multiplier", "place", "history", "cost", "event"):
             assert getattr(a, name) == getattr(b, name)
-        for name in ("unknowns", "direction", "tangent", "own"):
+        for name in ("unknowns", "direction", "tangent", "own", "unknowns_error", "own_error"):
             assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
 
 
@@ -73,6 +73,14 @@ def test_a_branch_without_its_orbit_has_its_numbers(branch: Branch, stored: Path
         loaded.orbit(0)
     with pytest.raises(ValueError, match=message):
         _ = loaded.bifurcations[0].orbit
+
+
+def test_stores_that_have_no_errors_of_unknowns_claim_none() -> None:
+    old = Branch.load(Path(__file__).with_name("format-1.h5"))
+    (doubling,) = old.bifurcations
+    assert np.isinf(doubling.unknowns_error).all()
+    assert doubling.unknowns_error.shape == doubling.unknowns.shape
+    assert doubling.own_error.shape == doubling.own.shape
 
 
 def test_another_system_is_refused(stored: Path) -> None:

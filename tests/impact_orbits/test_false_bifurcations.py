@@ -1,0 +1,46 @@
+"""What looks like a bifurcation of an orbit that strikes weakly, and is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynkit import Branch, continue_curve, continue_orbit
+from dynkit.systems import MatrixOscillator
+
+
+def test_no_torus_begins_where_an_undamped_structure_only_grazes() -> None:
+    """A pair of multipliers gets to those of the structure held at the stop, of modulus one."""
+    system = MatrixOscillator(
+        M=[[1.5712890625, -0.5712890625], [-0.5712890625, 1.5712890625]], C=np.zeros((2, 2)),
+        K=[[3.0, -2.0], [-2.0, 2.0]], frequency=0.850095, restitution=0.362578,
+        amplitude=0.983923, offset=0.493281, contact=0, side="below",
+        constant_forces=(0.955946, 0.241945),
+    )  # fmt: skip
+    orbit = system.periodic_orbits()[0]
+    branch = continue_orbit(orbit, "offset", bounds=(0.093281, 0.893281), points=40)
+    assert [found.kind for found in branch.bifurcations] == ["GR", "PD"]
+
+
+def weak() -> Branch:
+    system = MatrixOscillator(
+        M=[[1.0]], C=[[1.6e-5]], K=[[1.0]], frequency=0.0711933, restitution=1.0,
+        amplitude=0.122518, offset=0.120211, contact=0, side="below",
+    )  # fmt: skip
+    (orbit,) = system.periodic_orbits()
+    return continue_orbit(orbit, "amplitude", bounds=(0.098, 0.147))
+
+
+def test_a_gap_that_closes_unseen_before_is_no_grazing() -> None:
+    """Between two samples it is closed already; no smallest gap passes zero there."""
+    branch = weak()
+    assert [found.kind for found in branch.bifurcations] == ["GR", "PD"]
+    assert abs(branch.bifurcations[0].value - 0.120211) < 1e-12
+
+
+def test_no_curve_is_begun_from_what_was_not_solved_for() -> None:
+    grazing = replace(weak().bifurcations[0], event=1, own=np.array([np.nan]))
+    with pytest.raises(ValueError, match=r"^bifurcation must be solved for; got "):
+        continue_curve(grazing, ("amplitude", "frequency"), bounds=((0.1, 0.2), (0.05, 0.1)))
