@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import mpmath
@@ -13,8 +14,9 @@ from hypothesis import strategies as st
 from mpmath import mp, mpf
 
 from dynkit.labels import OrbitKind
+from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.state import ImpactState
 from tests.impact.one_mass import DIGITS, Orbit, Real, periodic_orbits
 
@@ -366,25 +368,40 @@ def free_flight(a: Real, w: Real, s: Real, begin: tuple[Real, Real, Real]) -> tu
     raise AssertionError("a free mass comes to a stop")
 
 
-def test_chaos_that_contact_interrupts_is_not_called_periodic() -> None:
-    # Doubles stick again after some hundred periods, always the same number; to 300 digits no
-    # impact is ever near to sticking in so many.
-    record = RATTLE.simulate(impacts=2000)
-    releases = record.sticking[:, 1] * RATTLE.frequency / math.tau
-    assert np.diff(releases) == pytest.approx(releases[0], rel=1e-12)
-    assert record.error[np.searchsorted(record.time, record.sticking[0, 0])] > 1.0
+def rattles_that_repeat_in_doubles() -> Iterator[ImpactRecord]:
+    """Motions of rattles whose play differs in the last digits, three contacts of each.
+
+    Doubles stick again after some hundred impacts, always the same number; how many, and whether at
+    the same stop, as they do here, the last digits decide.
+    """
+    for k in range(400):
+        rattle = RATTLE.replace(play=2.0 + 2.0**-50 * k, restitution=0.7)
+        record = rattle.simulate(impacts=750)
+        releases = record.sticking[:3, 1]
+        if len(releases) == 3 and np.diff(releases) == pytest.approx(releases[0], rel=1e-12):
+            yield record
+
+
+def nearly_sticks(rattle: ImpactOscillator, time: float) -> bool:
+    """Whether an impact of the first so long is slower than 1e-2, to 300 digits."""
+    assert isinstance(rattle, PlayOscillator)
     with mp.workprec(1000):
-        a, w, s = mpf(RATTLE.amplitude), mpf(RATTLE.frequency), mpf(RATTLE.play)
-        phase, x, v, slowest = mpf(0), -s / 2, a * w, mpf(1)
-        while phase < 2 * mp.pi * releases[0]:
+        a, w, s = mpf(rattle.amplitude), mpf(rattle.frequency), mpf(rattle.play)
+        phase, x, v, u = mpf(0), -s / 2, a * w, mpf(1)
+        while u > 1e-2 and phase < w * time:
             end, side = free_flight(a, w, s, (phase, x, v))
             x, phase = x + v * (end - phase) / w, end
             housing = a * w * mpmath.cos(end)
-            u = mpf(RATTLE.restitution) * side * (housing - v)
+            u = mpf(rattle.restitution) * side * (housing - v)
             v = housing + side * u
-            slowest = min(slowest, u)
-    assert slowest > 1e-2
-    assert RATTLE.attractor().label.kind is OrbitKind.UNSETTLED
+    return bool(u <= 1e-2)
+
+
+def test_chaos_that_contact_interrupts_is_not_called_periodic() -> None:
+    records = rattles_that_repeat_in_doubles()
+    record = next(each for each in records if not nearly_sticks(each.system, each.sticking[0, 1]))
+    assert record.error[np.searchsorted(record.time, record.sticking[0, 0])] > 1.0
+    assert record.system.attractor().label.kind is OrbitKind.UNSETTLED
 
 
 @pytest.mark.parametrize("seed", range(12))
