@@ -23,17 +23,23 @@ STATISTICS = "statistics"
 """Tag of cells whose numbers are statistics of chaos: other processors give others."""
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_AVERAGE = re.compile(rf"({_NUMBER.pattern}) \+- ({_NUMBER.pattern})")
 # Seconds are kept for long enough to compile kernels on a slow machine.
 _TIMEOUT = 600
 
 
 @dataclass(frozen=True)
 class CellText:
-    """What a code cell printed: its words and its numbers apart, and how many figures it drew."""
+    """What a code cell printed: its words and its numbers apart, and how many figures it drew.
+
+    Of statistics, averages and their standard errors, printed as ``value +- error``, stand apart
+    from other numbers.
+    """
 
     cell: str
     words: str
     numbers: tuple[float, ...]
+    averages: tuple[tuple[float, float], ...]
     figures: int
     statistics: bool
 
@@ -103,12 +109,16 @@ def _text(cell: Any) -> CellText:
         else:
             figures += "image/png" in output.data
             text += output.data.get("text/plain", "") if "image/png" not in output.data else ""
+    statistics = STATISTICS in cell.metadata.get("tags", ())
+    rest = _AVERAGE.sub("+-", text) if statistics else text
+    averages = _AVERAGE.findall(text) if statistics else []
     return CellText(
         cell.id,
-        _NUMBER.sub("#", text),
-        tuple(float(number) for number in _NUMBER.findall(text)),
+        _NUMBER.sub("#", rest),
+        tuple(float(number) for number in _NUMBER.findall(rest)),
+        tuple((float(value), float(error)) for value, error in averages),
         figures,
-        STATISTICS in cell.metadata.get("tags", ()),
+        statistics,
     )
 
 

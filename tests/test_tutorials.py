@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,27 @@ def test_tutorial_gives_what_it_shows(path: Path) -> None:
     assert len(shown) == len(given)
     for a, b in zip(shown, given, strict=True):
         assert (a.cell, a.words, a.figures) == (b.cell, b.words, b.figures)
-        # two runs of a chaotic motion differ by their standard errors
         tolerance = 0.25 if a.statistics else 1e-6
         np.testing.assert_allclose(b.numbers, a.numbers, rtol=tolerance, err_msg=a.cell)
+        assert len(a.averages) == len(b.averages)
+        assert all(map(agree, a.averages, b.averages)), (a.averages, b.averages)
+
+
+def agree(a: tuple[float, float], b: tuple[float, float]) -> bool:
+    """Whether two averages of chaos, with standard errors, may be of the same motion.
+
+    The errors themselves, from a dozen waves and printed to a digit, differ by factors of three.
+    """
+    (value, error), (other, other_error) = a, b
+    near = abs(value - other) <= 5.0 * math.hypot(error, other_error)
+    return near and error <= 5.0 * other_error and other_error <= 5.0 * error
+
+
+def test_averages_agree_within_their_errors_which_are_of_one_size() -> None:
+    assert agree((0.355, 0.01), (0.322, 0.012))
+    assert not agree((0.355, 0.01), (0.27, 0.012))
+    assert not agree((0.355, 0.01), (0.355, 0.06))
+    assert not agree((0.355, 0.01), (0.355, 0.0))
 
 
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
