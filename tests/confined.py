@@ -12,14 +12,14 @@ import os
 import resource
 import sys
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import dynkit.store
-from dynkit import sweep
+from dynkit import BifurcationCurve, Branch, sweep
 from dynkit.cli import main
 from dynkit.cli.output import output_file, write_arrays, write_picture, write_table, write_text
 from dynkit.continuation.continuing import continue_orbit
@@ -52,12 +52,18 @@ def swept(store: Path | None, keep: int = 90) -> None:
     )
 
 
-def plain_writers(folder: Path) -> dict[str, Callable[[], object]]:
-    """What writes numbers, by the name of the file that it writes."""
+@cache
+def followed() -> tuple[Branch, BifurcationCurve]:
+    """A branch and a curve, larger than the room."""
     branch = continue_orbit(henon(), "a", bounds=(-0.2, 1.4), points=400)
     doubling = next(found for found in branch.bifurcations if found.kind == "PD")
     bounds = ((-2.0, 3.0), (-0.9, 0.9))
-    curve = continue_curve(doubling, ("a", "b"), bounds=bounds, largest_step=0.01)
+    return branch, continue_curve(doubling, ("a", "b"), bounds=bounds, largest_step=0.01)
+
+
+def plain_writers(folder: Path) -> dict[str, Callable[[], object]]:
+    """What writes numbers, by the name of the file that it writes."""
+    branch, curve = followed()
     numbers = np.random.default_rng(0).random(9000)
     return {
         "sweep.h5": partial(swept, folder / "sweep.h5"),
