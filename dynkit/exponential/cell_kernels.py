@@ -102,6 +102,7 @@ def leap(
     horizon: int,
     band_factor: float,
     band: float,
+    touches: bool,
     states: Array,
 ) -> tuple[bool, int, int, int, int, int, float]:
     """Cells so long that some terms are left out of them, for as long as they hold no root.
@@ -143,7 +144,8 @@ def leap(
             n += 1 << j
             passed += 1
             if passed & 15 == 0 and (
-                tail(ladder, states, current) > band or died_out(ladder, states, current)
+                tail(ladder, states, current) > (band if touches else -band)
+                or died_out(ladder, states, current)
             ):
                 return True, j, 0, n, current, cells, band
             if j < top and low > 32.0 * error:

@@ -28,8 +28,9 @@ SLOW = 1e-4
 """A term that is so much slower than the fastest one is far from its amplitude for long: what
 rounding does to it is told by its present size."""
 
-LONGEST = 46
-"""At least so many rungs, of twice the step each, for propagation over long times."""
+LONGEST, BEYOND = 46, 20
+"""At least so many rungs, of twice the step each, for propagation over long times; and so many more
+than a search uses, of which a million of the longest steps are not taken one by one."""
 
 
 def padded(count: int) -> int:
@@ -78,7 +79,7 @@ class Propagators:
     def of(pairs: Pairs) -> Propagators:
         """The propagators of all pairs."""
         smallest, rungs = rung_sizes(pairs)
-        step = steps(pairs, smallest, max(rungs, LONGEST))
+        step = steps(pairs, smallest, max(min(rungs + BEYOND, MAXIMUM_RUNGS + 1), LONGEST))
         responses = Responses.of(pairs)
         links = _links(pairs, smallest, len(step), responses)
         return Propagators(smallest, rungs, step, *links, responses)

@@ -185,8 +185,7 @@ class Pairs:
         norm = np.hypot(rows[:, 0], rows[:, 1] / scale)
         if self.cluster is not None:
             for part in norm:
-                squares = np.where(together, part * part, 0.0)
-                part[:] = np.sqrt(np.bincount(self._clusters, squares, self.count))[self._clusters]
+                part[:] = self._together(np.where(together, part, 0.0))
         weights = np.where(together, norm[:, None], abs(rows))
         if self._parts is None:
             if np.ndim(window):
@@ -201,6 +200,15 @@ class Pairs:
             weights = np.where(involved, total[..., number], weights)
         weights[..., 1, :] *= scale
         return weights
+
+    def _together(self, norm: Array) -> Array:
+        """Norms (n,) of the clusters of pairs, from those of the pairs; squares may underflow."""
+        largest = np.zeros(self.count)
+        np.maximum.at(largest, self._clusters, norm)
+        unit = np.where(largest > 0.0, largest, 1.0)
+        squares = (norm / unit[self._clusters]) ** 2
+        total = unit * np.sqrt(np.bincount(self._clusters, squares, self.count))
+        return np.asarray(total[self._clusters])
 
     @cached_property
     def _parts(self) -> tuple[NDArray[np.intp], Array, Array] | None:

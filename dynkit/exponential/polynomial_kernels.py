@@ -25,7 +25,7 @@ def polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
 
 
 @kernel()
-def _polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int, float, float]:
+def polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int, float, float]:
     """Newton's iteration inside a bracket of one sign change, from positive to negative."""
     for _ in range(80):
         value, rate = polynomial(c, first, e)
@@ -67,12 +67,12 @@ def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[
     last = end + move
     value, rate = polynomial(c, first, e)
     if value < -band:
-        return _polish(c, first, e, 0.0, e)
+        return polish(c, first, e, 0.0, e)
     while rate < 0.0 and high < last:
         high = min(high + move, last)
         value, rate = polynomial(c, first, high)
         if value < -band:
-            return _polish(c, first, low, low, high)
+            return polish(c, first, low, low, high)
     if rate < 0.0:
         return NEVER, end, 0.0
     for _ in range(80):
@@ -81,7 +81,7 @@ def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[
             break
         value, rate = polynomial(c, first, middle)
         if value < -band:
-            return _polish(c, first, e, e, middle)
+            return polish(c, first, e, e, middle)
         if rate < 0.0:
             low = middle
         else:
@@ -118,7 +118,7 @@ def polynomial_first_root(
         if value < -band:
             discriminant = c[first + 1] * c[first + 1] - 4.0 * c[first] * c[first + 2]
             guess = 2.0 * c[first] / (math.sqrt(max(discriminant, 0.0)) - c[first + 1])
-            return _polish(c, first, min(guess, end), 0.0, end)
+            return polish(c, first, min(guess, end), 0.0, end)
     curvature = 0.0
     power = 1.0
     for j in range(first + 2, DEGREE + 1):

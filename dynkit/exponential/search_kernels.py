@@ -29,6 +29,7 @@ from dynkit.exponential.polynomial_kernels import (
     NEVER,
     ROOT,
     TOUCH,
+    polish,
     polynomial,
     polynomial_first_root,
 )
@@ -104,6 +105,8 @@ def _first_rung(
 def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
     """The root of a polynomial near that of the same one `raised`, if it is no double root."""
     c[0] -= raised
+    if c[0] > 0.0 and polynomial(c, 0, e)[0] < 0.0:
+        return polish(c, 0, e, 0.0, e)[1]
     for _ in range(3):
         value, rate = polynomial(c, 0, e)
         second = 2.0 * abs(c[2]) + 6.0 * abs(c[3] * e)
@@ -111,6 +114,30 @@ def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
             break
         e = max(e - value / rate, earliest)
     return e
+
+
+@kernel()
+def _value_at(ladder: Ladder, n: int, states: Array) -> float:
+    """The sum at a node; two scratch states are modified."""
+    seen = ladder.rows.shape[1]
+    k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, seen)
+    return value_and_rates(ladder.rows, ladder.offset, states, k)[0]
+
+
+@kernel()
+def _last_above(ladder: Ladder, n: int, states: Array) -> int:
+    """The last node before `n`, where f is negative, at which it is not; 0 where there is none."""
+    low = n - 1
+    high = n
+    while low > 0 and _value_at(ladder, low, states) < 0.0:
+        low, high = max(0, low - 2 * (high - low)), low
+    while high - low > 1:
+        middle = low + (high - low) // 2
+        if _value_at(ladder, middle, states) < 0.0:
+            high = middle
+        else:
+            low = middle
+    return low
 
 
 @kernel()
@@ -196,7 +223,7 @@ def first_root(
         low_flight = n == carried_to and value <= LOW * band
         if j > ladder.smooth and not expanded and not low_flight:
             never, j, wide, n, current, cells, band = leap(
-                ladder, j, n, current, cells, limit, horizon, band_factor, band, states
+                ladder, j, n, current, cells, limit, horizon, band_factor, band, touches, states
             )
             if never:
                 return NEVER, n, 0.0, 0.0, cells
@@ -231,7 +258,8 @@ def first_root(
                     j += j < ladder.smooth or value + 0.8 * h * slope > band
                 passed += 1
                 if passed & 15 == 0:
-                    if tail(ladder, states, current) > band:
+                    # Nothing but a crossing beyond the band counts where a touch does not.
+                    if tail(ladder, states, current) > (band if touches else -band):
                         return NEVER, n, 0.0, 0.0, cells
                     if passed & 31 == 0 and j >= ladder.smooth - 2:
                         j = min(j + HURDLE, top)
@@ -308,6 +336,16 @@ def first_root(
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         cells += 1
         if outcome == ROOT and raised > 0.0:
+            if n > 0 and n != carried_to and c[0] < raised and c[1] < 0.0:
+                # The band is so wide that it took several cells to fall through it.
+                n = _last_above(ladder, n, states)
+                e = smallest
+                current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
+                if ladder.apart:
+                    expand_apart(ladder, states, current, c)
+                else:
+                    expand(ladder.generator, rows, offset, states, current, c)
+                c[0] += raised
             e = _lowered(c, raised, e, -smallest if n > 0 else 0.0)
         if outcome == ROOT or (outcome == TOUCH and touches):
             for _ in range(first):

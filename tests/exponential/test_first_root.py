@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from functools import partial
+from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -150,6 +153,33 @@ def test_any_damping_keeps_the_digits(damping: float) -> None:
         exact = mp.findroot(f, (guess, guess * (1 + mp.mpf(10) ** -8)))
         error = abs(exact - guess) / exact
     assert float(error) < 4e-16
+
+
+def fallen(amplitude: float, slow: float, rate: float, swing: float, offset: float, s: Any) -> Any:
+    """The sum of a slow term and a sine, with mpmath."""
+    w, fast = mpmath.mpf(slow), mpmath.mpf(1.1)
+    own = amplitude * mpmath.cos(w * s) + rate / w * mpmath.sin(w * s)
+    return own + swing / fast * mpmath.sin(fast * s) + offset
+
+
+@pytest.mark.parametrize("amplitude", [1e9, 1e12, 3e13, 1e14, 3e14])
+@pytest.mark.plain
+def test_a_fall_through_a_wide_band_is_found_where_rounding_allows(amplitude: float) -> None:
+    """A slow term so large that rounding hides the others for several cells: to 50 digits."""
+    random = np.random.default_rng(5)
+    for _ in range(40):
+        gap, gravity = random.uniform(0.3, 2.0), random.uniform(0.05, 0.5)
+        slow, rate = math.sqrt(gravity / amplitude), -random.uniform(0.3, 0.6)
+        swing = random.uniform(0.0, 0.1)
+        total = ExponentialSum(
+            [amplitude, 0.0], [rate, swing], [slow, 1.1], [0.0, 0.0], offset=gap - amplitude
+        )
+        found = total.first_root()
+        f = partial(fallen, amplitude, slow, rate, swing, total.offset)
+        with mpmath.workdps(50):  # it falls all the way: there is one root
+            exact = mpmath.findroot(f, (found.time, found.time + 0.01))
+        assert found.kind is RootKind.ROOT
+        assert abs(found.time - float(exact)) <= found.error, (amplitude, found, exact)
 
 
 @pytest.mark.plain
