@@ -97,12 +97,18 @@ def _is_one_state(guess: Any) -> bool:
 def _solved(system: Map, states: Array) -> tuple[Array, tuple[float, ...]]:
     from dynkit.continuation.newton import NoConvergence, solve
 
+    problem = MapProblem(system, states)
     try:
-        return solve(MapProblem(system, states), states.ravel(), _NONE)
+        x, history = solve(problem, states.ravel(), _NONE)
     except NoConvergence as failure:
         raise NoConvergence(
             f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
         ) from failure
+    # What is zero has no size of its own: nothing may be measured in what rounding leaves of it.
+    cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
+    if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:
+        x = cleared
+    return x, history
 
 
 def _shorter(system: Map, states: Array) -> tuple[Array, tuple[float, ...]] | None:

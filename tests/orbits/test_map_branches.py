@@ -53,6 +53,17 @@ def test_the_fixed_point_of_the_logistic_map(quadratic: Branch) -> None:
     assert quadratic.multipliers[:, 0] == pytest.approx(2.0 - rate, abs=1e-12)
 
 
+@pytest.mark.parametrize("guess", [0.1, -1e-9, 1e-200])
+def test_the_fixed_point_at_zero_is_zero_and_can_be_followed(guess: float) -> None:
+    orbit = periodic_orbit(Logistic(0.5), [guess])
+    assert orbit.states.tolist() == [[0.0]]
+    assert orbit.multipliers == pytest.approx(0.5, abs=1e-15)
+    found = continue_orbit(orbit, "rate", bounds=(0.2, 3.5))
+    assert [each.kind for each in found.bifurcations] == ["BP"]
+    assert abs(only(found, "BP").value - 1.0) < TEN_DIGITS
+    assert not found.unknowns.any()
+
+
 def test_the_cascade_of_the_logistic_map(quadratic: Branch) -> None:
     # 1 + sqrt 6, and so on to 3.569945671870944 (K. Briggs, Math. Comp. 57 (1991) 435-439)
     here, places = quadratic, []
