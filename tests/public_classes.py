@@ -12,6 +12,7 @@ from types import FunctionType, ModuleType
 PACKAGES = ("dynkit", "dynkit.systems", "dynkit.analysis")
 
 
+@cache
 def public_classes() -> dict[type, str]:
     """Classes, and where each was found, but for enumerations and exceptions."""
     found: dict[type, str] = {}
