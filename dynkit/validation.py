@@ -193,10 +193,11 @@ def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
     return (
         type(value) is np.ndarray
         and value.dtype == np.float64
-        and value.ndim == 1
         and value.shape == shape
+        and value.ndim == 1
         and value.size <= _SHORT
-        and all(map(math.isfinite, value.tolist()))
+        # it may be infinite of finite numbers too: then what comes next looks at them
+        and math.isfinite(sum(value.tolist()))
     )
 
 

@@ -127,3 +127,8 @@ def test_integers_become_floats() -> None:
 
 def test_an_empty_array_is_finite() -> None:
     assert finite_array("x", [], (None,)).shape == (0,)
+
+
+def test_finite_numbers_whose_sum_is_not_are_accepted_as_they_are() -> None:
+    state = np.array([1e308, 1e308, -1e308])
+    assert finite_array("state", state, (3,)) is state
