@@ -27,8 +27,9 @@ _FLAT, _UNFOLDED = 1e-3, 1e-9
 _UNSURE = 1e-5
 # Multipliers are on the unit circle within this, where two of them are one and rounding counts.
 _ON_CIRCLE = 1e-5
-# What is watched jumps where it changes its sign without becoming so small.
-_JUMP = 0.05
+# What is watched jumps where it changes its sign without becoming so small: as a square root it
+# would within 1e-9 of the border.
+_JUMP = 1e-4
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
