@@ -84,8 +84,10 @@ def draw_regions(
     axes.set_xlabel(names[0].replace("_", " "))
     axes.set_ylabel(names[1].replace("_", " "))
     _write_legend(axes, [regions[number] for number in np.unique(cells).tolist()])
+    size = _size_in_points(axes)
     for number, region in enumerate(regions):
-        _write_name(axes, edges, picture == number, region)
+        if (picture == number).any():
+            _write_name(axes, size, edges, picture == number, region)
     return axes
 
 
@@ -137,18 +139,21 @@ def _write_legend(axes: Axes, regions: Sequence[Region]) -> None:
 
 
 def _write_name(
-    axes: Axes, edges: tuple[Array, Array], where: NDArray[np.bool_], region: Region
+    axes: Axes,
+    size: tuple[float, float],
+    edges: tuple[Array, Array],
+    where: NDArray[np.bool_],
+    region: Region,
 ) -> None:
     """Write a region's name where it fits in, level or upright, as deep inside as it does."""
     from scipy.ndimage import distance_transform_edt, minimum_filter
 
-    width, height = _size_in_points(axes)
-    pitch = height / where.shape[0], width / where.shape[1]
+    pitch = size[1] / where.shape[0], size[0] / where.shape[1]
     depth = distance_transform_edt(np.pad(where, 1), sampling=pitch)[1:-1, 1:-1]
-    size = _LETTER * len(region.name), 1.5 * _TYPE
+    needed = _LETTER * len(region.name), 1.5 * _TYPE
     rotation = 0
     room = np.zeros_like(where)
-    for angle, (across, up) in ((0, size), (90, size[::-1])):
+    for angle, (across, up) in ((0, needed), (90, needed[::-1])):
         box = (int(up / pitch[0]) + 1, int(across / pitch[1]) + 1)
         if not room.any():
             room = minimum_filter(where, size=box, mode="constant", cval=False)
