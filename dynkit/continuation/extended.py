@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from contextlib import suppress
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -16,6 +17,13 @@ from dynkit.validation import Array
 
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
 """Step of central differences, in scaled unknowns: rounding and curvature balance each other."""
+
+# Over a step a condition bends by less than this part of its change, or by less than the second:
+# otherwise the step is divided by 16, at most so often. Of a hundred turns within a period a
+# frequency has to be known that much better.
+_BENT, _FLAT, _SHORTER = 0.1, 1e-6, 3
+# Of a multiplier, relative, to tell how D depends on it.
+_DISTURBED = 1e-7
 
 
 class CriticalMultiplier(Condition):
@@ -35,7 +43,22 @@ class CriticalMultiplier(Condition):
         left, _, right = np.linalg.svd(matrix)
         # D = left sizes right: the last row is already the conjugate of a null vector
         self._left, self._right = left[:, -1], right[-1]
-        self.rounding = 16.0 * ROUNDING * max(1.0, float(abs(matrix).max()))
+        self._made_of = x, own, p, matrix
+
+    @cached_property
+    def rounding(self) -> float:
+        """What rounding leaves in g: that of the elements of D, and of what multiplies a state.
+
+        That is an error of the factors of the monodromy, and as good as one of the multiplier: g
+        follows it as D does. It follows by much where the multiplier is almost one of the free
+        motion.
+        """
+        x, own, p, matrix = self._made_of
+        mu, factors = self.multiplier(own), self._problem.factors(x, p)
+        off = 16.0 * ROUNDING if factors is None else len(factors[0]) * factors[1]
+        ends = [self._scaled(x, p, mu * (1.0 + s * _DISTURBED)) for s in (1.0, -1.0)]
+        slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
+        return 16.0 * ROUNDING * max(1.0, float(abs(matrix).max())) + off * float(abs(slope))
 
     @abstractmethod
     def multiplier(self, own: Array) -> complex:
@@ -204,25 +227,42 @@ class BifurcationEquations(Equations):
         """Return a derivative of the condition, right along orthonormal scaled directions."""
         rows = np.zeros((self.condition.unknowns + 1, len(y)))
         for direction in directions:
-            change = self._change(y, DIFFERENCE * scale * direction)
-            rows += np.outer(change / DIFFERENCE, direction)
+            rows += np.outer(self._slope(y, scale * direction), direction)
         return rows / scale
 
-    def _change(self, y: Array, step: Array) -> Array:
-        """Return how the condition changes over a step, to second order."""
+    def _slope(self, y: Array, way: Array) -> Array:
+        """Return a derivative of the condition along a way."""
+        step = DIFFERENCE
+        for _ in range(_SHORTER):
+            change, bent = self._change(y, step * way)
+            if bent <= max(_FLAT, _BENT * float(abs(change).max())):
+                break
+            step /= 16.0
+        else:
+            change, _ = self._change(y, step * way)
+        return change / step
+
+    def _change(self, y: Array, step: Array) -> tuple[Array, float]:
+        """Return how the condition changes over a step, to second order, and how it bends."""
         try:
             ahead = self._condition(y + step)
         except NoSolution:
             # on the edge of where it is defined
-            return -self._change_ahead(y, -step)
+            change, bent = self._change_ahead(y, -step)
+            return -change, bent
         try:
-            return 0.5 * (ahead - self._condition(y - step))
+            behind = self._condition(y - step)
         except NoSolution:
             return self._change_ahead(y, step)
+        bent = float(abs(ahead + behind).max())
+        if bent > _FLAT:  # near a solution it is zero here
+            bent = float(abs(ahead + behind - 2.0 * self._condition(y)).max())
+        return 0.5 * (ahead - behind), bent
 
-    def _change_ahead(self, y: Array, step: Array) -> Array:
+    def _change_ahead(self, y: Array, step: Array) -> tuple[Array, float]:
         here, ahead, further = (self._condition(y + i * step) for i in range(3))
-        return np.asarray(2.0 * ahead - 1.5 * here - 0.5 * further)
+        bent = float(abs(further - 2.0 * ahead + here).max())
+        return np.asarray(2.0 * ahead - 1.5 * here - 0.5 * further), bent
 
     def scale(self, y: Array) -> Array:
         x, own, _ = self.split(y)

@@ -27,9 +27,10 @@ _FLAT, _UNFOLDED = 1e-3, 1e-9
 _UNSURE = 1e-5
 # Multipliers are on the unit circle within this, where two of them are one and rounding counts.
 _ON_CIRCLE = 1e-5
-# What is watched jumps where it changes its sign without becoming so small: as a square root it
-# would within 1e-9 of the border.
-_JUMP = 1e-4
+# What is watched jumps where it changes its sign without becoming so small. The smallest gap of a
+# flight would as a square root within 1e-9 of the border; beyond the last chatter that completes
+# there is no orbit, so that steps are not halved to the end.
+_JUMPS = {"GR": 1e-4, "CB": 0.05}
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
@@ -84,7 +85,8 @@ def locate(
             before = middle
         else:
             return None
-    if min(_height(before, crossing), _height(after, crossing)) > _JUMP * size:
+    least = min(_height(before, crossing), _height(after, crossing))
+    if least > _JUMPS.get(crossing.kind, 0.0) * size:
         return None
     critical = _CRITICAL.get(crossing.kind)
     if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
@@ -160,12 +162,15 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         found = correct(equations, y, equations.scale(y), steps=15)
         if not found.converged or not _within(before, after, found.y, problem.size):
             return None
+        x, own, p = equations.split(found.y)
+        # with the null vectors there, and what rounding leaves there
+        condition, _ = condition_of(kind, event, problem, x, own, p)
+        equations.condition = condition
         scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
-        residual = equations.residual(found.y)
+        residual, rounding = equations.residual(found.y), equations.rounding(found.y)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    bound = error_bound(jacobian, found.y, residual, scale, None, equations.rounding(found.y))
-    x, own, p = equations.split(found.y)
+    bound = error_bound(jacobian, found.y, residual, scale, None, rounding)
     if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
         return None
     if kind == "BP" and abs(own[0]) > _UNFOLDED:
