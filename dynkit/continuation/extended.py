@@ -18,10 +18,9 @@ from dynkit.validation import Array
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
 """Step of central differences, in scaled unknowns: rounding and curvature balance each other."""
 
-# Over a step a condition bends by less than this part of its change, or by less than the second:
-# otherwise the step is divided by 16, at most so often. Of a hundred turns within a period a
-# frequency has to be known that much better.
-_BENT, _FLAT, _SHORTER = 0.1, 1e-6, 3
+# A condition, of numbers of order one, changes over a step by no more than this: otherwise the step
+# is divided by 16, at most so often. Over many turns within a period a frequency counts so much.
+_CHANGE, _SHORTER = 1e-2, 4
 # Of a multiplier, relative, to tell how D depends on it.
 _DISTURBED = 1e-7
 
@@ -233,36 +232,29 @@ class BifurcationEquations(Equations):
     def _slope(self, y: Array, way: Array) -> Array:
         """Return a derivative of the condition along a way."""
         step = DIFFERENCE
+        change = self._change(y, step * way)
         for _ in range(_SHORTER):
-            change, bent = self._change(y, step * way)
-            if bent <= max(_FLAT, _BENT * float(abs(change).max())):
+            if abs(change).max() <= _CHANGE:
                 break
             step /= 16.0
-        else:
-            change, _ = self._change(y, step * way)
+            change = self._change(y, step * way)
         return change / step
 
-    def _change(self, y: Array, step: Array) -> tuple[Array, float]:
-        """Return how the condition changes over a step, to second order, and how it bends."""
+    def _change(self, y: Array, step: Array) -> Array:
+        """Return how the condition changes over a step, to second order."""
         try:
             ahead = self._condition(y + step)
         except NoSolution:
             # on the edge of where it is defined
-            change, bent = self._change_ahead(y, -step)
-            return -change, bent
+            return -self._change_ahead(y, -step)
         try:
-            behind = self._condition(y - step)
+            return 0.5 * (ahead - self._condition(y - step))
         except NoSolution:
             return self._change_ahead(y, step)
-        bent = float(abs(ahead + behind).max())
-        if bent > _FLAT:  # near a solution it is zero here
-            bent = float(abs(ahead + behind - 2.0 * self._condition(y)).max())
-        return 0.5 * (ahead - behind), bent
 
-    def _change_ahead(self, y: Array, step: Array) -> tuple[Array, float]:
+    def _change_ahead(self, y: Array, step: Array) -> Array:
         here, ahead, further = (self._condition(y + i * step) for i in range(3))
-        bent = float(abs(further - 2.0 * ahead + here).max())
-        return np.asarray(2.0 * ahead - 1.5 * here - 0.5 * further), bent
+        return np.asarray(2.0 * ahead - 1.5 * here - 0.5 * further)
 
     def scale(self, y: Array) -> Array:
         x, own, _ = self.split(y)

@@ -24,10 +24,10 @@ class Turning(Condition):
         return np.asarray(np.sin(self.turns * p - 0.1))
 
 
-@pytest.mark.parametrize("turns", [1.0, 1e3, 1e5, 3e5, 6e5, 3e6])
-def test_steps_are_shorter_where_a_condition_bends(turns: float) -> None:
+@pytest.mark.parametrize("turns", [1.0, 1e3, 1e4, 1e5, 3e5, 1e6])
+def test_steps_are_shorter_where_a_condition_changes_fast(turns: float) -> None:
     orbit = henon()
     equations = BifurcationEquations(orbit.problem("a"), Turning(turns), np.ones(1))
     y = np.append(orbit.unknowns, 0.0)
     found = equations.full_jacobian(y)[-1, -1]
-    assert found == pytest.approx(turns * np.cos(0.1), rel=0.02)
+    assert found == pytest.approx(turns * np.cos(0.1), rel=1e-3)
