@@ -162,12 +162,15 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         found = correct(equations, y, equations.scale(y), steps=15)
         if not found.converged or not _within(before, after, found.y, problem.size):
             return None
+        x, own, p = equations.split(found.y)
+        # with the null vectors there, and what rounding leaves there
+        condition, _ = condition_of(kind, event, problem, x, own, p)
+        equations.condition = condition
         scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
-        residual = equations.residual(found.y)
+        residual, rounding = equations.residual(found.y), equations.rounding(found.y)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    bound = error_bound(jacobian, found.y, residual, scale, None, equations.rounding(found.y))
-    x, own, p = equations.split(found.y)
+    bound = error_bound(jacobian, found.y, residual, scale, None, rounding)
     if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
         return None
     if kind == "BP" and abs(own[0]) > _UNFOLDED:
