@@ -213,6 +213,7 @@ def first_root(
                 j = -1
     expanded = False
     wide = 0
+    wider = 0
     carried = 0.0
     carried_to = -1
     passed = 0
@@ -223,8 +224,19 @@ def first_root(
         low_flight = n == carried_to and value <= LOW * band
         if j > ladder.smooth and not expanded and not low_flight:
             never, j, wide, n, current, cells, band = leap(
-                ladder, j, n, current, cells, limit, horizon, band_factor, band, touches, states
+                ladder,
+                max(j, wider),
+                n,
+                current,
+                cells,
+                limit,
+                horizon,
+                band_factor,
+                band,
+                touches,
+                states,
             )
+            wider = 0
             if never:
                 return NEVER, n, 0.0, 0.0, cells
             if wide == 0:
@@ -266,7 +278,7 @@ def first_root(
                 continue
             if ladder.apart:
                 # Fast exponentials that have died out do not narrow the Taylor polynomial.
-                wide = taylor_rung(rows, states, current, smallest, j, band)
+                wide = taylor_rung(rows, states, current, smallest, max(j, wider), band)
                 if wide < j:
                     j -= 1
                     continue
@@ -379,6 +391,7 @@ def first_root(
         current = (current + 1) % SCRATCH
         value, slope, second = value_and_rates(rows, offset, states, current)
         j = wide
+        wider = min(wide + 1, top) if ladder.apart else 0
         wide = 0
     if horizon < FOREVER and n > horizon:
         return BEYOND, n, 0.0, 0.0, cells

@@ -114,3 +114,20 @@ def test_a_million_of_the_longest_steps_are_not_taken_one_by_one() -> None:
     assert steps.rungs < 60
     searched = 1e6 * 2.0 ** (steps.rungs - 1)
     assert searched < 4.0 * 2.0 ** len(steps.step)
+
+
+@pytest.mark.parametrize("mass", [1e-8, 1e-10, 1e-12])
+@pytest.mark.parametrize("masses", [2, 3])
+def test_a_mass_that_weighs_next_to_nothing_costs_few_cells(mass: float, masses: int) -> None:
+    # Its time constant of 10 mass does not set the cells once its exponential has died out, not
+    # even where the gap has hardly opened.
+    chain = ImpactChain(
+        masses=(mass, *[1.0] * (masses - 1)), damping=0.05, frequency=0.87, restitution=0.0,
+        amplitude=0.25,
+    )  # fmt: skip
+    place = 0.3 * np.arange(1.0, masses + 1)
+    speed = np.append(np.zeros(masses - 1), -1.0)
+    record = chain.simulate(impacts=6, start=chain.state(place, speed, 0.3))
+    assert record.ending is Ending.COUNT_REACHED
+    assert len(record.sticking) > 1
+    assert record.cost.counts["cells"] < 1000
