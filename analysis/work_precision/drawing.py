@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from dynkit.figures import print_style, shown_axes
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ def draw_job(measured: WorkPrecision, job: str, ax: Axes | None) -> Axes:
     """Draw one job, with a legend."""
     axes = shown_axes(ax, height=3.0)
     _draw(measured, job, axes)
-    axes.legend(fontsize=5.5, loc="best")
+    axes.legend(fontsize=6, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
     return axes
 
 
@@ -54,6 +56,8 @@ def draw_all(measured: WorkPrecision) -> Figure:
 
 
 def _draw(measured: WorkPrecision, job: str, axes: Axes) -> None:
+    from matplotlib.ticker import NullFormatter, NullLocator
+
     several = len(measured.jobs[job]) > 1
     axes.set_xscale("log")
     if several:
@@ -69,20 +73,23 @@ def _draw(measured: WorkPrecision, job: str, axes: Axes) -> None:
         if rows:
             _line(axes, rows, k, several=several)
     axes.set_xlabel("seconds")
+    low, high = np.log10(axes.get_xlim())
+    axes.set_xlim(10.0 ** math.floor(low), 10.0 ** math.ceil(high))  # whole decades have names
+    axes.xaxis.set_minor_formatter(NullFormatter())
     if several:
         starts = len(measured.jobs[job])
         axes.set_ylabel(f"starts lost, of {starts}")
         axes.set_ylim(-0.3, 1.6 * starts)
         ticks = [0, 1, 10, 100, starts]
         axes.set_yticks(ticks, [str(tick) for tick in ticks])
-        axes.yaxis.set_minor_locator(_none())
+        axes.yaxis.set_minor_locator(NullLocator())
         return
     axes.set_ylabel("error")
     axes.set_ylim(1e-17, 10.0 * _LOST)
     axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1.0, _LOST], [
         "$10^{-16}$", "$10^{-12}$", "$10^{-8}$", "$10^{-4}$", "1", "lost"
     ])  # fmt: skip
-    axes.yaxis.set_minor_locator(_none())
+    axes.yaxis.set_minor_locator(NullLocator())
     floor = measured.floors[job]
     if floor > 0.0:
         axes.axhline(floor, color="0.6", linewidth=0.6, label="rounding of the start")
@@ -106,9 +113,3 @@ def _line(axes: Axes, rows: list[Measurement], k: int, *, several: bool) -> None
         return
     heights = [max(one.error, 2.0**-53) if one.right else _LOST for one in rows]
     axes.plot(seconds, heights, **style)
-
-
-def _none() -> Any:
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()
