@@ -34,8 +34,8 @@ _INTERVAL, _PERIODS, _SEGMENTS, _CHAOTIC_SEGMENTS, _QUARTERS = 0.05, 48, 8, 16, 
 _LINE, _DECADES = 2.5, 8
 # Points are the same when they are nearer to one another, relative to the farthest from zero.
 _SAME = 1e-6
-# Impacts for which two motions are followed.
-_FOLLOWED = 1000
+# Impacts for which two motions are followed; places from which they set out in chaos.
+_FOLLOWED, _PLACES = 1000, 9
 # Strongest harmonics that are listed.
 _LISTED = 6
 
@@ -223,7 +223,9 @@ def _sections(workshop: Workshop, number: int, motion: paper.Shown) -> Section:
         label = attractor.label
         impacts, stroboscopic = ImpactSection(attractor), StroboscopicSection(attractor)
     with watch.time("error"):
-        distances = _distances(attractor)
+        # in chaos from all over the motion: near a periodic one nothing parts for long
+        places = attractor.states[:: -(len(attractor.states) // _PLACES)][:_PLACES]
+        pairs = [_distances(attractor, each) for each in places[: 1 if label.periods else None]]
         error = "none: chaotic" if label.periods is None else f"{impacts.error:.0e}"
         early = None
         if motion.periods not in (label.periods, None):
@@ -239,14 +241,14 @@ def _sections(workshop: Workshop, number: int, motion: paper.Shown) -> Section:
         save_figure(figure, workshop.folder / f"figure-{number}")
     seen = _impacts_seen(attractor, impacts)
     points = f"{_distinct(_tip(stroboscopic))} points in {len(stroboscopic.states)} periods"
-    parted = _parted(distances)
+    parted = _parted(pairs)
     text = (
         f"{_origin(attractor)} Above: velocity of the tip just after {len(impacts.states)} impacts "
         "against the phase of the table, and the velocity of the table (dashed): the height above "
         "it is the relative velocity. Below: position and velocity of the tip whenever the phase "
         f"is zero, in {len(stroboscopic.states)} periods of the table.\n\n"
         f"Impacts: {seen}. Stroboscopic section: {points}. Two motions that begin "
-        f"{distances[0]:.1e} apart, {paper.DISTANCE:g} in every coordinate, are {parted}."
+        f"{pairs[0][0]:.1e} apart, {paper.DISTANCE:g} in every coordinate, are {parted}."
     )
     if early is not None:
         text += _about_early(motion, early)
@@ -270,9 +272,9 @@ def _sections(workshop: Workshop, number: int, motion: paper.Shown) -> Section:
     )
 
 
-def _distances(attractor: ImpactAttractor) -> Array:
-    """Distances of two motions, at their start and after each impact."""
-    system, state = attractor.system, attractor.states[-1]
+def _distances(attractor: ImpactAttractor, state: Array) -> Array:
+    """Distances of two motions, one from this state, at their start and after each impact."""
+    system = attractor.system
     pair = [state, state + paper.DISTANCE]
     motions = [
         system.simulate(impacts=_FOLLOWED, start=system.impact_state(each)).states for each in pair
@@ -283,13 +285,16 @@ def _distances(attractor: ImpactAttractor) -> Array:
     return np.asarray(np.linalg.norm(gaps, axis=1))
 
 
-def _parted(distances: Array) -> str:
-    """What became of the distance of two motions."""
-    far = np.flatnonzero(distances > FAR)
-    if len(far):
-        return f"{FAR:g} apart after {far[0]} impacts"
-    largest, last = float(distances.max()), float(distances[-1])
-    return f"never farther apart than {largest:.0e}, and {last:.0e} after {_FOLLOWED} impacts"
+def _parted(pairs: list[Array]) -> str:
+    """What became of the distances of two motions; from several places, of the one in between."""
+    far = [np.flatnonzero(distances > FAR) for distances in pairs]
+    order = np.argsort([found[0] if len(found) else _FOLLOWED + 1 for found in far])
+    middle = int(order[len(order) // 2])
+    of = f" (the median of {len(pairs)} places)" if len(pairs) > 1 else ""
+    if len(far[middle]):
+        return f"{FAR:g} apart after {far[middle][0]} impacts{of}"
+    largest, last = float(pairs[middle].max()), float(pairs[middle][-1])
+    return f"never farther apart than {largest:.0e}, and {last:.0e} after {_FOLLOWED} impacts{of}"
 
 
 def _tip(section: StroboscopicSection) -> Array:
