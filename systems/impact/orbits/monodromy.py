@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.multipliers import product_eigenvalues
+from dynkit.systems.impact.orbits.solution import LATE, ROUNDING
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -34,23 +35,39 @@ def multipliers(solution: Solution) -> Any:
         roots = _secular(flights, jumps)
         if roots is not None:
             return roots[np.lexsort((-roots.imag, -abs(roots)))]
-    return product_eigenvalues(_matrices(solution, flights, jumps))
+    slots = solution.motion.regime.layout.modes
+    return product_eigenvalues(_jumped(flights.matrices(slots), slots, jumps))
 
 
-def factors(solution: Solution) -> Array | None:
-    """Matrices (n, 2N, 2N) from each impact to the next; None where one only grazes."""
+def factors(solution: Solution) -> tuple[Array, float] | None:
+    """Matrices (n, 2N, 2N) from each impact to the next, and their rounding; see `Problem.factors`.
+
+    None where an impact only grazes. Entries are rounded, and flights, of which they are functions,
+    last as long as a period that is rounded.
+    """
     if not solution.impulses.all():
         return None
-    return _matrices(solution, *_passages(solution))
-
-
-def _matrices(solution: Solution, flights: Transitions, jumps: list[tuple[Array, Array]]) -> Array:
+    flights, jumps = _passages(solution)
     slots = solution.motion.regime.layout.modes
     matrices = flights.matrices(slots)
+    states = np.zeros((*matrices.shape[:2], 2, solution.motion.kick.shape[1]))
+    states[..., slots] = matrices.transpose(0, 2, 1).reshape(*states.shape[:2], 2, -1)
+    rates = solution.motion.rate(states)[..., slots].reshape(matrices.shape).transpose(0, 2, 1)
+    found, changed = (_jumped(part, slots, jumps) for part in (matrices, rates))
+    late = LATE * solution.period * (_norms(changed) / _norms(found)).max()
+    return found, ROUNDING + float(late)
+
+
+def _norms(matrices: Array) -> Array:
+    return np.asarray(np.linalg.norm(matrices, axis=(1, 2)))
+
+
+def _jumped(matrices: Array, slots: Any, jumps: list[tuple[Array, Array]]) -> Array:
+    """Matrices (n, 2N, 2N) of flights, and of the impact after each; modified in place."""
     for matrix, (left, right) in zip(matrices, jumps, strict=True):
         flat = left[:, slots].reshape(-1, 2), right[:, slots].reshape(-1, 2)
         matrix += flat[0] @ (flat[1].T @ matrix)
-    return np.asarray(matrices)
+    return matrices
 
 
 def _passages(solution: Solution) -> tuple[Transitions, list[tuple[Array, Array]]]:

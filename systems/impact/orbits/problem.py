@@ -14,7 +14,7 @@ from dynkit.results import Cost
 from dynkit.systems.impact.orbits.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
-from dynkit.systems.impact.orbits.solution import ROUNDING, Solution
+from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.orbits.structural import (
     LARGEST,
     linear_change,
@@ -148,10 +148,7 @@ class ImpactProblem(Problem):
     def rounding(self, x: Array, p: Array) -> Array:
         """What rounding leaves in the equations, (2n,): responses grow, and cancel, on the way."""
         s = self.at(x, p)
-        size = abs(s.terms.gap(s.sides, s.phases)).max() + abs(s.terms.drive)
-        place, speed = (s.rounded @ abs(row) for row in s.motion.rows[:2])
-        w, unit = s.terms.frequency, ROUNDING * s.turned
-        gaps, rates = (place + unit * size) * w, speed + unit * w * abs(s.terms.drive)
+        gaps, rates = s.roundings(0) * s.terms.frequency, s.roundings(1)
         return np.concatenate([gaps, rates]) / self.speed
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
@@ -278,8 +275,7 @@ class ImpactProblem(Problem):
         return multipliers(self.at(x, p))
 
     def factors(self, x: Array, p: Array) -> tuple[Array, float] | None:
-        found = factors(self.at(x, p))
-        return None if found is None else (found, ROUNDING)
+        return factors(self.at(x, p))
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:
         fixed = type(self)(self.system(p), (), self.periods, self.sides, self.speed)

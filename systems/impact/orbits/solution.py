@@ -16,6 +16,9 @@ from dynkit.validation import Array
 ROUNDING = 32.0 * 2.0**-52
 """Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
 
+LATE = 2.0 * 2.0**-52
+"""Of the period, relative: it is a rounded multiple of a rounded turn, divided and rounded."""
+
 
 @final
 class Solution:
@@ -99,11 +102,20 @@ class Solution:
 
     @cached_property
     def rounded(self) -> Array:
-        """What rounding may make of the free states, (n, 2 slots)."""
-        grown = np.maximum(1.0, self.transition.amplification(self.states.shape[-1]))
-        return np.asarray(
-            ROUNDING * self.turned * abs(self.states * grown).reshape(len(self.sides), -1)
-        )
+        """What rounding may make of the free states, (n, 2 slots).
+
+        Their numbers are rounded, and grow in the periodic response; so are the times in which
+        they change: the period T, with (1 - E)^-1 E times the rate of change for each part of the
+        state (E the transition over T), and the times since the other impacts.
+        """
+        n, slots = len(self.sides), self.motion.kick.shape[1]
+        grown = self.transition.amplification(slots)
+        rates = abs(self.motion.rate(self._kicks.reshape(n, n, 2, slots)))
+        rates *= abs(self.impulses)[:, None, None]
+        others = rates * (1.0 - np.eye(n))[..., None, None]
+        late = LATE * self.period * (grown * rates + others).sum(axis=1)
+        own = ROUNDING * self.turned * abs(self.states * np.maximum(1.0, grown))
+        return np.asarray((own + late).reshape(n, -1))
 
     @property
     def turned(self) -> float:
@@ -129,3 +141,12 @@ class Solution:
         steady = t.frequency**order * t.gap(self.sides, self.phases, order)
         free = self.responses[order] @ (self.signs * self.impulses)
         return np.asarray(steady + self.signs * free)
+
+    def roundings(self, order: int) -> Array:
+        """What rounding may make of `gaps`, (n,)."""
+        t = self.terms
+        steady = t.frequency**order * abs(t.drive)
+        if order == 0:
+            steady = steady + abs(t.gap(self.sides, self.phases)).max()
+        free = self.rounded @ abs(self.motion.rows[order])
+        return np.asarray(free + ROUNDING * self.turned * steady)

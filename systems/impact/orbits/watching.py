@@ -107,17 +107,25 @@ class Touching(Condition):
 
 @final
 class Pressing(Condition):
-    """The acceleration of the gap is zero just after an impact without rebound."""
+    """The acceleration of the gap is zero just after an impact without rebound.
+
+    Rounding leaves in it what it leaves in the accelerations of the modes and of the table, which
+    cancel; fast modes have the larger ones.
+    """
 
     unknowns = 0
 
-    def __init__(self, problem: ImpactProblem, i: int) -> None:
+    def __init__(self, problem: ImpactProblem, i: int, solution: Solution) -> None:
         self.problem, self.i = problem, i
+        self.rounding = float(solution.roundings(2)[i] / self._unit(solution))
 
     def residual(self, x: Array, own: Array, p: Array) -> Array:
         del own  # there are none
         s = self.problem.at(x, p)
-        return s.gaps(2)[self.i : self.i + 1] / (self.problem.speed * s.terms.frequency)
+        return s.gaps(2)[self.i : self.i + 1] / self._unit(s)
+
+    def _unit(self, solution: Solution) -> float:
+        return self.problem.speed * solution.terms.frequency
 
 
 def condition_of(problem: ImpactProblem, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
@@ -127,7 +135,7 @@ def condition_of(problem: ImpactProblem, event: int, x: Array, p: Array) -> tupl
     if event < n:
         return Vanishing(problem, event), np.empty(0)
     if event >= n + n * sides:
-        return Pressing(problem, event - n - n * sides), np.empty(0)
+        return Pressing(problem, event - n - n * sides, s), np.empty(0)
     i, side = divmod(event - n, sides)
     _, since = s.flights[event - n].smallest
     return Touching(problem, i, side), np.array([s.phases[i] + s.terms.frequency * since])
