@@ -63,10 +63,10 @@ def _disturbed(problem: Problem, x: Array, p: Array, random: np.random.Generator
 
 
 def _changes(found: Any, there: Any) -> Array:
-    """Change (d,) of each multiplier; those that have no partner are zero by their nature."""
+    """Change (d,) of each multiplier; the last ones, without partners, are zero by their nature."""
     from scipy.optimize import linear_sum_assignment
 
-    apart = abs(np.subtract.outer(found, there))
+    apart = abs(np.subtract.outer(found[: len(there)], there))
     out = np.zeros(len(found))
     rows, columns = linear_sum_assignment(apart)
     out[rows] = apart[rows, columns]

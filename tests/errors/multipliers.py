@@ -16,7 +16,7 @@ from dynkit.systems import Henon, Logistic
 from dynkit.validation import Array
 from tests.errors.branches import BRANCHES
 from tests.errors.maps import orbits_of_maps
-from tests.errors.orbits import orbits_of_one_impact
+from tests.errors.orbits import orbits_of_one_impact, sticking_orbits
 from tests.impact_orbits.exact_orbits import exact_orbit
 
 BITS = 400
@@ -36,6 +36,13 @@ def of_oscillators(every: int) -> Iterator[tuple[float, float]]:
         except ArithmeticError:  # it only grazes
             continue
         yield from _pairs(orbit.multipliers, exact, orbit.multipliers_error)
+
+
+def of_sticking_orbits(every: int) -> Iterator[tuple[float, float]]:
+    """Of the map between releases, those that are not zero by their nature."""
+    for orbit, _, exact in sticking_orbits(every):
+        count = len(exact)
+        yield from _pairs(orbit.multipliers[:count], exact, orbit.multipliers_error[:count])
 
 
 def of_branches(every: int) -> Iterator[tuple[float, float]]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from dynkit.harmonics import harmonics_of
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.validation import Array
 from tests.impact_orbits.exact_orbits import exact_orbit, one_impact_orbits
 from tests.reference.random_cases import STARTS, Kept, random_case
-from tests.reference.random_sticking import FILE, random_sticking
+from tests.reference.random_sticking import FILE, random_sticking, sticking_orbit
 
 SYSTEMS, SEVERAL = 1500, 300
 
@@ -81,16 +83,21 @@ def _coefficients(orbit: ImpactOrbit, c: int, count: int) -> Array:
 
 
 def states_of_sticking_orbits(every: int) -> Iterator[tuple[float, float]]:
-    """Largest error of places and phase at the first release."""
-    from tests.impact_orbits.sticking_cases import releases_of
-    from tests.reference.random_sticking import sticking_orbit
+    """Largest error of a place or a phase at a release."""
+    for orbit, exact, _ in sticking_orbits(every):
+        found = np.concatenate([orbit.states[:, :-2], orbit.phases[:, None]], axis=1)
+        high, low = exact
+        yield float(abs(found - high - low).max()), orbit.error
 
+
+def sticking_orbits(every: int) -> Iterator[tuple[StickingOrbit, Array, Any]]:
+    """Orbits, their exact releases, two parts (2, k, 2N - 1), and multipliers (2N - 2,)."""
     kept = Kept.load(FILE)
     for row in range(0, len(kept.number), every):
-        number = int(kept.number[row])
-        orbit = sticking_orbit(number)
-        assert orbit is not None, random_sticking(number)
-        _, places, phase = releases_of(orbit)
-        high, low = kept.numbers(row)
-        off = abs(np.append(places, phase) - high - low)
-        yield float(off.max()), orbit.error
+        orbit = sticking_orbit(int(kept.number[row]))
+        assert orbit is not None, random_sticking(int(kept.number[row]))
+        parts = np.array(kept.numbers(row))
+        count, width = len(orbit.phases), 2 * orbit.system.degrees_of_freedom - 1
+        releases, rest = np.split(parts, [count * width], axis=1)
+        pairs = rest.sum(axis=0).reshape(-1, 2)
+        yield orbit, releases.reshape(2, count, width), pairs[:, 0] + 1j * pairs[:, 1]

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from tests.errors import averages, branches, flows, maps, multipliers, orbits, records, sums
+from tests.errors import (
+    averages,
+    borders,
+    branches,
+    curves,
+    flows,
+    maps,
+    multipliers,
+    orbits,
+    records,
+    sums,
+)
 
 
 class Quantity(NamedTuple):
@@ -28,12 +39,20 @@ QUANTITIES = {
     "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 100),
     "`multipliers_error`, maps": Quantity(multipliers.of_maps, 120),
     "`multipliers_error`, P(1,m)": Quantity(multipliers.of_oscillators, 150),
+    "`multipliers_error`, P(inf,m)": Quantity(multipliers.of_sticking_orbits, 110),
     "`multipliers_error`, branches": Quantity(multipliers.of_branches, 50),
-    "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 110),
+    "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 60),
     "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
     "`POD.error`, exact": Quantity(averages.powers, 60),
     "`Branch.error`": Quantity(branches.points_of_branches, 100),
     "`Bifurcation.error`, SN, PD, NS": Quantity(branches.bifurcations_of_maps, 180),
     "`Bifurcation.error`, SN, GR": Quantity(branches.bifurcations_of_oscillators, 100),
     "`Bifurcation.error`, CB": Quantity(branches.borders_of_contact, 700),
+    "`Bifurcation.error`, CB of P(inf,m)": Quantity(borders.borders_of_sticking_orbits, 251),
+    "`Bifurcation.error`, maps": Quantity(curves.values_of_maps, 103),
+    "`Bifurcation.error`, P(n,m)": Quantity(curves.values_of_oscillators, 259),
+    "`Bifurcation.unknowns_error`": Quantity(curves.unknowns, 259),
+    "`Bifurcation.own_error`": Quantity(curves.angles, 259),
+    "`BifurcationCurve.error`, maps": Quantity(curves.points_of_maps, 103),
+    "`BifurcationCurve.error`, P(n,m)": Quantity(curves.points_of_oscillators, 527),
 }

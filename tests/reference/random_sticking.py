@@ -1,10 +1,10 @@
-"""Random orbits that stick, and their releases to 25 digits, kept in `random_sticking.npz`.
+"""Random orbits that stick, exact to 25 digits, kept in `random_sticking.npz`.
 
 python -m tests.reference.random_sticking
 
-The release of an orbit that dynkit finds is followed over one period to 50 digits. How far it then
-is from itself, through the inverse of (1 - monodromy), is how far the release is from the exact
-one; the square of that, 1e-26 or less, is left out.
+Releases and multipliers of the orbits that dynkit finds, by Newton's method on the map between
+releases; and that these are motions of the oscillator is seen by following each for a period to 50
+digits, with nothing that dynkit knows of their impacts.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from random import Random
 from typing import Any, Final
 
 import numpy as np
+from flint import ctx
 from mpmath import mp, mpf
 
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
+from tests.impact_orbits.exact_sticking import BITS, ExactSticking
 from tests.impact_orbits.sticking_cases import Releases, exact_of, releases_of
 from tests.reference.random_cases import Kept, at_most, few, grid, network
 
@@ -28,10 +30,13 @@ FILE: Final = Path(__file__).with_name("random_sticking.npz")
 CASES: Final = 2600
 SECONDS: Final = 3
 BEFORE: Final = 1e-12
-"""Phase, more than rounding: the reference starts where there is still contact."""
+"""Phase, more than rounding: the motion is followed from where there is still contact."""
 
 CUT: Final = "1e-9"
 """Part of the fastest approach below which 50 digits stick: wrong by about its square."""
+
+SAME: Final = 1e-9
+"""A motion that comes back so near to where it began is the orbit."""
 
 
 def random_sticking(number: int) -> MatrixOscillator:
@@ -72,8 +77,25 @@ def sticking_orbit(number: int) -> StickingOrbit | None:
     return found if isinstance(found, StickingOrbit) else None
 
 
-def exact_release(orbit: StickingOrbit) -> list[Any]:
-    """Places and phase, not wrapped, of the orbit's first release."""
+def exact(orbit: StickingOrbit) -> list[Any]:
+    """Places and phase, not wrapped, of each release; parts of the multipliers that are not zero.
+
+    Raises
+    ------
+    ArithmeticError
+        When there is no such orbit, or it is no motion.
+    """
+    found = ExactSticking(orbit)
+    if not comes_back(orbit):
+        raise ArithmeticError("the motion from the release does not come back")
+    with ctx.workprec(BITS):
+        numbers = [x for release in found.releases for x in release]
+        numbers += [part for z in found.multipliers for part in (z.real, z.imag)]
+        return [mpf(x.mid().str(60, radius=False)) for x in numbers]
+
+
+def comes_back(orbit: StickingOrbit) -> bool:
+    """Whether the motion from the first release is released there a period later."""
     releases, places, phase = releases_of(orbit)
     r = orbit.system.restitution
     chatter = 3 if r == 0.0 else math.ceil(21.0 / -math.log(r)) + 3
@@ -90,14 +112,9 @@ def exact_release(orbit: StickingOrbit) -> list[Any]:
         time = min(ends, key=lambda t: abs(t * frequency - turn))
         found = oscillator.state_at(history, time)
         end = [part[i] for part in found for i in releases.others]
-        back = np.array([float(a - mpf(b)) for a, b in zip(end, places.tolist(), strict=True)])
-        late = float(mpf(phase - BEFORE) + time * frequency - turn - mpf(phase))
-        matrix, phases = _around(orbit, places, phase)
-        off = np.linalg.solve(np.eye(len(back)) - matrix, back) if len(back) else back
-        # the phase follows the places of the release before
-        turned = late + float(phases @ off)
-        exact = [mpf(a) + mpf(b) for a, b in zip(places.tolist(), off.tolist(), strict=True)]
-        return [*exact, mpf(phase) + mpf(turned)]
+        off = [float(a - mpf(b)) for a, b in zip(end, places.tolist(), strict=True)]
+        late = float(time * frequency - turn)
+        return max(map(abs, [*off, late])) < SAME
 
 
 def earlier(releases: Releases, places: Any, phase: float) -> Any:
@@ -111,25 +128,6 @@ def earlier(releases: Releases, places: Any, phase: float) -> Any:
     return places - BEFORE / s.frequency * rates
 
 
-def _around(orbit: StickingOrbit, places: Any, phase: float) -> tuple[Any, Any]:
-    """Derivatives of places and phase at the next release but by those at this one."""
-    from tests.impact_orbits.sticking_cases import simulated
-
-    releases, _, _ = releases_of(orbit)
-    step = 1e-5
-    columns, phases = [], []
-    for k in range(len(places)):
-        ends = []
-        for sign in (1.0, -1.0):
-            there = places.copy()
-            there[k] += sign * step
-            ends.append(simulated(releases, there, releases.phase(there, phase), orbit.periods))
-        columns.append((ends[0][0] - ends[1][0]) / (2.0 * step))
-        phases.append((ends[0][1] - ends[1][1]) / (2.0 * step))
-    d = len(places)
-    return np.array(columns).T.reshape(d, d), np.array(phases)
-
-
 def kept(numbers: Iterator[int]) -> Kept:
     """Of the cases that settle on an orbit that sticks, and are decided in time."""
     rows = []
@@ -139,7 +137,7 @@ def kept(numbers: Iterator[int]) -> Kept:
             continue
         try:
             with at_most(SECONDS):
-                rows.append((number, orbit.periods, 0, exact_release(orbit)))
+                rows.append((number, orbit.periods, 0, exact(orbit)))
         except (ArithmeticError, AssertionError, TimeoutError) as failure:
             sys.stderr.write(f"{number}: {failure!r}\n")
     return Kept.of(rows)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.sticking.problem import StickingProblem
 
 _ROUNDING = 2.0**-52
+_COMMON = 16.0 * _ROUNDING / PASSED
+"""What rounding left in rows and modes, in the units of the equations: all probes have the same."""
 _PROBES = 4
 """Evaluations that show how far rounding changes the equations."""
 
@@ -87,15 +89,14 @@ class StickingOrbit(DrivenOrbit):
         problem, x = self._problem, self._x
         derivative = np.asarray(problem.linearization(x, NONE))
         here, scale = problem.residual(x, NONE), problem.scale(x)
-        # What rounding left in rows and modes is the same in all probes.
-        noise = np.full(len(x), _ROUNDING)
+        noise = np.full(len(x), _COMMON)
         random = np.random.default_rng(0)
         for _ in range(_PROBES):
             near = x + 8.0 * _ROUNDING * scale * random.uniform(-1.0, 1.0, len(x))
             change = problem.residual(near, NONE) - here - derivative @ (near - x)
             noise = np.maximum(noise, abs(change))
         cut = self.chatter_error / (PASSED * min(problem.sizes))
-        left = 4.0 * (noise.max() + cut) + abs(here)
+        left = 4.0 * (noise + cut) + abs(here)
         try:
             inverse = np.linalg.inv(derivative * scale)
         except np.linalg.LinAlgError:

@@ -1,0 +1,143 @@
+"""Where orbits that stick come to an end (CB), to 30 digits."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat, ctx
+
+from dynkit import Bifurcation
+from dynkit.systems.impact.sticking.orbit import StickingOrbit
+from dynkit.systems.impact.sticking.watching import Watched, items
+from tests.impact_orbits.exact_orbits import Ball, size
+from tests.impact_orbits.exact_sticking import BITS, StickingMap, jacobian, root
+
+HALVINGS = 12
+"""Of the interval in which a chatter that only just completes is looked for."""
+
+WIDTH = 4.0
+"""The size of its half, in errors that are claimed."""
+
+
+def watched(found: Bifurcation) -> Watched:
+    """What is zero there."""
+    passages = found.problem.passages(found.unknowns, np.array([found.value]))  # type: ignore[attr-defined]
+    return items(passages)[found.event]
+
+
+def border(found: Bifurcation) -> Ball:
+    """The exact value of the parameter.
+
+    Raises
+    ------
+    ArithmeticError
+        When there is no such border nearby.
+    """
+    orbit = found.orbit
+    assert isinstance(orbit, StickingOrbit)
+    w = watched(found)
+    with ctx.workprec(BITS):
+        if w.what == "chatter" and orbit.system.restitution > 0.0:
+            return _of_chatter(found, orbit)
+        parts = orbit.problem().parts(orbit.unknowns)
+        y = [arb(x) for places, phases in parts for x in [*places.tolist(), float(phases[0])]]
+        own = [arb(x) for x in found.own.tolist()]
+        y = [*y, *own, arb(found.value)]
+        return root(partial(_left, orbit, found.parameter, w), y)[0][-1]
+
+
+def _left(orbit: StickingOrbit, name: str, w: Watched, y: list[Ball]) -> list[Ball]:
+    """What is left of the equations of places and phases at the releases, and at a border.
+
+    With phases of the releases, at which the force is zero, as unknowns: at a border it need not
+    cross zero.
+    """
+    there = StickingMap(orbit, **{name: y[-1]})
+    width, count = len(orbit.states[0]) - 1, len(there.passages)
+    begins = [y[k * width : (k + 1) * width] for k in range(count)]
+    turn = 2 * arb.pi() * orbit.periods
+    out: list[Ball] = []
+    for k, (*places, phase) in enumerate(begins):
+        *next_places, next_phase = begins[(k + 1) % count]
+        next_phase = next_phase + turn if k == count - 1 else next_phase
+        contact = there.contacts[there.passages[k].word.start]
+        begun = contact.state(places, phase)
+        held = there.held(k, places, phase)
+        frequency = held.contact.frequency
+        ended = held.contact.after(held.state, (next_phase - held.phase) / frequency)
+        out += [a - b for a, b in zip(held.contact.places(ended), next_places, strict=True)]
+        out.append(contact.force(begun))
+        if k != w.passage:
+            continue
+        if w.what == "release":
+            out.append(contact.force(begun, 1))
+        elif w.what == "chatter":
+            out.append(held.contact.force(held.state))
+        elif w.what == "lift":
+            out.append(there.bend(held.after[w.number], there.passages[k].word.sides[w.number]))
+        elif w.what == "hold":
+            lowest = held.contact.after(held.state, (y[-2] - held.phase) / frequency)
+            out += [held.contact.force(lowest, order) for order in range(2)]
+    return out
+
+
+def _of_chatter(found: Bifurcation, orbit: StickingOrbit) -> Ball:
+    """Where a chatter only just completes, between values at which it does and does not.
+
+    The interval is halved until it is a five hundredth of the error that is claimed.
+    """
+    reach, name = WIDTH * arb(found.error), found.parameter
+    value, first = arb(found.value), orbit.states[0, :-2].tolist()
+    slope = [arb(x) for x in (found.tangent[: len(first)] / found.tangent[-1]).tolist()]
+
+    def moved(places: list[Ball], change: Ball) -> list[Ball]:
+        return [a + b * change for a, b in zip(places, slope, strict=True)]
+
+    for sign in (1, -1):
+        inside, outside = value + sign * reach, value - sign * reach
+        try:
+            places = moved([arb(x) for x in first], inside - value)
+            inverse = _inverse(orbit, name, inside, places)
+            places = _settled(orbit, name, inside, places, inverse)
+        except ArithmeticError:
+            continue
+        for _ in range(HALVINGS):
+            middle = (inside + outside) / 2
+            try:
+                there = moved(places, middle - inside)
+                places = _settled(orbit, name, middle, there, inverse)
+            except ArithmeticError:
+                outside = middle
+            else:
+                inside = middle
+        return ((inside + outside) / 2).mid()
+    raise ArithmeticError("the chatter completes on neither side")
+
+
+def _returned(there: StickingMap, places: list[Ball]) -> list[Ball]:
+    return [b - a for a, b in zip(places, there.around(places)[-1], strict=True)]
+
+
+def _inverse(orbit: StickingOrbit, name: str, value: Ball, places: list[Ball]) -> Any:
+    if not places:
+        return None
+    there = StickingMap(orbit, **{name: value})
+    return jacobian(partial(_returned, there), places).inv().mid()
+
+
+def _settled(
+    orbit: StickingOrbit, name: str, value: Ball, places: list[Ball], inverse: Any
+) -> list[Ball]:
+    """Places at the first release of the orbit at another value, whose chatter completes."""
+    there = StickingMap(orbit, **{name: value})
+    for _ in range(30):
+        left = _returned(there, places)
+        if not places:
+            return places
+        step = (inverse * arb_mat([[x] for x in left])).entries()
+        places = [(a - b).mid() for a, b in zip(places, step, strict=True)]
+        if size(step) < 1e-24:
+            return places
+    raise ArithmeticError("there is no orbit near")
