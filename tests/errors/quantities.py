@@ -55,10 +55,4 @@ QUANTITIES = {
     "`Bifurcation.own_error`": Quantity(curves.angles, 259),
     "`BifurcationCurve.error`, maps": Quantity(curves.points_of_maps, 103),
     "`BifurcationCurve.error`, P(n,m)": Quantity(curves.points_of_oscillators, 527),
-    "`Bifurcation.error`, maps": Quantity(curves.values_of_maps, 103),
-    "`Bifurcation.error`, P(n,m)": Quantity(curves.values_of_oscillators, 259),
-    "`Bifurcation.unknowns_error`": Quantity(curves.unknowns, 259),
-    "`Bifurcation.own_error`": Quantity(curves.angles, 259),
-    "`BifurcationCurve.error`, maps": Quantity(curves.points_of_maps, 103),
-    "`BifurcationCurve.error`, P(n,m)": Quantity(curves.points_of_oscillators, 527),
 }
