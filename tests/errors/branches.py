@@ -99,7 +99,12 @@ def bifurcations_of_oscillators(every: int) -> Iterator[tuple[float, float]]:
 def borders_of_contact(every: int) -> Iterator[tuple[float, float]]:
     """CB of P(1,m) without rebound: where the gap does not open after the impact."""
     for number in range(0, 4 * OSCILLATORS, every):
-        yield from _of_oscillator(number, ("CB",), restitution=0.0)
+        yield from borders_of(number)
+
+
+def borders_of(number: int) -> Iterator[tuple[float, float]]:
+    """The same of one oscillator."""
+    yield from _of_oscillator(number, ("CB",), restitution=0.0)
 
 
 def _of_oscillator(

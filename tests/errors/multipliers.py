@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from random import Random
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from dynkit import continue_orbit, periodic_orbit
 from dynkit.map_orbits import MapOrbit
 from dynkit.systems import Henon, Logistic
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.validation import Array
 from tests.errors.branches import BRANCHES
 from tests.errors.maps import orbits_of_maps
@@ -31,10 +33,13 @@ def of_maps(every: int) -> Iterator[tuple[float, float]]:
 def of_oscillators(every: int) -> Iterator[tuple[float, float]]:
     """Of P(1,m), m = 1 to 3, by differences of the impact map with a step of 2^-200."""
     for orbit in orbits_of_one_impact(3 * every):
-        try:
-            exact = exact_orbit(orbit).multipliers
-        except ArithmeticError:  # it only grazes
-            continue
+        yield from of_orbit(orbit)
+
+
+def of_orbit(orbit: ImpactOrbit) -> Iterator[tuple[float, float]]:
+    """The same of one orbit."""
+    with suppress(ArithmeticError):  # it only grazes
+        exact = exact_orbit(orbit).multipliers
         yield from _pairs(orbit.multipliers, exact, orbit.multipliers_error)
 
 
