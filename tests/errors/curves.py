@@ -88,8 +88,10 @@ def angles(every: int) -> Iterator[tuple[float, float]]:
 
 def _points(cases: Callable[[int], list[Case]], numbers: range) -> Iterator[tuple[float, float]]:
     for number in numbers:
-        for found, second, bounds, zeros in cases(number):
+        for place, (found, second, bounds, zeros) in enumerate(cases(number)):
             names = (found.parameter, second)
+            if _off(cases, number, place) is None:  # nor do they tell its curve
+                continue
             try:
                 curve = continue_curve(found, names, bounds=bounds, points=POINTS)
             except ValueError:  # at the end of what the system allows
