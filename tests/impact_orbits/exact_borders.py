@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from flint import arb, arb_mat, ctx
 
-from dynkit import Bifurcation
+from dynkit import Bifurcation, NoConvergence
+from dynkit.continuation.newton import solve
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.watching import Watched, items
 from tests.impact_orbits.exact_orbits import Ball, size
@@ -88,32 +89,37 @@ def _of_chatter(found: Bifurcation, orbit: StickingOrbit) -> Ball:
 
     The interval is halved until it is a five hundredth of the error that is claimed.
     """
-    reach, name = WIDTH * arb(found.error), found.parameter
-    value, first = arb(found.value), orbit.states[0, :-2].tolist()
-    slope = [arb(x) for x in (found.tangent[: len(first)] / found.tangent[-1]).tolist()]
-
-    def moved(places: list[Ball], change: Ball) -> list[Ball]:
-        return [a + b * change for a, b in zip(places, slope, strict=True)]
-
-    for sign in (1, -1):
-        inside, outside = value + sign * reach, value - sign * reach
+    reach, name = WIDTH * found.error, found.parameter
+    for sign in (1.0, -1.0):
+        # two places where it does tell how the orbit moves
         try:
-            places = moved([arb(x) for x in first], inside - value)
-            inverse = _inverse(orbit, name, inside, places)
-            places = _settled(orbit, name, inside, places, inverse)
-        except ArithmeticError:
+            far, inside = (found.value + sign * k * reach for k in (2.0, 1.0))
+            begun = _near(found, far)
+            inverse = _inverse(orbit, name, arb(far), begun)
+            before = _settled(orbit, name, arb(far), begun, inverse)
+            places = _settled(orbit, name, arb(inside), _near(found, inside), inverse)
+        except (ArithmeticError, NoConvergence):
             continue
+        slope = [(a - b) / (inside - far) for a, b in zip(places, before, strict=True)]
+        value, outside = arb(inside), arb(found.value - sign * reach)
         for _ in range(HALVINGS):
-            middle = (inside + outside) / 2
+            middle = (value + outside) / 2
+            there = [a + b * (middle - value) for a, b in zip(places, slope, strict=True)]
             try:
-                there = moved(places, middle - inside)
                 places = _settled(orbit, name, middle, there, inverse)
             except ArithmeticError:
                 outside = middle
             else:
-                inside = middle
-        return ((inside + outside) / 2).mid()
+                value = middle
+        return ((value + outside) / 2).mid()
     raise ArithmeticError("the chatter completes on neither side")
+
+
+def _near(found: Bifurcation, value: float) -> list[Ball]:
+    """Places at the first release of the orbit that dynkit finds at a value nearby."""
+    guess = found.unknowns + found.tangent[:-1] * ((value - found.value) / found.tangent[-1])
+    x, _ = solve(found.problem, guess, np.array([value]))
+    return [arb(z) for z in found.problem.parts(x)[0][0].tolist()]  # type: ignore[attr-defined]
 
 
 def _returned(there: StickingMap, places: list[Ball]) -> list[Ball]:

@@ -232,9 +232,10 @@ class StickingMap:
     def _bouncing(self, y: list[Ball], side: int) -> float:
         """About how long a short flight lasts: u + a s / 2 + j s^2 / 6 is zero."""
         u, a, j = float(abs(y[-2])), -float(self.bend(y, side)), float(self.bend(y, side, 1))
-        if not a > 0.0:
+        down = 0.5 * a + math.sqrt(max(0.25 * a * a - 2.0 / 3.0 * u * j, 0.0))
+        if not down > 0.0:
             raise ArithmeticError("the chatter does not complete")
-        return 2.0 * u / (0.5 * a + math.sqrt(max(0.25 * a * a - 2.0 / 3.0 * u * j, 0.0)))
+        return 2.0 * u / down
 
     def bend(self, y: list[Ball], side: int, order: int = 0) -> Ball:
         """Acceleration of the gap at section coordinates, or its rate of change."""
