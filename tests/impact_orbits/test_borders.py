@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 
+from dynkit import continue_orbit
 from dynkit.continuation.newton import solve
 from dynkit.continuation.problem import Condition
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.orbits.flights import smallest_minimum
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -20,6 +23,7 @@ from dynkit.validation import Array
 from tests.impact_orbits.gaps import dip, gap, lowest, stops
 from tests.impact_orbits.structures import SYSTEMS
 from tests.impact_orbits.test_many_impacts import FREQUENCIES, SEARCHED, searched, settled
+from tests.reference.random_cases import STARTS, random_case
 
 NONE = np.empty(0)
 
@@ -49,6 +53,40 @@ def check_gaps(orbit: ImpactOrbit) -> None:
 def test_smallest_gaps_are_those_of_dense_samples(name: str) -> None:
     for orbit in orbits_of(name):
         check_gaps(orbit)
+
+
+@pytest.mark.parametrize("height", [1e-2, 1e-5, 1e-7, -1e-7, -1e-5])
+@pytest.mark.parametrize("place", [0.1, 0.4, 0.7, 0.95, 1.3])
+@pytest.mark.parametrize("before", [False, True], ids=["after an impact", "before one"])
+def test_a_dip_beside_a_weak_impact_is_seen(height: float, place: float, before: bool) -> None:
+    times = np.linspace(0.0, 1.0, 25)
+    h = times[1]
+    t = Polynomial([0.0, 1.0])
+    gap = t * ((t - place * h) ** 2 + height * h * h) * (2.0 - 0.3 * t)
+    gap = gap(1.0 - t) if before else gap
+
+    def curve(at: Array, orders: int) -> Array:
+        return np.array([gap.deriv(k)(at) for k in range(orders)])
+
+    flat = [x.real for x in gap.deriv().roots() if abs(x.imag) < 1e-12 and 0.0 < x.real < 1.0]
+    minima = [float(gap(x)) for x in flat if gap.deriv(2)(x) > 0.0]
+    lowest, at = smallest_minimum(curve, times, curve(times, 3))
+    if not minima:
+        assert (lowest, math.isnan(at)) == (math.inf, True)
+        return
+    # Newton's method ends where the next step would be the square of 1e-7
+    assert lowest == pytest.approx(min(minima), rel=1e-9, abs=1e-14)
+    assert abs(float(gap.deriv()(at))) < 1e-6 * h**2
+
+
+def test_a_grazing_beside_a_weak_impact_is_found() -> None:
+    """Its dip is no smallest value between two others: the gap is zero at the impact."""
+    system = random_case(STARTS * 51_663).system().replace(offset=-0.352)
+    orbit = min(system.periodic_orbits(periods=2), key=lambda orbit: orbit.impulses[0])
+    branch = continue_orbit(orbit, "offset", bounds=(-0.356, -0.35))
+    (grazing,) = branch.bifurcations
+    assert grazing.kind == "GR"
+    assert (branch.admissible == (branch.parameter < grazing.value)).all()
 
 
 @pytest.mark.parametrize("frequency", FREQUENCIES)

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.validation import Array
 
@@ -21,7 +22,7 @@ _REFINEMENTS, _CONVERGED = 12, 1e-7
 
 
 def smallest_minimum(
-    curve: Callable[[Array, int], Array], times: Array, values: Array
+    curve: Callable[[Array, int], Array], times: Array, values: Array, rounding: float = 0.0
 ) -> tuple[float, float]:
     """Smallest of the minima of a curve inside an interval, and its time; else infinite and NaN.
 
@@ -31,23 +32,62 @@ def smallest_minimum(
         Of times (k,) and a number of orders: values and derivatives (orders, k).
     times, values : (k,), (3, k)
         Ends of equal cells that resolve it, and the curve with its first two derivatives there.
+    rounding : float
+        What rounding leaves in values: at a release it makes dips of its own.
     """
     gap = values[0]
     inner = np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])) + 1
-    if not len(inner):
+    cells, guesses = _dips(times, values, inner)
+    at = np.concatenate([times[inner], guesses])
+    if not len(at):
         return math.inf, math.nan
-    at, step = times[inner], times[1] - times[0]
+    low = np.concatenate([times[inner - 1], times[cells]])
+    high = np.concatenate([times[inner + 1], times[cells + 1]])
+    step = times[1] - times[0]
     for _ in range(_REFINEMENTS):
         _, rate, bend = curve(at, 3)
         move = np.where(bend > 0.0, -rate / np.where(bend > 0.0, bend, 1.0), 0.0)
         before = at
-        at = np.clip(at + np.clip(move, -step, step), times[inner - 1], times[inner + 1])
+        at = np.clip(at + np.clip(move, -step, step), low, high)
         # Newton's method: the next step would be the square of it.
         if abs(at - before).max() <= _CONVERGED * step:
             break
-    lowest = curve(at, 1)[0]
+    lowest, _, bend = curve(at, 3)
+    # what was taken for a dip may be none
+    dip = (bend > 0.0) & (low < at) & (at < high) & (abs(lowest) > rounding)
+    none = (np.arange(len(at)) >= len(inner)) & ~dip
+    lowest[none] = math.inf
     k = int(np.argmin(lowest))
-    return float(lowest[k]), float(at[k])
+    return (float(lowest[k]), float(at[k])) if lowest[k] < math.inf else (math.inf, math.nan)
+
+
+def _dips(times: Array, values: Array, inner: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """Cells (k,) with a minimum that no inner value shows, and guesses (k,) of its time.
+
+    After a weak impact the gap rises, falls and rises again within a cell or two, and it does so
+    before one: the rates at the ends of a cell tell, or, where they have the same sign, the
+    parabola through them that goes on from the impact's side and is zero twice.
+    """
+    _, rate, bend = values
+    h = times[1] - times[0]
+    turned = (rate[:-1] < 0.0) & (rate[1:] > 0.0)
+    turned[inner] = turned[inner - 1] = False
+    cells = np.flatnonzero(turned)
+    part = rate[cells] / (rate[cells] - rate[cells + 1])
+    found, guesses = [cells], [times[cells] + h * part]
+    for begin, bent, end, forwards in (
+        (rate[:-1], bend[:-1], rate[1:], True),
+        (-rate[1:], bend[1:], -rate[:-1], False),
+    ):
+        cells = np.flatnonzero((begin > 0.0) & (bent < 0.0) & (end > 0.0))
+        begin, bent, end = begin[cells], bent[cells] * h, end[cells]
+        curved = end - begin - bent
+        inside = (bent * bent > 4.0 * curved * begin) & (-bent < 2.0 * curved)
+        cells, begin, bent, curved = (x[inside] for x in (cells, begin, bent, curved))
+        part = (-bent + np.sqrt(bent * bent - 4.0 * curved * begin)) / (2.0 * curved)
+        found.append(cells)
+        guesses.append(times[cells] + h * part if forwards else times[cells + 1] - h * part)
+    return np.concatenate(found), np.concatenate(guesses)
 
 
 @final

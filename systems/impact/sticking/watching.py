@@ -132,7 +132,8 @@ def _lowest(
     sizes = [float((abs(rows[k : k + 2]) * abs(state[:, : rows.shape[1]])).sum()) for k in (0, 4)]
     count = 4.0 * lasts * math.sqrt(sizes[1] / sizes[0]) if sizes[0] > 0.0 else 0.0
     times = np.linspace(0.0, lasts, int(min(max(count, LEAST), MOST)) + 1)
-    return *smallest_minimum(curve, times, curve(times, 3)), _ROUNDING * sizes[0]
+    rounding = _ROUNDING * sizes[0]
+    return *smallest_minimum(curve, times, curve(times, 3), rounding), rounding
 
 
 def is_motion(passages: list[Passage]) -> bool:
