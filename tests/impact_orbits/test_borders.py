@@ -130,12 +130,13 @@ def test_events_are_impulses_gaps_and_the_acceleration_without_rebound(name: str
     for orbit in orbits_of(name):
         n, sides = orbit.impacts, stops(orbit)
         events = orbit.problem().events(orbit.unknowns, NONE)
-        dead = orbit.system.restitution == 0.0
-        kinds = ["GR"] * (n + n * sides) + ["CB"] * (n * dead)
-        parts = [*range(n), *(i for i in range(n) for _ in range(sides)), *range(n * dead)]
+        kinds = ["GR"] * (n + n * sides) + ["CB"] * n
+        parts = [*range(n), *(i for i in range(n) for _ in range(sides)), *range(n)]
         assert [e.kind for e in events] == kinds
         assert [e.part for e in events] == parts
         assert [e.value for e in events[:n]] == orbit.impulses.tolist()
+        dead = orbit.system.restitution == 0.0
+        assert [math.isinf(e.value) for e in events[-n:]] == [not dead] * n
 
 
 def test_without_rebound_the_gap_begins_with_the_acceleration() -> None:
@@ -312,3 +313,15 @@ def test_no_touch_is_seen_where_flights_without_rebound_begin_into_the_stop() ->
         assert math.isnan(smallest)
         assert dip(orbit, 0, 0).value < 0.0
         assert not orbit.admissible
+
+
+@pytest.mark.parametrize("masses", [1, 2])
+def test_a_branch_begins_and_ends_without_rebound(masses: int) -> None:
+    system = ImpactChain(masses=masses, frequency=2.2, restitution=0.0, damping=0.1)
+    (orbit,) = system.periodic_orbits()
+    up = continue_orbit(orbit, "restitution", bounds=(0.0, 0.5))
+    assert (up.parameter[0], up.parameter[-1]) == (0.0, 0.5)
+    down = continue_orbit(up.orbit(len(up.parameter) - 1), "restitution", bounds=(0.0, 0.5))
+    assert down.parameter[0] == 0.0
+    assert down.orbit(0).unknowns == pytest.approx(orbit.unknowns, rel=1e-12)
+    assert not up.bifurcations + down.bifurcations

@@ -26,18 +26,17 @@ def watched(solution: Solution) -> list[Event]:
     """Impulses, smallest gaps of the flights to each stop, then accelerations without rebound.
 
     Flights from or to an impact that pulls, and so begin or end beyond the stop, tell nothing. Nor
-    do those that without rebound begin into the stop.
+    do those that without rebound begin into the stop. With rebound accelerations do not matter.
     """
     dead = solution.terms.restitution == 0.0
-    pressed = solution.gaps(2) < 0.0 if dead else np.zeros(len(solution.sides), dtype=bool)
+    accelerations = solution.gaps(2) if dead else np.full(len(solution.sides), math.inf)
+    pressed = accelerations < 0.0
     events = [Event("GR", i, float(impulse)) for i, impulse in enumerate(solution.impulses)]
     for f in solution.flights:
         pulled = min(solution.impulses[f.start], solution.impulses[f.end]) < 0.0
         blind = pulled or pressed[f.start]
         events.append(Event("GR", f.start, math.nan if blind else f.smallest[0]))
-    if dead:
-        events += [Event("CB", i, float(a)) for i, a in enumerate(solution.gaps(2))]
-    return events
+    return events + [Event("CB", i, float(a)) for i, a in enumerate(accelerations)]
 
 
 def flights_are_open(oscillator: Callable[[], ImpactOscillator], solution: Solution) -> bool:
