@@ -14,7 +14,7 @@ from tests.reference.random_cases import Kept
 from tests.reference.random_sticking import FILE, sticking_orbit
 
 NAMES = ("offset", "amplitude", "frequency")
-ROWS = 3
+ROWS = 2
 """Every so manieth orbit is followed."""
 
 
