@@ -48,7 +48,7 @@ QUANTITIES = {
     "`Bifurcation.error`, SN, PD, NS": Quantity(branches.bifurcations_of_maps, 180),
     "`Bifurcation.error`, SN, GR": Quantity(branches.bifurcations_of_oscillators, 100),
     "`Bifurcation.error`, CB": Quantity(branches.borders_of_contact, 700),
-    "`Bifurcation.error`, CB of P(inf,m)": Quantity(borders.borders_of_sticking_orbits, 481),
+    "`Bifurcation.error`, CB of P(inf,m)": Quantity(borders.borders_of_sticking_orbits, 325),
     "`Bifurcation.error`, maps": Quantity(curves.values_of_maps, 103),
     "`Bifurcation.error`, P(n,m)": Quantity(curves.values_of_oscillators, 259),
     "`Bifurcation.unknowns_error`": Quantity(curves.unknowns, 259),
