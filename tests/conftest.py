@@ -3,6 +3,8 @@
 import gc
 import os
 
+import pytest
+
 from tests.effort import register_profiles
 
 # What is collected stays to the end: it is not searched for garbage, again and again.
@@ -12,6 +14,26 @@ gc.disable()
 os.environ["MPLBACKEND"] = "Agg"
 
 register_profiles()
+
+APART = (
+    "tests/test_reference",
+    "tests/flows/",
+    "tests/structure/",
+    "tests/test_tutorials",
+    "tests/test_rep",
+)
+"""Without the kernels of impacts, and then long."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The second of two workers, which begins in the middle, waits for no kernel to be compiled.
+
+    While it runs what needs none, the first one compiles them for both; short tests come last.
+    """
+    apart = [item for item in items if item.nodeid.startswith(APART)]
+    others = [item for item in items if not item.nodeid.startswith(APART)]
+    middle = len(items) // 2
+    items[:] = others[:middle] + apart + others[middle:]
 
 
 def pytest_collection_finish() -> None:

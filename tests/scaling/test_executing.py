@@ -161,6 +161,8 @@ import os, signal, sys, threading
 from tests.scaling.cases import mapped, processes
 
 if __name__ == "__main__":
+    # shells let what runs in the background ignore it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with processes(1) as executor:
         mapped(executor)  # now it is awake
         threading.Timer({after}, os.kill, [os.getpid(), signal.SIGINT]).start()
