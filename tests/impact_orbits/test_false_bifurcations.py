@@ -40,6 +40,17 @@ def test_a_gap_that_closes_unseen_before_is_no_grazing() -> None:
     assert abs(branch.bifurcations[0].value - 0.120211) < 1e-12
 
 
+def test_rounding_where_a_flight_begins_without_rebound_is_no_dip() -> None:
+    system = MatrixOscillator(
+        M=np.eye(2), C=np.zeros((2, 2)), K=[[3.0, -2.0], [-2.0, 2.0]], frequency=19.6978,
+        restitution=0.0, amplitude=0.0, offset=0.002, contact=0, side="below",
+        harmonic_forces=(-0.745759 + 0.900294j, 0.296954 - 0.810871j),
+    )  # fmt: skip
+    orbit = min(system.periodic_orbits(periods=3), key=lambda orbit: orbit.impulses[0])
+    branch = continue_orbit(orbit, "offset", bounds=(0.001, 0.005))
+    assert [found.kind for found in branch.bifurcations] == ["GR"]
+
+
 def test_no_curve_is_begun_from_what_was_not_solved_for() -> None:
     grazing = replace(weak().bifurcations[0], event=1, own=np.array([np.nan]))
     with pytest.raises(ValueError, match=r"^bifurcation must be solved for; got "):

@@ -33,7 +33,7 @@ def smallest_minimum(
     times, values : (k,), (3, k)
         Ends of equal cells that resolve it, and the curve with its first two derivatives there.
     rounding : float
-        What rounding leaves in values: at a release it makes dips of its own.
+        What rounding leaves in values: where the rate is zero at first it makes dips of its own.
     """
     gap = values[0]
     inner = np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])) + 1
@@ -138,7 +138,7 @@ class Flight:
     @cached_property
     def smallest(self) -> tuple[float, float]:
         """Smallest of the minima of the gap inside, and its time; infinite where there is none."""
-        return smallest_minimum(self.gap, *self._nodes)
+        return smallest_minimum(self.gap, *self._nodes, self._rounding)
 
     @property
     def _rounding(self) -> float:
