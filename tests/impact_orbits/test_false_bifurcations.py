@@ -9,6 +9,7 @@ import pytest
 
 from dynkit import Branch, continue_curve, continue_orbit
 from dynkit.systems import MatrixOscillator
+from tests.errors.curves import _oscillators as oscillators
 
 
 def test_no_torus_begins_where_an_undamped_structure_only_grazes() -> None:
@@ -49,6 +50,11 @@ def test_rounding_where_a_flight_begins_without_rebound_is_no_dip() -> None:
     orbit = min(system.periodic_orbits(periods=3), key=lambda orbit: orbit.impulses[0])
     branch = continue_orbit(orbit, "offset", bounds=(0.001, 0.005))
     assert [found.kind for found in branch.bifurcations] == ["GR"]
+
+
+def test_what_an_orbit_leaves_where_a_flight_begins_is_no_dip() -> None:
+    """Along a branch the gap at the impact is a little more than rounding."""
+    assert [found.kind for found, *_ in oscillators(695)] == ["NS", "NS", "GR", "CB"]
 
 
 def test_no_curve_is_begun_from_what_was_not_solved_for() -> None:

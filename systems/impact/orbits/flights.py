@@ -54,8 +54,11 @@ def smallest_minimum(
             break
     lowest, _, bend = curve(at, 3)
     # what was taken for a dip may be none
-    dip = (bend > 0.0) & (low < at) & (at < high) & (abs(lowest) > rounding)
-    none = (np.arange(len(at)) >= len(inner)) & ~dip
+    dips = slice(len(inner), None)
+    ends = np.stack([gap[cells], gap[cells + 1]])
+    apart = (abs(ends - lowest[dips]) > rounding).all(axis=0)
+    none = np.zeros(len(at), dtype=bool)
+    none[dips] = ~(apart & (bend > 0.0)[dips] & (low < at)[dips] & (at < high)[dips])
     lowest[none] = math.inf
     k = int(np.argmin(lowest))
     return (float(lowest[k]), float(at[k])) if lowest[k] < math.inf else (math.inf, math.nan)
