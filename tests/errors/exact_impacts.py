@@ -8,16 +8,14 @@ Dynamical Systems, Springer 2008, section 2.5): no formula of dynkit's is used.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat
 
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
-
-Ball = Any
-"""A number or matrix of balls."""
+from tests.impact_orbits.exact_orbits import Ball, rates_of
 
 
 def block(matrix: Ball, size: int) -> Ball:
@@ -42,16 +40,7 @@ class Motion:
         harmonic = np.asarray(system.harmonic_forces or (0j,) * n)
         constant = np.asarray(system.constant_forces or (0.0,) * n)
         forces = inverse * arb_mat(np.transpose([harmonic.real, harmonic.imag, constant]).tolist())
-        drag, spring = inverse * drag, inverse * spring
-        rates = arb_mat(2 * n + 3, 2 * n + 3)
-        for i in range(n):
-            rates[i, n + i] = 1
-            for j in range(n):
-                rates[n + i, j], rates[n + i, n + j] = -spring[i, j], -drag[i, j]
-            for j in range(3):
-                rates[n + i, 2 * n + j] = forces[i, j]
-        rates[2 * n, 2 * n + 1], rates[2 * n + 1, 2 * n] = self.frequency, -self.frequency
-        self.rates = rates.mid()
+        self.rates = rates_of(inverse * spring, inverse * drag, forces, self.frequency)
         self.kick = arb_mat(2 * n + 3, 1)
         for i in range(n):
             self.kick[n + i, 0] = inverse[i, c] / inverse[c, c]

@@ -34,6 +34,20 @@ def size(numbers: list[Ball]) -> float:
     return max(float(abs(x).mid()) for x in numbers)
 
 
+def rates_of(rigidity: Ball, drag: Ball, forcing: Ball, frequency: Ball) -> Ball:
+    """Rates of change of positions, velocities, sine, cosine and 1, all per unit of mass."""
+    n = rigidity.nrows()
+    rates = arb_mat(2 * n + 3, 2 * n + 3)
+    for i in range(n):
+        rates[i, n + i] = 1
+        for j in range(n):
+            rates[n + i, j], rates[n + i, n + j] = -rigidity[i, j], -drag[i, j]
+        for j in range(3):
+            rates[n + i, 2 * n + j] = forcing[i, j]
+    rates[2 * n, 2 * n + 1], rates[2 * n + 1, 2 * n] = frequency, -frequency
+    return rates.mid()
+
+
 @final
 class ImpactMap:
     """The oscillator in balls."""
@@ -59,15 +73,7 @@ class ImpactMap:
         forces = [harmonic.real, harmonic.imag, constant]
         forcing = inverse * arb_mat(np.transpose(forces).tolist())
         rigidity, drag = inverse * stiffness, inverse * damping
-        rates = arb_mat(2 * n + 3, 2 * n + 3)
-        for i in range(n):
-            rates[i, n + i] = 1
-            for j in range(n):
-                rates[n + i, j], rates[n + i, n + j] = -rigidity[i, j], -drag[i, j]
-            for j in range(3):
-                rates[n + i, 2 * n + j] = forcing[i, j]
-        rates[2 * n, 2 * n + 1], rates[2 * n + 1, 2 * n] = self.frequency, -self.frequency
-        self.rates = rates.mid()
+        self.rates = rates_of(rigidity, drag, forcing, self.frequency)
         self.kick = [
             (inverse[i, self.contact] / inverse[self.contact, self.contact]).mid() for i in range(n)
         ]
