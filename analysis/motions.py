@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from dynkit.attractors import Attractor
-from dynkit.flows import NoCrossing
+from dynkit.no_motion import NoMotion
 from dynkit.validation import Array
 
 
@@ -38,5 +38,5 @@ def going_on_for(iterates: int) -> Iterator[None]:
     """
     try:
         yield
-    except NoCrossing as end:
+    except NoMotion as end:
         raise ValueError(f"attractor must go on for {iterates} iterates; {end}") from end

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.flows import NoCrossing
 from dynkit.labels import OrbitKind, OrbitLabel, Window, label_orbit, settled_label
 from dynkit.maps import Map
+from dynkit.no_motion import NoMotion
 from dynkit.results import Cost
 from dynkit.sections import PoincareSection
 from dynkit.showing import Facts, costing, table, told
@@ -143,8 +143,9 @@ class MapAttractor(Attractor):
     Raises
     ------
     ValueError
-        When the start is not finite or not of that shape, or a number is no count; and when the
-        motion runs away to infinity.
+        When the start is not finite or not of that shape, or a number is no count.
+    NoMotion
+        When the motion runs away to infinity (`Diverged`), or has no next state.
 
     Examples
     --------
@@ -173,7 +174,7 @@ class MapAttractor(Attractor):
         self._transient = non_negative_integer("transient", transient)
         kept = positive_integer("iterations", iterations)
         self._last = self._transient + kept - 1
-        self._states = _bounded_motion(system, self._start, self._last)[self._transient :]
+        self._states = system.iterate(self._start, self._last)[self._transient :]
         self._states.setflags(write=False)
         self._start.setflags(write=False)
         self._cost = Cost(time.perf_counter() - began, {"iterates": self._last})
@@ -246,8 +247,8 @@ class MapAttractor(Attractor):
         largest = 0.0
         for i in range(self._last + 1):
             try:
-                twin = self._system(twin) if i else twin
-            except (ValueError, NoCrossing):
+                twin = self._system.next_state(twin) if i else twin
+            except NoMotion:
                 return np.inf
             twin += noise * abs(twin).max() * signs.choice((-1.0, 1.0), size=twin.size)
             if i >= self._transient:
@@ -310,7 +311,7 @@ class MapAttractor(Attractor):
 
         if self._system.dimension > 1:
             return draw_points(ax, self._states[:, :2], ("state[0]", "state[1]"))
-        beyond = self._system(self._states[-1])
+        beyond = self._system.next_state(self._states[-1])
         points = np.column_stack([self._states, np.append(self._states[1:], beyond)])
         return draw_points(ax, points, ("state[0]", "next state[0]"))
 
@@ -338,17 +339,6 @@ class MapAttractor(Attractor):
             later = self._system.iterate(states[-1], beyond)[1:]
             states = np.concatenate([states, later])
         return states[asked.astype(np.intp)]
-
-
-def _bounded_motion(system: Map, start: Array, n: int) -> Array:
-    try:
-        # a map refuses the infinity that an overflow leaves
-        with np.errstate(over="ignore", invalid="ignore"):
-            return finite_array("states", system.iterate(start, n), (None, None))
-    except ValueError as refusal:
-        raise ValueError(
-            f"start must lead to a motion that stays finite; got {start.tolist()} ({refusal})"
-        ) from refusal
 
 
 class _MapOrbit:
@@ -379,5 +369,5 @@ class _MapOrbit:
                 return np.full(steps, -np.inf)
             logs[i] = np.log(length)
             direction = direction / length
-            state = self.system(state)
+            state = self.system.next_state(state)
         return logs

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+from dynkit.no_motion import NoMotion
 from dynkit.validation import Array
 
 # First step, relative; at eighth order it balances truncation and the accuracy of the values.
@@ -32,7 +33,7 @@ def parameter_difference(
     Parameters
     ----------
     function : callable, float to (m,) array
-        ValueError and RuntimeError, such as `NoCrossing`, are refusals.
+        `NoMotion`, such as `NoCrossing` or `Refused`, is a refusal.
     value : float
         Where to differentiate.
     accuracy : float
@@ -48,8 +49,10 @@ def parameter_difference(
 
     Raises
     ------
+    NoMotion
+        What refuses the function at the value itself.
     ValueError
-        When the function is refused at the value itself, or on both sides however near.
+        When the function is refused on both sides however near.
 
     References
     ----------
@@ -70,7 +73,7 @@ def parameter_difference(
         there = value + step
         try:
             return np.asarray(difference(function(there), center)), there - value
-        except (ValueError, RuntimeError):
+        except NoMotion:
             return refused, there - value
 
     def central(step: float) -> tuple[Array, Array, float]:

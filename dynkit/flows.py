@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.differences import parameter_difference
 from dynkit.maps import Family, Stretching, stretched
+from dynkit.no_motion import Diverged, replaced
 from dynkit.validation import finite_array, finite_scalar, non_negative_integer, positive
 
 if TYPE_CHECKING:
@@ -26,10 +27,6 @@ _HALVINGS = 7
 
 def _all_of_it(_: Array, change: Array) -> Array:
     return change
-
-
-class NoCrossing(RuntimeError):
-    """The flow did not cross the section within the time limit."""
 
 
 @final
@@ -72,7 +69,9 @@ class Flow(Family, ABC):
     parameter, which otherwise is found by differences.
 
     None of these changes its arguments or the flow, and a state that is not finite, or not of the
-    right shape, is refused with ValueError. Instances are immutable.
+    right shape, is refused with ValueError. Where the motion runs away, `velocity` and `advance`
+    return numbers that are not finite, or raise a `NoMotion`, such as `Diverged`; every other
+    exception is taken for a fault in the flow, and no caller catches it. Instances are immutable.
     `dynkit.testing.check_flow` and `check_poincare_map` run a subclass through this contract.
     """
 
@@ -113,7 +112,7 @@ class Flow(Family, ABC):
             As ``advance``; and when there is no such parameter, or it is not finite.
         """
         return parameter_difference(
-            lambda changed: self.replace(**{name: changed}).advance(state, duration),
+            lambda changed: replaced(self, **{name: changed}).advance(state, duration),
             finite_scalar(name, self.value_of(name)),
             accuracy=self.accuracy,
         )
@@ -140,6 +139,8 @@ class Flow(Family, ABC):
         ------
         ValueError
             When the state is not finite or not of that shape, or a number is refused.
+        NoMotion
+            When the motion runs away, or cannot be followed.
 
         References
         ----------
@@ -162,6 +163,8 @@ class Flow(Family, ABC):
         The frame is what is seen, (d, k), of the changes, (d, k), of a state.
         """
         end, derivative = self._transport(state, duration)
+        if not np.isfinite(end).all():
+            raise Diverged(f"the motion from {state.tolist()} runs away within {duration}")
         carried, logs = stretched(seen(end, derivative @ frame), self.accuracy)
         if halvings > 0 and np.isnan(logs).any():
             # in shorter parts less is hidden by the direction that stretches most

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.map_problems import TURN, MapProblem, angles, sizes
 from dynkit.maps import Map
+from dynkit.no_motion import NoMotion
 from dynkit.orbits import PeriodicOrbit
 from dynkit.results import Cost
 from dynkit.showing import told
@@ -44,8 +45,10 @@ def periodic_orbit(system: Map, guess: Any, *, period: int | None = None) -> Map
     Raises
     ------
     ValueError
-        When the guess is not finite or of another shape, or has no iterates; when the period is no
-        positive integer or not the number of states.
+        When the guess is not finite or of another shape; when the period is no positive integer or
+        not the number of states.
+    NoMotion
+        When a guess of one state has not as many iterates.
     NoConvergence
         From `dynkit.continuation.newton`: when Newton's method does not get to an orbit.
 
@@ -73,12 +76,10 @@ def _guessed(system: Map, guess: Any, period: int | None) -> Array:
         n = 1 if period is None else positive_integer("period", period)
         start = finite_array("guess", guess, (d,))
         try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                return finite_array("iterates", system.iterate(start, n - 1), (n, d))
-        except (ValueError, RuntimeError) as refusal:
-            raise ValueError(
-                f"guess must have {n - 1} iterates; got {start.tolist()} ({refusal})"
-            ) from refusal
+            return system.iterate(start, n - 1)
+        except NoMotion as end:
+            end.add_note(f"guess must have {n - 1} iterates; got {start.tolist()}")
+            raise
     states = finite_array("guess", guess, (None, d))
     if not len(states):
         raise ValueError("guess must have one state at least; got none")

@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.continuation.problem import NoSolution, Problem
 from dynkit.maps import Map
 from dynkit.multipliers import product_eigenvalues
+from dynkit.no_motion import NoMotion, Refused, replaced
 from dynkit.results import Cost
 from dynkit.validation import Array
 
@@ -160,8 +161,8 @@ class MapProblem(Problem):
         if key != self._at[0]:
             values = dict(zip(self._names, np.asarray(p).tolist(), strict=True))
             try:
-                self._at = (key, self._system.replace(**values))
-            except ValueError as refusal:
+                self._at = (key, replaced(self._system, **values))
+            except Refused as refusal:
                 raise NoSolution(str(refusal)) from refusal
         return self._at[1]
 
@@ -190,8 +191,8 @@ def _defined(function: Callable[[Array], Array], states: Array) -> Array:
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             found = np.array([function(state) for state in states])
-    except (ValueError, RuntimeError) as refusal:
-        raise NoSolution(str(refusal)) from refusal
+    except NoMotion as end:
+        raise NoSolution(str(end)) from end
     finite = np.isfinite(found)
     if not finite.all():
         where = int(np.argmin(finite.reshape(len(states), -1).all(axis=1)))

@@ -1,6 +1,7 @@
 """Maps: dynamical systems in discrete time."""
 
 import dataclasses
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any, Self, cast, final
 import numpy as np
 
 from dynkit.differences import parameter_difference
+from dynkit.no_motion import Diverged, replaced
 from dynkit.showing import Shown
 from dynkit.validation import Array, finite_array, finite_scalar, non_negative_integer
 
@@ -96,7 +98,11 @@ class Map(Family, ABC):
     1. `dimension`, the number d of the state's coordinates.
     2. ``__call__(state)``, the next state. The state is (d,) and so is the result, a new array. The
        call changes nothing: not its argument, and not the map. A state that is not finite, or not
-       of that shape, is refused with ValueError: `dynkit.validation.finite_array` does it.
+       of that shape, is refused with ValueError: `dynkit.validation.finite_array` does it. Where
+       the motion runs away, the call returns numbers that are not finite. Where there is no next
+       state for another reason, it raises a `NoMotion`: `NoCrossing`, or `Refused` for a finite
+       state outside of the map's range. Every other exception is taken for a fault in the map: no
+       sweep, basin or orbit search catches it.
     3. ``jacobian(state)``, the exact (d, d) derivative of the call: row i belongs to coordinate i
        of the result.
 
@@ -221,7 +227,7 @@ class Map(Family, ABC):
         """
         value = finite_scalar(name, self.value_of(name))
         return parameter_difference(
-            lambda changed: self.replace(**{name: changed})(state),
+            lambda changed: replaced(self, **{name: changed})(state),
             value,
             accuracy=self.accuracy,
             difference=self.difference,
@@ -248,8 +254,8 @@ class Map(Family, ABC):
         ------
         ValueError
             When the state is not finite or not of that shape, or n is not a count.
-        NoCrossing
-            When there is no next state.
+        NoMotion
+            When there is no next state, or it is not finite.
 
         References
         ----------
@@ -275,7 +281,7 @@ class Map(Family, ABC):
     def _carried(self, state: Array, frame: Array) -> tuple[Array, Array, Array, float]:
         """The next state, the frame there, logs of its stretching, and the time; NaN for none."""
         carried = stretched(self.jacobian(state) @ frame, self.accuracy)
-        return self(state), *carried, np.nan
+        return self.next_state(state), *carried, np.nan
 
     @final
     def iterate(self, state: Array, n: int) -> Array:
@@ -296,13 +302,49 @@ class Map(Family, ABC):
         ------
         ValueError
             When the state is not finite or not of that shape, or n is not a count.
+        Diverged
+            When an iterate is not finite.
+        NoMotion
+            When there is no next state for another reason.
         """
         count = non_negative_integer("n", n)
         states = np.empty((count + 1, self.dimension))
         states[0] = finite_array("state", state, (self.dimension,))
-        for i in range(count):
-            states[i + 1] = self(states[i])
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            for i in range(count):
+                states[i + 1] = self(states[i])
+                refuse_infinite(states[i + 1], i + 1)
         return states
+
+    @final
+    def next_state(self, state: Array) -> Array:
+        """Return the next state, (d,), which is finite.
+
+        Raises
+        ------
+        Diverged
+            When the call returns numbers that are not finite.
+        """
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            found = np.asarray(self(state), dtype=np.float64)
+        refuse_infinite(found, 1)
+        return found
+
+
+def refuse_infinite(state: Array, iterates: int) -> None:
+    """Refuse a state after some iterates that is not finite.
+
+    Raises
+    ------
+    Diverged
+        Naming the first coordinate that is infinite, or not a number.
+    """
+    # the sum of finite numbers may be infinite too: then each is looked at
+    if math.isfinite(sum(state.tolist())) or np.isfinite(state).all():
+        return
+    i = int(np.argmin(np.isfinite(state)))
+    after = f"{iterates} iterate{'s' if iterates > 1 else ''}"
+    raise Diverged(f"the motion runs away: state[{i}] is {float(state[i])} after {after}")
 
 
 def stretched(frame: Array, accuracy: float) -> tuple[Array, Array]:

@@ -148,7 +148,7 @@ def _parsed(path: Path, data: bytes) -> Archive:
                     arrays[name] = np.asarray(item)
 
             file.visititems(collect)
-    except (ArithmeticError, LookupError, OSError, RuntimeError, TypeError, ValueError) as fault:
+    except (LookupError, OSError, RuntimeError, TypeError, ValueError) as fault:  # as h5py raises
         raise ValueError(f"store must hold plain arrays and texts; got {path} ({fault})") from fault
     return Archive(entries, arrays)
 
@@ -172,7 +172,8 @@ def arrays_of(archive: Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[st
 def understood(path: Path, kind: str) -> Generator[None]:
     """Name the store when it is whole but does not hold what one of its kind should.
 
-    What stands inside of this context turns entries and arrays into what they mean, no more.
+    What stands inside of this context turns entries and arrays into what they mean, no more. No
+    method of a user's class runs inside: a fault there is none of the store.
 
     Raises
     ------
@@ -182,10 +183,10 @@ def understood(path: Path, kind: str) -> Generator[None]:
     try:
         yield
     except (
-        ArithmeticError,
-        LookupError,
         AttributeError,
-        RuntimeError,
+        LookupError,
+        OverflowError,
+        RecursionError,
         TypeError,
         ValueError,
     ) as fault:

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.flows import Crossing, Flow, NoCrossing
+from dynkit.flows import Crossing, Flow
 from dynkit.maps import Map
+from dynkit.no_motion import NoCrossing
 from dynkit.sections import PoincareSection
 from dynkit.validation import Array, finite_array, non_negative
 

@@ -5,6 +5,7 @@ import pytest
 
 from dynkit.differences import parameter_difference
 from dynkit.maps import Map
+from dynkit.no_motion import NoCrossing, Refused
 from dynkit.systems import Henon, HighBounce, Logistic
 from dynkit.validation import Array
 from tests.example_systems import CircleRotation
@@ -43,7 +44,7 @@ def test_errors_of_values_cost_an_eighth_of_their_digits(accuracy: float) -> Non
 
 
 @pytest.mark.parametrize("edge", [1.0, 1.0 + 1e-9, 1.0 + 1e-4])
-@pytest.mark.parametrize("refusal", [ValueError, RuntimeError])
+@pytest.mark.parametrize("refusal", [Refused, NoCrossing])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_at_an_end_of_the_range_differences_are_one_sided(
     edge: float, refusal: type[Exception], side: float
@@ -56,10 +57,21 @@ def test_at_an_end_of_the_range_differences_are_one_sided(
     assert parameter_difference(bounded, side) == pytest.approx(slope(side), abs=1e-10)
 
 
+@pytest.mark.parametrize("fault", [ValueError, RuntimeError, ZeroDivisionError, TypeError])
+def test_a_fault_of_the_function_is_no_refusal(fault: type[Exception]) -> None:
+    def faulty(x: float) -> Array:
+        if x > 1.0:
+            raise fault("by a fault")
+        return wave(x)
+
+    with pytest.raises(fault, match="by a fault"):
+        parameter_difference(faulty, 1.0)
+
+
 def test_a_value_alone_has_no_derivative() -> None:
     def single(x: float) -> Array:
         if x != 1.0:
-            raise ValueError
+            raise Refused
         return wave(x)
 
     with pytest.raises(ValueError, match=r"values must exist on one side of 1\.0 at least"):

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynkit.flows import Crossing, NoCrossing
+from dynkit.flows import Crossing
+from dynkit.no_motion import NoCrossing, TangentCrossing
 from dynkit.sections import (
     Hyperplane,
     PoincareMap,
     PoincareSection,
     Stroboscope,
-    TangentCrossing,
 )
 from dynkit.testing import numerical_derivative
 from dynkit.validation import Array

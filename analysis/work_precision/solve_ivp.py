@@ -156,7 +156,9 @@ class _SciPy(Integrator):
             warnings.simplefilter("ignore")  # LSODA's, before it says that it failed
             try:
                 found = solve_ivp(counted, (time, end), state, **options)
-            except ValueError as failure:  # of its root finder
+            except ValueError as failure:
+                if "different signs" not in str(failure):  # as its root finder says
+                    raise
                 raise GaveUp(f"gave up: {failure}") from None
         if found.status < 0:
             raise GaveUp(f"gave up: {found.message}")

@@ -11,6 +11,7 @@ from dynkit.attraction.looking import Look, OffersStarts, Starts
 from dynkit.attraction.result import Basins
 from dynkit.attraction.telling import told_apart
 from dynkit.maps import Map
+from dynkit.no_motion import Refused
 from dynkit.sweeps.following import kind_of
 from dynkit.sweeps.sweepable import Sweepable, SweptMap, sweepable
 from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
@@ -128,6 +129,6 @@ def _packed_size(family: Sweepable, rows: Array) -> int:
     for row in rows:
         try:
             return len(family.pack_state(look.state(row)))
-        except ValueError:
-            continue
-    raise ValueError("starts must hold a state of the system; got none")
+        except Refused as refusal:
+            last = refusal
+    raise ValueError(f"starts must hold a state of the system; got none ({last})")

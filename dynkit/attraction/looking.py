@@ -9,9 +9,9 @@ from typing import Any, Protocol, cast, final, runtime_checkable
 
 import numpy as np
 
-from dynkit.flows import NoCrossing
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
+from dynkit.no_motion import Diverged, NoCrossing, NoMotion, Refused
 from dynkit.results import Cost
 from dynkit.sweeps.archive import identity
 from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, as_attractor
@@ -21,13 +21,14 @@ from dynkit.workers.points import Anything, Points, Rows
 KINDS = tuple(OrbitKind)
 """What the numbers of kinds stand for, where there is a motion."""
 
-UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE = -1, -2, -3, -4
+UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE, NO_MOTION = -1, -2, -3, -4, -5
 
 OTHER_ENDS = {
     UNSETTLED: "unsettled",
     RUNS_AWAY: "runs away",
     NO_CROSSING: "comes to no next crossing",
     NO_STATE: "no state of the system",
+    NO_MOTION: "cannot be followed",
 }
 """What a start may come to instead of an attractor, by number."""
 
@@ -44,8 +45,8 @@ _SLOWEST, _ROUNDING = 0.9999, 1e-13
 class OffersStarts(Protocol):
     """A system that makes its states from plain numbers.
 
-    ``state_from(numbers)`` returns what ``attractor(start=)`` takes, and refuses with ValueError
-    numbers that no state has; ``start_size`` says how many there are.
+    ``state_from(numbers)`` returns what ``attractor(start=)`` takes, and refuses numbers that no
+    state has with `Refused`; ``start_size`` says how many there are.
     """
 
     @property
@@ -150,7 +151,7 @@ class Look:
     def _seen(self, start: Array) -> SweptAttractor | int:
         try:
             state = self.state(start)
-        except ValueError:
+        except Refused:
             return NO_STATE
         return self._followed(state, self.transient)
 
@@ -161,8 +162,10 @@ class Look:
             _ = motion.label
         except NoCrossing:
             return NO_CROSSING
-        except (ValueError, ArithmeticError):
+        except Diverged:
             return RUNS_AWAY
+        except NoMotion:
+            return NO_MOTION
         return motion
 
     def _settled(self, motion: SweptAttractor, label: OrbitLabel) -> tuple[Array, Any, float]:

@@ -104,7 +104,7 @@ class Basins:
 
         Attractors are numbered in the order of the first starts that lead to them. Numbers below
         zero stand for no attractor: -1 unsettled, -2 runs away, -3 comes to no next crossing, -4 no
-        state of the system (such as one beyond the table).
+        state of the system (such as one beyond the table), -5 cannot be followed.
         """
         return self._numbers
 

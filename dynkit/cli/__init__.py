@@ -28,6 +28,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     from dynkit.cli.arguments import make_parser
+    from dynkit.continuation.newton import NoConvergence
+    from dynkit.no_motion import NoMotion
+    from dynkit.workers import WorkerLost
 
     try:
         arguments, unknown = make_parser().parse_known_args(argv)
@@ -39,12 +42,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments.run(arguments)
     except ValueError as refusal:
-        return _say(command, f"error: {refusal}", _BAD_INPUT)
+        return _say(command, f"error: {_with_notes(refusal)}", _BAD_INPUT)
     except KeyboardInterrupt:
         return _say(command, "interrupted", _INTERRUPTED)
-    except (OSError, RuntimeError, ArithmeticError, MemoryError) as failure:
-        return _say(command, f"failed: {str(failure) or type(failure).__name__}", _FAILED)
+    except (NoConvergence, NoMotion, OSError, MemoryError, WorkerLost) as failure:
+        return _say(command, f"failed: {_with_notes(failure)}", _FAILED)
     return _OK
+
+
+def _with_notes(failure: Exception) -> str:
+    notes = [note for note in getattr(failure, "__notes__", []) if "\n" not in note]
+    return ", ".join([str(failure) or type(failure).__name__, *notes])
 
 
 def _say(command: str, message: str, code: int) -> int:

@@ -11,8 +11,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
-import numpy as np
-
 from dynkit.continuation.ahead import Ahead
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds
@@ -23,8 +21,10 @@ from dynkit.continuation.problem import NoSolution
 from dynkit.continuation.seeds import OffersOrbits, checked_box, offered, searched
 from dynkit.continuation.trails import Trail
 from dynkit.maps import Map
+from dynkit.no_motion import NoMotion
 from dynkit.results import Cost
 from dynkit.validation import positive_integer
+from dynkit.workers import WorkerLost
 
 if TYPE_CHECKING:
     from dynkit.continuation.bifurcations import Bifurcation
@@ -87,8 +87,8 @@ def explore(
     Returns
     -------
     Network
-        What was found, also when the budget was used up, or after an interrupt or a failure;
-        `Network.finish` and `Network.message` tell.
+        What was found, also when the budget was used up, after an interrupt, or when memory, a
+        worker or a file failed: `Network.finish` and `Network.message` say so.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def explore(
         if not exploration.found:
             raise
         finish = Finish.INTERRUPTED
-    except Exception as error:
+    except _FAILURES as error:
         if not exploration.found:
             raise
         finish, failure = Finish.FAILED, f": {type(error).__name__}: {error}"
@@ -367,7 +367,9 @@ class _Exploration:
         )
 
 
-_REFUSALS = (NoSolution, NoConvergence, ValueError, ArithmeticError, np.linalg.LinAlgError)
+_REFUSALS = (NoSolution, NoConvergence, NoMotion)
+# Of the machine: what was found before is kept. A fault in a program is raised.
+_FAILURES = (MemoryError, OSError, WorkerLost)
 
 
 def at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:

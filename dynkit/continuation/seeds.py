@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.continuation.newton import NoConvergence
 from dynkit.continuation.problem import NoSolution
 from dynkit.maps import Map
+from dynkit.no_motion import NoMotion
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class Search:
                 if small.any():
                     # numbers that have no digits but rounding are zero
                     orbit = periodic_orbit(system, np.where(small, 0.0, orbit.states))
-            except (ValueError, NoConvergence, NoSolution):
+            except (NoMotion, NoConvergence, NoSolution):
                 continue
             if orbit.period == n:
                 found.append(orbit)

@@ -37,6 +37,7 @@ def draw_map(found: ParameterMap, ax: Axes | None) -> Axes:
         (found.where(OrbitKind.UNSETTLED), Region("unsettled", None, "xxxx")),
         (found.where(OrbitKind.AT_REST), Region("at rest", None)),
         (names == "no motion", Region("no motion", None, "....")),
+        (names == "refused", Region("refused", None, "xx")),
     )
     for where, region in others:
         cells[where] = len(regions)

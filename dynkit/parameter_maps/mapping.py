@@ -56,7 +56,9 @@ def parameter_map(
     Returns
     -------
     ParameterMap
-        A pair whose motion runs away, or that the system refuses, is labelled ``no motion``.
+        A pair without a motion, such as one that runs away, is labelled ``no motion``; one that
+        the system refuses, or at which it refuses the start, ``refused``. `ParameterMap.endings`
+        holds the message.
 
     Raises
     ------

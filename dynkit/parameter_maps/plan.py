@@ -11,9 +11,9 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.attractors import Attractor
-from dynkit.flows import NoCrossing
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
+from dynkit.no_motion import NoMotion, Refused, replaced
 from dynkit.results import Cost
 from dynkit.sweeps.archive import identity
 from dynkit.sweeps.following import kind_of, known_names
@@ -30,9 +30,12 @@ from dynkit.workers.points import Anything, Points, Rows
 KIND = "map of two parameters"
 
 KINDS = tuple(OrbitKind)
-"""What the numbers of kinds stand for; -1 for no motion."""
+"""What the numbers of kinds stand for, where there is a motion."""
 
-NO_MOTION = -1
+NO_MOTION, REFUSED = -1, -2
+
+OTHER_ENDS = {NO_MOTION: "no motion", REFUSED: "refused"}
+"""What a pair may have instead of a motion, by number: refused is a pair, or a start at it."""
 
 
 @final
@@ -72,14 +75,19 @@ class Plan:
         """Return the system at a pair of values."""
         if self.family is None:
             raise ValueError("system must be given to load a map that is to simulate; got None")
-        return self.family.replace(**{self.names[0]: first, self.names[1]: second})
+        return replaced(self.family, **{self.names[0]: first, self.names[1]: second})
 
     def motion(self, first: float, second: float) -> SweptAttractor:
-        """Simulate at a pair of values."""
+        """Simulate at a pair of values.
+
+        Raises
+        ------
+        Refused
+            When the system refuses the pair, or the start at it.
+        """
+        system = self.system(first, second)
         start = self.system(*self.origin).unpack_state(self.start) if len(self.start) else None
-        return self.system(first, second).attractor(
-            transient=self.transient, impacts=self.keep, start=start
-        )
+        return system.attractor(transient=self.transient, impacts=self.keep, start=start)
 
     def __call__(self, pairs: Array) -> Rows:
         """Return what is found at pairs of values, (n, 2)."""
@@ -99,8 +107,9 @@ class Plan:
                     largest[row, column] = seen.max() if len(seen) else np.nan
                 if self.exponents:
                     exponents[row] = largest_exponent(as_attractor(motion), self.exponents)
-            except (ValueError, ArithmeticError, NoCrossing) as refusal:
-                endings.append(f"no motion: {type(refusal).__name__}")
+            except NoMotion as end:
+                kinds[row] = REFUSED if isinstance(end, Refused) else NO_MOTION
+                endings.append(f"{OTHER_ENDS[int(kinds[row])]}: {end}")
                 continue
             kinds[row] = KINDS.index(label.kind)
             numbers[row] = label.impacts or 0, label.periods or 0, label.simulated
@@ -129,7 +138,7 @@ def largest_exponent(attractor: Attractor, count: int) -> float:
         return float("nan")
     try:
         stretching = attractor.system.stretching(states[-1], count + count // 4)
-    except NoCrossing:
+    except NoMotion:
         return float("nan")
     return float(stretching.logs[count // 4 :, 0].mean())
 
@@ -196,8 +205,8 @@ def _axis(name: str, values: Any) -> Array:
 
 
 def label_of(kind: int, numbers: Sequence[int], sizes: Sequence[float]) -> OrbitLabel | None:
-    """Return the label that the numbers of a point stand for; None for no motion."""
-    if kind == NO_MOTION:
+    """Return the label that the numbers of a point stand for; None where there is no motion."""
+    if kind in OTHER_ENDS:
         return None
     impacts, periods, simulated = numbers
     tolerance, recurrence, chance = sizes

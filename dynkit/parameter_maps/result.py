@@ -18,7 +18,7 @@ from dynkit import store
 from dynkit.attractors import Attractor
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
-from dynkit.parameter_maps.plan import KIND, KINDS, Grid, Plan, label_of
+from dynkit.parameter_maps.plan import KIND, KINDS, OTHER_ENDS, Grid, Plan, label_of
 from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table
 from dynkit.sweeps.following import kind_of
@@ -158,9 +158,12 @@ class ParameterMap:
 
     @cached_property
     def names(self) -> NDArray[np.str_]:
-        """The labels in words, (k1, k2): P(1,3), chaotic, or ``no motion``."""
-        labels = [self._label(place) for place in range(len(self._rows.arrays["kind"]))]
-        texts = ["no motion" if label is None else str(label) for label in labels]
+        """The labels in words, (k1, k2): P(1,3), chaotic, ``no motion`` or ``refused``.
+
+        Why there is no motion, or what was refused, is in `endings`.
+        """
+        kinds = self._rows.arrays["kind"].tolist()
+        texts = [OTHER_ENDS.get(kind) or str(self._label(i)) for i, kind in enumerate(kinds)]
         found = np.array(texts).reshape(self._shape)
         found.setflags(write=False)
         return found
@@ -261,7 +264,8 @@ class ParameterMap:
         """
         label = self._label(self._place(i, j))
         if label is None:
-            raise ValueError(f"i, j must be a pair with a motion; got ({i}, {j})")
+            why = self.endings[i, j]
+            raise ValueError(f"i, j must be a pair with a motion; got ({i}, {j}), {why}")
         if label.periods is None:
             return label
 
@@ -276,8 +280,9 @@ class ParameterMap:
         Raises
         ------
         ValueError
-            When there is no such pair, or no motion at it, or the map was loaded without its
-            system.
+            When there is no such pair, or the map was loaded without its system.
+        NoMotion
+            When there is no motion at the pair.
         """
         self._place(i, j)
         first, second = self._values

@@ -1,6 +1,6 @@
 """Poincare sections, and the map that a flow makes on one."""
 
-from dynkit.sections.poincare_map import PoincareMap, TangentCrossing
+from dynkit.sections.poincare_map import PoincareMap
 from dynkit.sections.surfaces import Hyperplane, PoincareSection, Stroboscope
 
-__all__ = ["Hyperplane", "PoincareMap", "PoincareSection", "Stroboscope", "TangentCrossing"]
+__all__ = ["Hyperplane", "PoincareMap", "PoincareSection", "Stroboscope"]

@@ -9,12 +9,9 @@ import numpy as np
 
 from dynkit.flows import Crossing, Flow
 from dynkit.maps import Map, stretched
+from dynkit.no_motion import TangentCrossing
 from dynkit.sections.surfaces import PoincareSection
 from dynkit.validation import Array, finite_array, positive
-
-
-class TangentCrossing(RuntimeError):
-    """The flow touches the section without passing through: the map has no derivative there."""
 
 
 @final

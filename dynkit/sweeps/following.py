@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.maps import Map
+from dynkit.no_motion import located
 from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, sweepable
 from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
 
@@ -194,19 +195,17 @@ def follow(plan: Plan, findings: Findings) -> Iterator[Point]:
 
     Raises
     ------
-    ValueError
-        When a system refuses a start or a value only now; the message says where.
+    NoMotion
+        When there is no motion at a value, or the system refuses the start there; a note of the
+        exception says where, as of every exception.
     """
     first = findings.finished
     began = time.perf_counter()
     start = plan.start_at(first, findings.finals)
     for place in range(first, len(plan.values)):
-        try:
+        with located(f"at {plan.parameter} {float(plan.values[place])}"):
             system = plan.system(place)
             motion = plan.motion(system, start)
-        except ValueError as refusal:
-            where = f"{plan.parameter} {float(plan.values[place])}"
-            raise ValueError(f"{refusal}, at {where}") from refusal
         start = motion.final
         packed = system.pack_state(start)
         ended = time.perf_counter()

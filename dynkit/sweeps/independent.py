@@ -14,6 +14,7 @@ import numpy as np
 
 from dynkit import store
 from dynkit.maps import Map
+from dynkit.no_motion import located
 from dynkit.results import Cost
 from dynkit.sweeps.archive import identity, outline_of
 from dynkit.sweeps.following import Findings, Plan, kind_of
@@ -33,8 +34,10 @@ def simulate_independently(
     Raises
     ------
     ValueError
-        As `dynkit.workers.collecting.collect`; when a system refuses a start or a value only now,
-        the message says where.
+        As `dynkit.workers.collecting.collect`.
+    NoMotion
+        When there is no motion at a value, or the system refuses the start there; a note of the
+        exception says where, as of every exception.
     """
     points = _Values(plan)
     return _findings(plan, collect(points, executor=executor, store=path, progress=progress))
@@ -128,11 +131,9 @@ class _Simulated:
         counts = np.zeros(n, dtype=np.int64)
         finals, endings, cost = [], [], Cost(0.0)
         for place, value in enumerate(values.tolist()):
-            try:
+            with located(f"at {plan.parameter} {value}"):
                 system = plan.system_at(value)
                 motion = plan.motion(system, start)
-            except ValueError as refusal:
-                raise ValueError(f"{refusal}, at {plan.parameter} {value}") from refusal
             for name, rows in kept.items():
                 found = motion.observable(name)
                 rows[place, : len(found)] = found

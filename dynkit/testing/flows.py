@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from dynkit.flows import Flow
+from dynkit.no_motion import replaced
 from dynkit.testing.derivatives import VectorFunction
 from dynkit.testing.requirements import (
     FLOW_ACCURACY,
@@ -127,4 +128,4 @@ def _path(flow: Flow, start: Array, time: Array) -> Array:
 
 
 def _advanced(start: Array, name: str, flow: Flow, value: Array) -> Array:
-    return flow.replace(**{name: float(value[0])}).advance(start, _DURATION)
+    return replaced(flow, **{name: float(value[0])}).advance(start, _DURATION)

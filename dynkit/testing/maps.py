@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from dynkit.maps import Map
+from dynkit.no_motion import replaced
 from dynkit.testing.requirements import (
     inside_its_range,
     require,
@@ -140,4 +141,4 @@ def check_map(system: Map, states: Array) -> None:
 
 
 def _next_state(state: Array, name: str, system: Map, value: Array) -> Array:
-    return system.replace(**{name: float(value[0])})(state)
+    return replaced(system, **{name: float(value[0])})(state)

@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.flows import NoCrossing
+from dynkit.no_motion import NoCrossing
 from dynkit.sections import PoincareMap
 from dynkit.testing.maps import map_checks
 from dynkit.testing.requirements import FLOW_ACCURACY, require, require_close

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.flows import Crossing, NoCrossing
-from dynkit.systems.flows.integration import CannotFollow, Velocity, integrate, steps
+from dynkit.flows import Crossing
+from dynkit.no_motion import CannotFollow, NoCrossing
+from dynkit.systems.flows.integration import Velocity, integrate, steps
 from dynkit.validation import Array
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ import numpy as np
 
 from dynkit.differences import parameter_difference
 from dynkit.flows import Crossing, Flow
+from dynkit.no_motion import CannotFollow, replaced
 from dynkit.systems.flows.crossings import Search
-from dynkit.systems.flows.integration import CannotFollow, Velocity, integrate
+from dynkit.systems.flows.integration import Velocity, integrate
 from dynkit.validation import Array, finite_array, in_interval, non_negative, positive
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ class IntegratedFlow(Flow):
             As ``velocity``; and when there is no such parameter.
         """
         return parameter_difference(
-            lambda changed: self.replace(**{name: changed}).velocity(state), self.value_of(name)
+            lambda changed: replaced(self, **{name: changed}).velocity(state), self.value_of(name)
         )
 
     def advance(self, state: Array, duration: float) -> Array:
@@ -146,9 +147,10 @@ class IntegratedFlow(Flow):
         Raises
         ------
         ValueError
-            When the state is not finite or not of that shape, the duration is negative, or the
-            motion cannot be followed so far: it runs away to infinity, or so fast that 10^8 steps
-            of the integrator would not do.
+            When the state is not finite or not of that shape, or the duration is negative.
+        CannotFollow
+            When the motion cannot be followed so far: it runs away to infinity, or 10^8 steps of
+            the integrator would not do.
         """
         return self._integrated(self.velocity, self._checked(state), duration, self.tolerance)
 
@@ -161,7 +163,7 @@ class IntegratedFlow(Flow):
 
         Raises
         ------
-        ValueError
+        ValueError, CannotFollow
             As `advance`.
         """
         fine = self.advance(state, duration)
@@ -179,7 +181,7 @@ class IntegratedFlow(Flow):
 
         Raises
         ------
-        ValueError
+        ValueError, CannotFollow
             As `advance`.
         """
         return self._transport(state, duration)[1]
@@ -232,7 +234,7 @@ class IntegratedFlow(Flow):
         try:
             return integrate(velocity, start, non_negative("duration", duration), tolerance)
         except CannotFollow as end:
-            raise ValueError(
-                f"state must lead to a motion that can be followed for {duration}; "
-                f"got {start[: self.dimension].tolist()}, which cannot be {end}"
+            raise CannotFollow(
+                f"the motion from {start[: self.dimension].tolist()} cannot be followed for "
+                f"{duration}: {end}"
             ) from end

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from dynkit.no_motion import CannotFollow
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -16,13 +17,6 @@ Velocity: TypeAlias = Callable[[Array], Array]
 
 # Hours of work, at some hundred microseconds a step; judged by the pace, every so many steps.
 _MOST_STEPS, _PACE = 10**8, 10_000
-
-
-class CannotFollow(ArithmeticError):
-    """The motion cannot be followed any further: it runs away, or would take for ever."""
-
-    def __init__(self, time: float, reason: object) -> None:
-        super().__init__(f"beyond time {time:.6g}: {reason}")
 
 
 def steps(
@@ -46,36 +40,34 @@ def steps(
     Raises
     ------
     CannotFollow
-        When the velocity refuses a state, no step is short enough, or more than 10^8 steps would be
-        needed.
+        When the velocity is not finite at the start, no step is short enough for the tolerance, as
+        where the motion runs away, or more than 10^8 steps would be needed.
     """
     from scipy.integrate import DOP853
 
-    time = 0.0
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            solver = DOP853(
-                lambda _, y: velocity(y),
-                0.0,
-                start,
-                duration,
-                rtol=tolerance,
-                atol=tolerance,
-                first_step=first_step,
+    def rate(_: float, y: Array) -> Array:
+        # a trial step that overflows is rejected, as its error is not a number
+        return velocity(y) if np.isfinite(y).all() else np.full_like(y, np.nan)
+
+    with _silent():
+        solver = DOP853(
+            rate, 0.0, start, duration, rtol=tolerance, atol=tolerance, first_step=first_step
+        )
+    if not np.isfinite(solver.f).all():
+        raise CannotFollow(f"beyond time 0: the velocity there is {solver.f.tolist()}")
+    count = 0
+    while solver.status == "running":
+        time = float(solver.t)
+        if count and count % _PACE == 0 and count * duration > _MOST_STEPS * time:
+            raise CannotFollow(
+                f"beyond time {time:.6g}: {duration} would take more than {_MOST_STEPS} steps"
             )
-        count = 0
-        while solver.status == "running":
-            time = float(solver.t)
-            if count and count % _PACE == 0 and count * duration > _MOST_STEPS * time:
-                raise CannotFollow(time, f"{duration} would take more than {_MOST_STEPS} steps")
-            count += 1
-            with np.errstate(over="ignore", invalid="ignore"):
-                failure = solver.step()
-            if failure is not None:
-                raise CannotFollow(time, failure)
-            yield solver
-    except ValueError as refusal:
-        raise CannotFollow(time, refusal) from refusal
+        count += 1
+        with _silent():
+            failure = solver.step()
+        if failure is not None:
+            raise CannotFollow(f"beyond time {time:.6g}: {failure}")
+        yield solver
 
 
 def integrate(
@@ -91,3 +83,8 @@ def integrate(
         for solver in steps(velocity, start, duration, tolerance, first_step):
             state = np.array(solver.y)
     return state
+
+
+def _silent() -> np.errstate:
+    """What overflows in a trial step is no fault."""
+    return np.errstate(over="ignore", invalid="ignore", divide="ignore")

@@ -150,7 +150,6 @@ class ImpactAttractor(Attractor):
         NoConvergence
             When its motion is still too far from it.
         """
-        from dynkit.continuation.newton import NoConvergence
         from dynkit.map_orbits import periodic_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion
         from dynkit.systems.impact.orbits.responses import free_motion
@@ -165,10 +164,7 @@ class ImpactAttractor(Attractor):
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
         if free_motion(self._system._structure).rigid:
             return periodic_orbit(self._system, record.states, period=n)
-        try:
-            return orbit_of_motion(record, n, m)
-        except ValueError as refusal:
-            raise NoConvergence(f"the motion is still too far from {self.label}") from refusal
+        return orbit_of_motion(record, n, m)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.flows import NoCrossing
+from dynkit.no_motion import NoCrossing
 from dynkit.systems.impact.motion import evolve, transformed
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import ImpactState

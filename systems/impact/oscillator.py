@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 
-from dynkit.flows import NoCrossing
 from dynkit.maps import Map, Stretching
+from dynkit.no_motion import NoCrossing
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative
 from dynkit.systems.impact.driven import DrivenStructure
@@ -139,15 +139,19 @@ class ImpactOscillator(DrivenStructure, Map):
         position, velocity : (N,) array_like
             By default at rest in the shape of the first mode with modal amplitude one, the contact
             coordinate on its side of zero (the start of Cusumano & Bai); where that is beyond a
-            stop, half-way between the two, or one away from the only one.
+            stop, or on one that moves towards it, half-way between the two, or one away from the
+            only one. Where the first mode has a node at the contact coordinate, only that
+            coordinate is moved.
         phase : float
             Phase of the table, taken modulo 2 pi.
 
         Raises
         ------
         ValueError
-            When a number is not finite; when the contact mass is beyond the table by more than
-            rounding, or on it and moving into it.
+            When a number is not finite.
+        Refused
+            When the contact mass is beyond the table by more than rounding, or on it and moving
+            into it.
         """
         return start(self, position, velocity, phase)
 

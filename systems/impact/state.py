@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.validation import Array, finite_array, finite_scalar, non_negative
+from dynkit.no_motion import Diverged, Refused
+from dynkit.validation import Array, finite_array, finite_scalar
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -74,7 +75,7 @@ def state_of(
     with np.errstate(over="ignore", invalid="ignore"):
         x, v = forced.positions(q, *turn), forced.velocities(q, *turn)
     if not np.isfinite([x, v]).all():
-        raise ValueError(f"positions and velocities must not overflow; got {x} and {v}")
+        raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
     if motion is not Motion.FLIGHT:
         sine, cosine = turn
         x[oscillator.contact], v[oscillator.contact] = on_table(oscillator, sine, cosine, u)
@@ -112,20 +113,42 @@ def state_at(
 ) -> ImpactState:
     """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
     forced = oscillator._free.forced
-    with np.errstate(over="ignore", invalid="ignore"):  # told by state_of
+    with np.errstate(over="ignore", invalid="ignore"):
         q = forced.coordinates(x - forced.rest, v - forced.drift, *turn)
+    if not np.isfinite(q).all():
+        raise Refused(f"positions and velocities must not overflow; got {x} and {v}")
     return state_of(oscillator, q, turn, u, motion)
 
 
+# The first mode has a node at the contact mass where that moves less than this part of the largest:
+# half of a double's digits, so that its displacement there is not all rounding.
+_NODE = 2.0**-26
+
+
+def _rounding(place: float, amplitude: float, offset: float) -> float:
+    """What rounding leaves of a gap of zero."""
+    return 4.0 * 2.0**-53 * (abs(place) + amplitude + abs(offset))
+
+
 def default_position(oscillator: ImpactOscillator, angle: float) -> Array:
-    """The shape of the first mode, of modal amplitude one where that is between the stops."""
+    """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
     near, shape = oscillator._stands[0], oscillator.modal_matrix[:, 0]
-    place = float(shape[oscillator.contact])
+    c, play = oscillator.contact, oscillator.play
+    place = float(shape[c])
     x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
     table = oscillator.amplitude * math.sin(angle) + near.offset
-    if place == 0.0 or 0.0 <= near.sign * (x[oscillator.contact] - table) <= oscillator.play:
+    gap = near.sign * (float(x[c]) - table)
+    # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
+    rate = -near.sign * oscillator.amplitude * oscillator.frequency * math.cos(angle)
+    rounding = _rounding(place, oscillator.amplitude, near.offset)
+    clear = gap > rounding or (gap >= 0.0 and rate >= 0.0)
+    if clear and (gap < play - rounding or (gap <= play and rate <= 0.0)):
         return x
-    return shape * ((table + near.sign * min(1.0, 0.5 * oscillator.play)) / place)
+    lifted = table + near.sign * min(1.0, 0.5 * play)
+    if abs(place) > _NODE * float(abs(shape).max()):
+        return shape * (lifted / place)
+    x[c] = lifted
+    return x
 
 
 def start(
@@ -145,14 +168,14 @@ def start(
     for side, stand in enumerate(oscillator._stands):
         table = middle + stand.offset
         gap, u = stand.sign * (place - table), stand.sign * (moving - speed)
-        rounding = 4.0 * 2.0**-53 * (abs(place) + oscillator.amplitude + abs(stand.offset))
+        rounding = _rounding(place, oscillator.amplitude, stand.offset)
         word = "below" if stand.sign > 0 else "above"
         if gap < -rounding:
-            raise ValueError(f"position[{c}] must not be {word} the table at {table}; got {place}")
+            raise Refused(f"position[{c}] must not be {word} the table at {table}; got {place}")
         if gap <= rounding:
             rounding = 4.0 * 2.0**-53 * (abs(moving) + abs(speed))
             if u < -rounding:
-                raise ValueError(
+                raise Refused(
                     f"velocity[{c}] must not be {word} the table's {speed} when the mass is on "
                     f"the table; got {moving}"
                 )
@@ -181,12 +204,10 @@ def entered(oscillator: ImpactOscillator, start: ImpactState) -> ImpactState:
             table = oscillator.amplitude * float(turn[0]) + stand.offset
             if stand.sign * (x[c] - table) < 0.0:
                 word = "below" if stand.sign > 0 else "above"
-                raise ValueError(
-                    f"start must not be {word} the table at {table}; got {float(x[c])}"
-                )
+                raise Refused(f"start must not be {word} the table at {table}; got {float(x[c])}")
         return state_at(oscillator, x, v, turn, u, Motion.FLIGHT)
     if start._side >= len(stands):
-        raise ValueError(f"start must not be on a far stop without play; got {start!r}")
+        raise Refused(f"start must not be on a far stop without play; got {start!r}")
     stand = stands[start._side]
     x[c] = oscillator.amplitude * float(turn[0]) + stand.offset
     v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stand.sign * abs(u)
@@ -208,7 +229,9 @@ def on_section(oscillator: ImpactOscillator, coordinates: object) -> ImpactState
     others = oscillator._structure.others
     u, phase = float(y[-2]), float(y[-1])
     if len(stands) == 1:
-        u = non_negative(f"state[{2 * n - 2}]", u) + 0.0
+        if u < 0.0:
+            raise Refused(f"state[{2 * n - 2}] must not be negative; got {u}")
+        u += 0.0
     stand = stands[int(math.copysign(1.0, u) < 0.0)]
     turn = np.array([math.sin(phase), math.cos(phase)])
     x, v = np.empty(n), np.empty(n)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dynkit import Hyperplane, PoincareMap, Stroboscope
-from dynkit.flows import NoCrossing
+from dynkit.no_motion import NoCrossing
 from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
 from dynkit.validation import Array
 

@@ -13,6 +13,7 @@ from mpmath import mp, mpf
 
 from dynkit import MapAttractor, NoConvergence, periodic_orbit
 from dynkit.map_orbits import MapOrbit
+from dynkit.no_motion import Diverged
 from dynkit.systems import Henon, HighBounce, Logistic
 from dynkit.validation import Array
 
@@ -27,7 +28,7 @@ def states_of_attractors(every: int) -> Iterator[tuple[float, float]]:
         transient, count = random.choice((0, 1, 10, 60)), random.choice((1, 2, 10, 60))
         try:
             attractor = MapAttractor(system, np.array(start), transient, count)
-        except ValueError:  # it runs away
+        except Diverged:
             continue
         yield _largest_distance(attractor, start), attractor.error
 

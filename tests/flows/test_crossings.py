@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynkit import Hyperplane, PoincareMap, PoincareSection
-from dynkit.flows import Crossing, NoCrossing
+from dynkit.flows import Crossing
+from dynkit.no_motion import NoCrossing
 from dynkit.systems import IntegratedFlow, Lorenz
 from dynkit.validation import Array, finite_array
 from tests.flows.cases import FLOWS, ROUNDING, STATES, Parabola, Rotation

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from dynkit.flows import NoCrossing
+from dynkit.no_motion import NoCrossing
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
 from dynkit.systems.impact.derivatives import _lift
 from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dynkit import MapAttractor
+from dynkit.no_motion import Diverged
 from dynkit.systems.maps.henon import Henon
 from dynkit.validation import Array
 
@@ -93,5 +94,5 @@ def test_the_trapping_region_is_mapped_into_itself() -> None:
 
 
 def test_far_states_run_away() -> None:
-    with pytest.raises(ValueError, match="start must lead to a motion that stays finite"):
+    with pytest.raises(Diverged, match=r"^the motion runs away: state\[0\] is -inf after"):
         MapAttractor(Henon(), np.array([5.0, 5.0]), transient=100, iterations=1)

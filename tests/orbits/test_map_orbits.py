@@ -12,6 +12,7 @@ import pytest
 from dynkit import MapOrbit, periodic_orbit
 from dynkit.continuation.newton import NoConvergence
 from dynkit.maps import Map
+from dynkit.no_motion import Diverged, Refused
 from dynkit.systems import Henon, HighBounce, Logistic
 from dynkit.validation import Array, finite_array
 from tests.example_systems import CircleRotation, DelayedLogistic
@@ -288,7 +289,7 @@ class NoFixedPoint(Map):
     def __call__(self, state: Array) -> Array:
         x = finite_array("state", state, (1,))
         if x[0] > 10.0:
-            raise ValueError(f"state[0] must be at most 10; got {x[0]}")
+            raise Refused(f"state[0] must be at most 10; got {x[0]}")
         return x + 1.0 + x * x
 
     def jacobian(self, state: Array) -> Array:
@@ -317,12 +318,16 @@ def test_where_the_map_refuses_the_failure_says_why() -> None:
         ([0.1, 0.2], 0, "period must be a positive integer; got 0"),
         ([0.1, 0.2], 2.0, r"period must be a positive integer; got 2\.0"),
         ([[0.1, 0.2]] * 2, 3, "period must be the number of states, 2; got 3"),
-        ([9.0, 9.0], 20, r"guess must have 19 iterates; got \[9\.0, 9\.0\]"),
     ],
 )
 def test_bad_guesses_are_refused(guess: object, period: int | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         periodic_orbit(Henon(), guess, period=period)
+
+
+def test_a_guess_that_runs_away_is_no_guess() -> None:
+    with pytest.raises(Diverged, match=r"guess must have 19 iterates; got \[9\.0, 9\.0\]"):
+        periodic_orbit(Henon(), [9.0, 9.0], period=20)
 
 
 @pytest.mark.parametrize("iterates", [[0.5], [np.nan], 3])

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from dynkit import Basins, Network, ParameterMap, Sweep, basins, explore, parameter_map, sweep
+from dynkit.no_motion import Refused
 from dynkit.systems import Henon, Logistic
 from dynkit.validation import Array
 
@@ -126,7 +127,7 @@ class Refusing(Henon):
 
     def __call__(self, state: Array) -> Array:
         if self.a > 0.9:
-            raise ValueError(f"a must be small; got {self.a}")
+            raise Refused(f"a must be small; got {self.a}")
         return super().__call__(state)
 
 

@@ -11,6 +11,7 @@ import pytest
 from dynkit import Basins, PoincareMap, Stroboscope, basins
 from dynkit.labels import OrbitKind
 from dynkit.maps import Map
+from dynkit.no_motion import Refused
 from dynkit.systems import Duffing, Henon, ImpactChain, Logistic, PlayOscillator
 from dynkit.validation import Array, finite_array
 from tests.scaling.cases import SHORT, STARTS, attracted, bits
@@ -39,7 +40,7 @@ class CubeRoots(Map):
     def __call__(self, state: Array) -> Array:
         z = complex(*finite_array("state", state, (2,)))
         if z == 0.0:
-            raise ValueError("state must not be zero; got 0")
+            raise Refused("state must not be zero; got 0")
         z = (2.0 * z + 1.0 / z**2) / 3.0
         return np.array([z.real, z.imag])
 

@@ -14,6 +14,7 @@ import pytest
 
 import dynkit.store
 from dynkit import Sweep, WorkerLost, explore, parameter_map, sweep
+from dynkit.no_motion import Refused
 from dynkit.systems import Henon, Logistic
 from dynkit.workers import executing
 from dynkit.workers.executing import finished
@@ -72,18 +73,18 @@ def test_a_refusal_reads_as_it_does_without_an_executor() -> None:
     arguments: dict[str, Any] = {"start": START, "follow": False, **SHORT}
     with (
         Backwards() as executor,
-        pytest.raises(ValueError, match=r"got 1\.0\), at a 1\.0$") as told,
+        pytest.raises(Refused, match=r"got 1\.0\nat a 1\.0\n") as told,
     ):
         sweep(Refusing(), "a", [0.2, 1.0, 1.1], executor=executor, **arguments)
-    with pytest.raises(ValueError, match=r"got 1\.0\), at a 1\.0$") as here:
+    with pytest.raises(Refused, match=r"got 1\.0\nat a 1\.0$") as here:
         sweep(Refusing(), "a", [0.2, 1.0, 1.1], **arguments)
     assert str(told.value) == str(here.value)
 
 
 def test_a_refusal_says_where_the_worker_was() -> None:
-    with processes(1) as executor, pytest.raises(ValueError, match="at a") as told:
+    with processes(1) as executor, pytest.raises(Refused, match="at a") as told:
         sweep(Refusing(), "a", [1.0], start=START, follow=False, executor=executor, **SHORT)
-    assert "cases.py" in told.value.__notes__[0]
+    assert "cases.py" in told.value.__notes__[1]
 
 
 def test_a_worker_that_dies_has_an_error_of_its_own_and_the_store_the_rest(tmp_path: Path) -> None:

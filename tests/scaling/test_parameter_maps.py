@@ -1,5 +1,6 @@
 """Maps of two parameters."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,10 @@ def test_a_pair_whose_motion_runs_away_has_no_motion() -> None:
     assert found.names[:, 0].tolist() == ["P(4)", "no motion"]
     assert np.isnan(found.error[1, 0])
     assert np.isnan(found.largest()[1, 0])
-    with pytest.raises(ValueError, match=r"i, j must be a pair with a motion; got \(1, 0\)"):
+    ended = "no motion: the motion runs away: state[0] is -inf after 10 iterates"
+    assert found.endings[1, 0] == ended
+    message = f"i, j must be a pair with a motion; got (1, 0), {ended}"
+    with pytest.raises(ValueError, match=re.escape(message)):
         found.label(1, 0)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.continuation.newton import FixedParameters, correct, solve
+from dynkit.continuation.newton import FixedParameters, NoConvergence, correct, solve
 from dynkit.continuation.problem import NoSolution
 from dynkit.results import Cost
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -77,7 +77,7 @@ def orbit_at(
     """
     m = positive_integer("periods", periods)
     given = finite_array("phases", phases, (None,))
-    if not len(given) or (np.diff(given) <= 0.0).any() or np.ptp(given) >= TWO_PI * m:
+    if not _ascend(given, m):
         raise ValueError(
             f"phases must ascend and span less than {m} periods of 2 pi; got {given.tolist()}"
         )
@@ -90,6 +90,12 @@ def orbit_at(
     x, history = solve(problem, with_impulses(problem, given), _NONE)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     return ImpactOrbit(*ordered(problem, x), history, cost)
+
+
+def _ascend(phases: Array, periods: int) -> bool:
+    """Whether there are phases, (n,), that ascend and span less than so many periods."""
+    late = np.ptp(phases) >= TWO_PI * periods if len(phases) else True
+    return not late and bool((np.diff(phases) > 0.0).all())
 
 
 def make_problem(oscillator: ImpactOscillator, periods: int, sides: Any) -> ImpactProblem:
@@ -208,8 +214,15 @@ def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactO
     ------
     NoConvergence
         When the motion is too far from it.
+    ValueError
+        When nothing drives the oscillator, or parts of it are held by nothing.
     """
     clock = record.system.frequency * (record.time - record.time[0])
     phases = record.phase[0] + clock[:impacts]
+    if not _ascend(phases, periods):
+        raise NoConvergence(
+            f"the motion is still too far from P({impacts},{periods}): its impacts are at phases "
+            f"{phases.tolist()}"
+        )
     sides = np.signbit(record.relative_velocity[:impacts]).astype(np.intp)
     return orbit_at(record.system, periods, phases, sides)

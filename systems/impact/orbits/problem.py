@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self, final
 import numpy as np
 
 from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
+from dynkit.no_motion import Refused, replaced
 from dynkit.results import Cost
 from dynkit.systems.impact.orbits.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -102,9 +103,9 @@ class ImpactProblem(Problem):
         """The oscillator with these values (k,) of the free parameters."""
         try:
             changes: Any = dict(zip(self._names, p.tolist(), strict=True))
-            return self.oscillator.replace(**changes)
-        except ValueError as refusal:
-            raise NoSolution(str(refusal)) from None
+            return replaced(self.oscillator, **changes)
+        except Refused as refusal:
+            raise NoSolution(str(refusal)) from refusal
 
     def parts(self, p: Array) -> tuple[FreeMotion, Terms]:
         """The last few are kept."""

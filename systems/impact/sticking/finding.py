@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -134,8 +133,7 @@ def _starts(oscillator: ImpactOscillator, scene: Scene) -> Iterator[ImpactState]
             falls = np.flatnonzero((force >= 0.0) & (np.roll(force, -1) < 0.0))
             if len(falls):
                 yield holding.release(places[falls[0]], float(phases[falls[0]]))
-    with suppress(ValueError):  # the default start may be beyond a far stop
-        yield oscillator.attractor(transient=1000, impacts=1).final
+    yield oscillator.attractor(transient=1000, impacts=1).final
 
 
 def _releases(

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
 from dynkit.multipliers import product_eigenvalues
+from dynkit.no_motion import Refused, replaced
 from dynkit.results import Cost
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
@@ -107,9 +108,9 @@ class StickingProblem(Problem):
         """The oscillator with these values (k,) of the free parameters."""
         try:
             changes: Any = dict(zip(self._names, p.tolist(), strict=True))
-            return self.oscillator.replace(**changes)
-        except ValueError as refusal:
-            raise NoSolution(str(refusal)) from None
+            return replaced(self.oscillator, **changes)
+        except Refused as refusal:
+            raise NoSolution(str(refusal)) from refusal
 
     def scene(self, p: Array) -> Scene:
         """The last few are kept."""
