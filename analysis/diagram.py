@@ -15,12 +15,11 @@ from dynkit.drawing import dots, draw_diagram
 from dynkit.figures import print_style
 from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table
-from dynkit.validation import Array, finite_array
+from dynkit.sweeps import Sweep
+from dynkit.validation import Array, boolean, finite_array, unmasked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from dynkit.sweeps import Sweep
 
 
 @final
@@ -121,11 +120,14 @@ class BifurcationDiagram:
         symbols : mapping of str to str, optional
             As for the class.
         """
+        if not isinstance(sweep, Sweep):
+            raise ValueError(f"sweep must be a Sweep; got {sweep!r}")
+        with_labels = boolean("labelled", labelled)
         return cls(
             sweep.parameter,
             sweep.values,
             {name: sweep.observable(name) for name in sweep.observables},
-            labels=sweep.labels if labelled else (),
+            labels=sweep.labels if with_labels else (),
             symbols=symbols or {},
             _sweep=sweep,
         )
@@ -234,6 +236,7 @@ class BifurcationDiagram:
 
 
 def _observed(name: str, numbers: object, count: int) -> Array:
+    unmasked(f"observables[{name!r}]", numbers)
     array = np.array(numbers, dtype=np.float64)
     if array.ndim != 2 or len(array) != count:
         raise ValueError(

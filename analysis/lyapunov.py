@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.analysis.averages import LEAST, TimeAverages
-from dynkit.analysis.motions import going_on_for, last_state
+from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.attractors import Attractor
 from dynkit.figures import ink, print_style, shown_axes
 from dynkit.flows import Flow
@@ -85,7 +85,8 @@ class LyapunovSpectrum:
     """
 
     def __init__(self, attractor: Attractor, iterations: int = 10_000) -> None:
-        start, system = last_state(attractor), attractor.system
+        source = attractor_of(attractor)
+        start, system = np.asarray(source.states[-1]), source.system
         self._take(system, partial(system.stretching, start), iterations)
 
     @classmethod

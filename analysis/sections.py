@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.analysis.motions import source_of
 from dynkit.analysis.series import (
     TWO_PI,
     checked_index,
@@ -71,6 +72,7 @@ class StroboscopicSection:
         self.phase = finite_scalar("phase", phase) % TWO_PI
         self._attractor: Attractor | None = None
         self.times = np.empty(0)
+        source = source_of(source)
         if isinstance(source, Attractor):
             self._attractor = source
             self.times = _strobe_times(source, self.phase, periods)
@@ -162,6 +164,7 @@ class ImpactSection:
     def __init__(self, source: object) -> None:
         began = time.perf_counter()
         self._attractor: Attractor | None = None
+        source = source_of(source)
         if isinstance(source, Attractor):
             if not is_impact_oscillator(source.system):
                 raise ValueError(f"source must be a motion with impacts; got {source.system!r}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.analysis.motions import going_on_for, last_state
+from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.attractors import Attractor
 from dynkit.figures import ink, print_style, shown_axes
 from dynkit.results import Cost
@@ -54,8 +54,8 @@ class Sensitivity:
     """
 
     def __init__(self, attractor: Attractor, distance: float = 1e-8, iterations: int = 100) -> None:
-        self._start = last_state(attractor)
-        self._system = attractor.system
+        source = attractor_of(attractor)
+        self._start, self._system = np.asarray(source.states[-1]), source.system
         self._distance = positive("distance", distance)
         self._iterations = positive_integer("iterations", iterations)
 

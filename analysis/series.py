@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.analysis.motions import source_of
 from dynkit.attractors import Attractor
 from dynkit.drawing import displacement, draw_motion
 from dynkit.results import Cost
@@ -69,6 +70,7 @@ class TimeSeries:
         self._attractor: Attractor | None = None
         self.coordinate: int | None = None
         self.name = "value"
+        source = source_of(source)
         if isinstance(source, Attractor):
             self._attractor = source
             self.times = default_times(source) if times is None else ascending("times", times)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.analysis.motions import source_of
 from dynkit.analysis.series import (
     ascending,
     default_times,
@@ -71,6 +72,7 @@ class SpaceTime:
     def __init__(self, source: object, times: object = None) -> None:
         began = time.perf_counter()
         self._attractor: Attractor | None = None
+        source = source_of(source)
         if isinstance(source, Attractor):
             if not is_impact_oscillator(source.system):
                 raise ValueError(f"source must be a motion of masses; got {source.system!r}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from dynkit.analysis.motions import source_of
 from dynkit.analysis.series import (
     TWO_PI,
     checked_coordinate,
@@ -106,6 +107,7 @@ class PowerSpectrum:
         self.table_frequency: float | None = None
         self.name, self._coordinate, self._finer, multiple = "values", 0, 1, 1
         step = None if interval is None else positive("interval", interval)
+        source = source_of(source)
         if isinstance(source, Attractor):
             self._source = source
             self._coordinate = checked_coordinate(source, coordinate, source.system.dimension)

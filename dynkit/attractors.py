@@ -15,7 +15,13 @@ from dynkit.no_motion import NoMotion
 from dynkit.results import Cost
 from dynkit.sections import PoincareSection
 from dynkit.showing import Facts, costing, table, told
-from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
+from dynkit.validation import (
+    Array,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -168,12 +174,16 @@ class MapAttractor(Attractor):
     """
 
     def __init__(self, system: Map, start: Array, transient: int, iterations: int) -> None:
+        if not isinstance(system, Map):
+            raise ValueError(f"system must be a Map; got {system!r}")
         began = time.perf_counter()
         self._system = system
         self._start = finite_array("start", start, (system.dimension,)).copy()
         self._transient = non_negative_integer("transient", transient)
         kept = positive_integer("iterations", iterations)
         self._last = self._transient + kept - 1
+        count = self._last + 1
+        within_memory("transient + iterations", count, 8.0 * count * system.dimension)
         self._states = system.iterate(self._start, self._last)[self._transient :]
         self._states.setflags(write=False)
         self._start.setflags(write=False)

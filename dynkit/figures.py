@@ -124,6 +124,10 @@ def shown_figure(width: float = COLUMN_WIDTH, height: float = 2.6) -> Figure:
 def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6) -> Axes:
     """Return the axes, or those of a new figure that pyplot shows; sizes in inches."""
     if ax is not None:
+        from matplotlib.axes import Axes
+
+        if not isinstance(ax, Axes):
+            raise ValueError(f"ax must be axes of matplotlib; got {ax!r}")
         return ax
     figure = shown_figure(width, height)
     with print_style():

@@ -34,6 +34,8 @@ def place(name: str, path: str | os.PathLike[str]) -> Path:
     ...
     ValueError: out must be in a folder that exists; got 'no/such/folder/x.csv'
     """
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"{name} must be a path; got {path!r}")
     given = os.fspath(path)
     try:
         file = Path(given).resolve()

@@ -15,7 +15,7 @@ from dynkit.no_motion import NoMotion
 from dynkit.orbits import PeriodicOrbit
 from dynkit.results import Cost
 from dynkit.showing import told
-from dynkit.validation import Array, finite_array, positive_integer
+from dynkit.validation import Array, finite_array, positive_integer, within_memory
 
 # States of an orbit that agree so well, relative, are tried as one: a doubling leaves them so near
 # only within rounding, which is the square, of the parameter where it happens.
@@ -71,9 +71,13 @@ def periodic_orbit(system: Map, guess: Any, *, period: int | None = None) -> Map
 
 
 def _guessed(system: Map, guess: Any, period: int | None) -> Array:
+    if not isinstance(system, Map):
+        raise ValueError(f"system must be a Map; got {system!r}")
     d = system.dimension
     if _is_one_state(guess):
         n = 1 if period is None else positive_integer("period", period)
+        # n d equations for as many unknowns, solved in a copy
+        within_memory("period", n, 2.0 * 8.0 * (float(n) * d) ** 2)
         start = finite_array("guess", guess, (d,))
         try:
             return system.iterate(start, n - 1)

@@ -12,7 +12,13 @@ import numpy as np
 from dynkit.differences import parameter_difference
 from dynkit.no_motion import Diverged, replaced
 from dynkit.showing import Shown
-from dynkit.validation import Array, finite_array, finite_scalar, non_negative_integer
+from dynkit.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    non_negative_integer,
+    within_memory,
+)
 
 _CLEAR = 1e3
 """So many errors of single numbers long a direction must be, for a log that is right to 1e-3."""
@@ -308,6 +314,7 @@ class Map(Family, ABC):
             When there is no next state for another reason.
         """
         count = non_negative_integer("n", n)
+        within_memory("n", count, 8.0 * count * self.dimension)
         states = np.empty((count + 1, self.dimension))
         states[0] = finite_array("state", state, (self.dimension,))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -76,7 +76,9 @@ def read(path: Path) -> Archive:
         with path.open("rb") as file:
             block = file.read(_BLOCK)
             if not block.startswith(_TITLE):
-                raise ValueError(f"store must be a file that dynkit wrote; got {path}")
+                raise ValueError(
+                    f"store must be a store of dynkit, as store=, --store and save() write; got {path}"
+                )
             version = block[len(_TITLE) :].split(b"\n")[0].decode("ascii", "replace")
             if len(block) == _BLOCK and version != str(FORMAT):
                 raise ValueError(f"store must have format {FORMAT}; got format {version} of {path}")
@@ -166,6 +168,22 @@ def arrays_of(archive: Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[st
         if found[name].dtype.kind != kind or found[name].ndim != dimensions:
             raise ValueError(f"{name} is {found[name].dtype} {found[name].shape}")
     return found
+
+
+def same(made: str, asked: str) -> bool:
+    """Whether two entries are the same text, or the same number: 1 and 1.0 are.
+
+    Examples
+    --------
+    >>> same("1", "1.0"), same("1", "True"), same("nan", "nan")
+    (True, False, True)
+    """
+    if made == asked:
+        return True
+    try:
+        return float(made) == float(asked)
+    except ValueError:
+        return False
 
 
 @contextmanager

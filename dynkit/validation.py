@@ -5,6 +5,7 @@ NaN is refused by every check; NumPy's scalars are numbers.
 """
 
 import math
+import os
 from typing import TypeAlias, TypeGuard
 
 import numpy as np
@@ -14,6 +15,9 @@ Array: TypeAlias = NDArray[np.float64]
 
 # So few numbers are looked at one by one in less time than NumPy takes to begin.
 _SHORT = 16
+
+# Counts are kept in integers of 64 bits.
+_COUNTS = 2**63
 
 
 def finite_scalar(name: str, value: object) -> float:
@@ -142,6 +146,94 @@ def non_negative_integer(name: str, value: object) -> int:
     return _integer_from(0, name, "be zero or a positive integer", value)
 
 
+def index_in(name: str, value: object, low: int, high: int) -> int:
+    """Return the value as an int when it is an integer of the closed interval [low, high].
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+
+    Examples
+    --------
+    >>> index_in("place", 1.5, 0, 4)
+    Traceback (most recent call last):
+    ...
+    ValueError: place must be an integer; got 1.5
+    """
+    if not isinstance(value, int | np.integer) or isinstance(value, bool):
+        raise _refusal(name, "be an integer", value)
+    if not low <= value <= high:
+        raise _refusal(name, f"lie in [{low}, {high}]", value)
+    return int(value)
+
+
+def boolean(name: str, value: object) -> bool:
+    """Return the value as a bool when it is True or False; neither numbers nor words are.
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+
+    Examples
+    --------
+    >>> boolean("follow", "no")
+    Traceback (most recent call last):
+    ...
+    ValueError: follow must be True or False; got 'no'
+    """
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    raise _refusal(name, "be True or False", value)
+
+
+def within_memory(name: str, value: int, size: float) -> int:
+    """Return a count whose arrays fit into the memory of this machine.
+
+    Parameters
+    ----------
+    name : str
+    value : int
+    size : float
+        Bytes of the arrays that the count asks for, at least.
+
+    Raises
+    ------
+    ValueError
+        When the machine has less; nothing was reserved then.
+
+    Examples
+    --------
+    >>> within_memory("impacts", 5, 240.0)
+    5
+    """
+    try:
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):  # a system that does not say
+        return value
+    if size > memory:
+        raise ValueError(
+            f"{name} must fit into {memory / 2**30:.3g} GiB of memory; got {value}, which takes "
+            f"{size / 2**30:.3g} GiB"
+        )
+    return value
+
+
+def unmasked(name: str, value: object) -> None:
+    """Refuse an array with masked elements: the numbers behind the mask are no data.
+
+    Raises
+    ------
+    ValueError
+        Naming the first masked element.
+    """
+    mask = getattr(value, "mask", None) if isinstance(value, np.ma.MaskedArray) else None
+    if mask is not None and np.any(mask):
+        index = ", ".join(str(int(i)) for i in np.argwhere(mask)[0]) if np.ndim(mask) else ""
+        raise ValueError(f"{name} must have no masked element; got one{index and f' at [{index}]'}")
+
+
 def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
     """Return the value as an array of finite floats of the given shape.
 
@@ -179,13 +271,19 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
         asked is not None and asked != found for asked, found in zip(shape, lengths, strict=True)
     ):
         asked_for = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
-        raise ValueError(f"{name} must have shape {asked_for}; got shape {lengths}")
+        advice = f"; a single coordinate is {name}[:, None]" if _is_column(lengths, shape) else ""
+        raise ValueError(f"{name} must have shape {asked_for}; got shape {lengths}{advice}")
     finite = np.isfinite(array)
     if not finite.all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
         place = f"{name}[{', '.join(map(str, index))}]" if index else name
         raise _refusal(place, "be a finite number", float(array[index]))
     return array
+
+
+def _is_column(lengths: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
+    """Whether numbers were given where rows of one number or more are asked for."""
+    return len(lengths) == 1 and len(shape) == 2 and shape[0] is None and shape[1] in (None, 1)
 
 
 def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
@@ -202,6 +300,7 @@ def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
 
 
 def _real_array(name: str, value: object) -> Array:
+    unmasked(name, value)
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -213,6 +312,8 @@ def _real_array(name: str, value: object) -> Array:
 
 def _integer_from(least: int, name: str, limit: str, value: object) -> int:
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
+        if value >= _COUNTS:
+            raise _refusal(name, "be below 2^63", value)
         return int(value)
     raise _refusal(name, limit, value)
 

@@ -33,6 +33,7 @@ from dynkit.analysis.dimension.sums import (
     checked_theiler,
     correlation_sums,
 )
+from dynkit.analysis.motions import source_of
 from dynkit.attractors import Attractor
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_scalar, positive
@@ -111,6 +112,7 @@ class CorrelationDimension:
     least_ratio: float = 4.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "source", source_of(self.source))
         if isinstance(self.source, Attractor):
             if self.angles is not None:
                 raise ValueError(

@@ -14,7 +14,13 @@ from dynkit.maps import Map
 from dynkit.no_motion import Refused
 from dynkit.sweeps.following import kind_of
 from dynkit.sweeps.sweepable import Sweepable, SweptMap, sweepable
-from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
+from dynkit.validation import (
+    Array,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
 from dynkit.workers.collecting import collect
 
 
@@ -102,10 +108,11 @@ def basins(
         )
     rows = finite_array("starts", starts, (*given.shape[:-1], size)).reshape(-1, size).copy()
     rows.setflags(write=False)
+    kept = positive_integer("keep", keep)
     look = Look(
         family,
         non_negative_integer("transient", transient),
-        positive_integer("keep", keep),
+        within_memory("keep", kept, 8.0 * kept * system.dimension),
         float(abs(rows).max()) or 1.0,
         (system.dimension, _packed_size(family, rows)),
     )

@@ -17,7 +17,7 @@ from dynkit.labels import OrbitLabel
 from dynkit.results import Cost
 from dynkit.showing import Facts, costing, table
 from dynkit.sweeps.sweepable import as_attractor, line_of
-from dynkit.validation import Array
+from dynkit.validation import Array, index_in
 from dynkit.workers.points import Rows
 
 if TYPE_CHECKING:
@@ -244,4 +244,6 @@ class Basins:
         inside = len(place) == len(shape)
         if not inside or any(not 0 <= i < k for i, k in zip(place, shape, strict=True)):
             raise ValueError(f"place must lie within {shape}; got {place}")
+        for i, k in zip(place, shape, strict=True):
+            index_in("place", i, 0, k - 1)
         return place

@@ -121,12 +121,14 @@ def gather(known: Sequence[Option], file: str | None, given: Mapping[str, object
 
 def _read(file: Path, names: Sequence[str]) -> Options:
     try:
-        with file.open("rb") as stream:
-            found = tomllib.load(stream)
+        # a byte-order mark, as some editors write, is no part of the text
+        found = tomllib.loads(file.read_bytes().decode("utf-8-sig"))
     except OSError as failure:
         raise ValueError(f"{file} cannot be read: {failure.strerror}") from failure
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as failure:
         raise ValueError(f"{file} must be a TOML file: {failure}") from failure
+    except RecursionError as failure:
+        raise ValueError(f"{file} must be a TOML file: it is nested too deeply") from failure
     for key in found:
         if key not in names:
             raise ValueError(f"{file} must hold only {', '.join(names)}; got {key!r}")

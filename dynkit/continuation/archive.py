@@ -216,7 +216,7 @@ def _refuse_other(
     made = {key: text for key, text in entries.items() if key.startswith("system.")}
     for key in sorted(made.keys() | asked.keys()):
         a, b = made.get(key, "none"), asked.get(key, "none")
-        if a != b:
+        if not store.same(a, b):
             raise ValueError(
                 f"store {file} was made with {key.removeprefix('system.')} {a}; got {b}"
             )

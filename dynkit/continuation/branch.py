@@ -16,7 +16,7 @@ from dynkit.continuation.endings import Ending, Reason
 from dynkit.continuation.newton import error_bound
 from dynkit.continuation.problem import Problem
 from dynkit.results import Cost
-from dynkit.validation import Array
+from dynkit.validation import Array, index_in
 
 if TYPE_CHECKING:
     import xarray
@@ -189,8 +189,7 @@ class Branch:
         ValueError
             When there is no such point, or the branch was loaded without an orbit.
         """
-        if not -len(self) <= place < len(self):
-            raise ValueError(f"place must lie in [{-len(self)}, {len(self) - 1}]; got {place}")
+        place = index_in("place", place, -len(self), len(self) - 1)
         p = self.parameter[[place]]
         return self.problem.orbit(self.unknowns[place], p, (float(self.residuals[place]),))
 

@@ -18,7 +18,7 @@ from dynkit.continuation.starting import start_points
 from dynkit.continuation.tracing import Trace, is_of_symmetry, trace
 from dynkit.continuation.watching import Watch
 from dynkit.results import Cost
-from dynkit.validation import Array, in_interval
+from dynkit.validation import Array, boolean, in_interval
 
 if TYPE_CHECKING:
     from dynkit.orbits import PeriodicOrbit
@@ -89,7 +89,8 @@ def continue_orbit(
     problem = problem_of(orbit, (parameter,))
     in_interval(parameter, float(problem.values[0]), low, high)
     steps = checked_steps(step, largest_step, points)
-    if not inadmissible and not orbit.admissible:
+    beyond = boolean("inadmissible", inadmissible)
+    if not beyond and not orbit.admissible:
         raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")
     equations = OrbitEquations(problem, high - low)
     start = start_points(equations, np.append(orbit.unknowns, problem.values))[0]
@@ -106,7 +107,7 @@ def continue_orbit(
             lambda y: np.append(problem.canonical(y[:-1]), y[-1] / (high - low)),
             Watch(problem),
         )
-        traces.append(trace(problem, follower, inadmissible))
+        traces.append(trace(problem, follower, beyond))
         if follower.ending is not None and follower.ending.reason is Reason.CLOSED:
             break
     return _joined(orbit, problem, parameter, traces, time.perf_counter() - began)

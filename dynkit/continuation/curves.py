@@ -20,7 +20,7 @@ from dynkit.continuation.newton import correct, error_bound
 from dynkit.continuation.problem import NoSolution, Problem
 from dynkit.continuation.starting import start_points
 from dynkit.results import Cost
-from dynkit.validation import Array, in_interval
+from dynkit.validation import Array, in_interval, index_in
 
 if TYPE_CHECKING:
     import xarray
@@ -150,8 +150,7 @@ class BifurcationCurve:
         ValueError
             When there is no such point, or the curve was loaded without an orbit.
         """
-        if not -len(self) <= place < len(self):
-            raise ValueError(f"place must lie in [{-len(self)}, {len(self) - 1}]; got {place}")
+        place = index_in("place", place, -len(self), len(self) - 1)
         past = (float(self.residuals[place]),)
         problem = given(self._problem, "BifurcationCurve")
         return problem.orbit(self.unknowns[place], self.parameters[place], past)

@@ -22,13 +22,13 @@ from dynkit.continuation.seeds import OffersOrbits, checked_box, offered, search
 from dynkit.continuation.trails import Trail
 from dynkit.maps import Map
 from dynkit.no_motion import NoMotion
+from dynkit.orbits import PeriodicOrbit
 from dynkit.results import Cost
 from dynkit.validation import positive_integer
 from dynkit.workers import WorkerLost
 
 if TYPE_CHECKING:
     from dynkit.continuation.bifurcations import Bifurcation
-    from dynkit.orbits import PeriodicOrbit
 
 _LEADING = ("PD", "BP", "GR")
 # Points of a branch, at most, in each direction.
@@ -154,7 +154,13 @@ def _starts(
     if seeds is not None:
         if box is not None:
             raise ValueError(f"box must not be given beside seeds; got {box!r}")
-        return [partial(list, [orbit]) for orbit in seeds]
+        if not isinstance(seeds, Iterable):
+            raise ValueError(f"seeds must be periodic orbits; got {seeds!r}")
+        orbits = list(seeds)
+        for i, orbit in enumerate(orbits):
+            if not isinstance(orbit, PeriodicOrbit):
+                raise ValueError(f"seeds[{i}] must be a PeriodicOrbit; got {orbit!r}")
+        return [partial(list, [orbit]) for orbit in orbits]
     low, high = bounds
     at = [low + (high - low) * (i + 0.5) / count for i in range(count)]
     systems = [system.replace(**{parameter: value}) for value in at]

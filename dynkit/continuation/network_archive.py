@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dynkit import __version__, store
 from dynkit.continuation.archive import (
@@ -19,10 +19,8 @@ from dynkit.continuation.archive import (
 )
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.network import Finish, Link, Network, Unexplored
+from dynkit.orbits import PeriodicOrbit
 from dynkit.results import Cost
-
-if TYPE_CHECKING:
-    from dynkit.orbits import PeriodicOrbit
 
 _KIND = "network of branches"
 # A residual that is no larger is that of a solution.
@@ -65,6 +63,8 @@ def load_network(path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit]) 
     ValueError
         As `Network.load`.
     """
+    if isinstance(orbits, PeriodicOrbit) or not isinstance(orbits, Iterable):
+        raise ValueError(f"orbits must be a sequence of PeriodicOrbit; got {orbits!r}")
     file, archive = read_archive(path, _KIND)
     entries = archive.entries
     with store.understood(file, _KIND):

@@ -24,7 +24,13 @@ from dynkit.sweeps.sweepable import (
     as_attractor,
     sweepable,
 )
-from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
+from dynkit.validation import (
+    Array,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
 from dynkit.workers.points import Anything, Points, Rows
 
 KIND = "map of two parameters"
@@ -174,26 +180,40 @@ def plan_of(
         beside = origin[1] if other == second else origin[0]
         for place, value in enumerate(axis.tolist()):
             try:
-                family.replace(**{name: value, other: beside})
-            except ValueError as refusal:
-                raise ValueError(f"{refusal} in values[{name!r}][{place}]") from refusal
+                replaced(family, **{name: value, other: beside})
+            except Refused as refusal:
+                at = _places_of(family, (name, value, place), (other, beside))
+                raise ValueError(f"{refusal} in {at}") from refusal
     packed = np.empty(0)
     if start is not None:
         packed = family.replace(**dict(zip(values, origin, strict=True))).pack_state(start)
     elif isinstance(family, SweptMap):
         raise ValueError(f"start must be a state of the map, ({family.map.dimension},); got None")
+    kept = positive_integer("keep", keep)
     plan = Plan(
         family,
         kind_of(system),
         (first, second),
         non_negative_integer("transient", transient),
-        positive_integer("keep", keep),
+        within_memory("keep", kept, 8.0 * kept),
         known_names(family.observables, observables),
         non_negative_integer("exponents", exponents),
         packed,
         origin,
     )
     return plan, axes
+
+
+def _places_of(family: Sweepable, one: tuple[str, float, int], other: tuple[str, float]) -> str:
+    """Which of two values the system refuses; both where it refuses neither alone."""
+    name, value, place = one
+    own, beside = f"values[{name!r}][{place}]", f"values[{other[0]!r}][0]"
+    for changes, at in (({name: value}, own), (dict([other]), beside)):
+        try:
+            replaced(family, **changes)
+        except Refused:
+            return at
+    return f"{own} with {beside}"
 
 
 def _axis(name: str, values: Any) -> Array:

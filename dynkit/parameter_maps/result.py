@@ -23,7 +23,7 @@ from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table
 from dynkit.sweeps.following import kind_of
 from dynkit.sweeps.sweepable import Sweepable, as_attractor, line_of, sweepable
-from dynkit.validation import Array
+from dynkit.validation import Array, index_in
 from dynkit.workers.collecting import read_rows, refuse_other
 from dynkit.workers.points import Rows
 
@@ -340,8 +340,7 @@ class ParameterMap:
 
     def _place(self, i: int, j: int) -> int:
         for name, place, count in (("i", i, self._shape[0]), ("j", j, self._shape[1])):
-            if not 0 <= place < count:
-                raise ValueError(f"{name} must lie in [0, {count - 1}]; got {place}")
+            index_in(name, place, 0, count - 1)
         return i * self._shape[1] + j
 
     def _label(self, place: int) -> OrbitLabel | None:

@@ -188,7 +188,8 @@ def _short(name: str) -> str:
 
 
 def _refuse_if_other(path: Path, name: str, made: object, asked: object) -> None:
-    if made != asked:
+    alike = store.same(str(made), str(asked)) if isinstance(made, str) else made == asked
+    if not alike:
         raise ValueError(f"store {path} was made with {name} {made}; got {asked}")
 
 

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from dynkit.maps import Map
 from dynkit.no_motion import located
 from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, sweepable
-from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
+from dynkit.validation import (
+    Array,
+    boolean,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
 
 
 @final
@@ -95,6 +102,7 @@ def plan_of(
     skipped = non_negative_integer("transient", transient)
     kept = positive_integer("keep", keep)
     names = known_names(family.observables, observables)
+    within_memory("keep", kept, 8.0 * kept * len(array) * len(names))
     for place, value in enumerate(array.tolist()):
         try:
             family.replace(**{parameter: value})
@@ -105,7 +113,8 @@ def plan_of(
         packed = family.replace(**{parameter: float(array[0])}).pack_state(start)
     elif isinstance(family, SweptMap):
         raise ValueError(f"start must be a state of the map, ({family.map.dimension},); got None")
-    return Plan(family, kind_of(system), parameter, array, skipped, kept, names, packed, follow)
+    following = boolean("follow", follow)
+    return Plan(family, kind_of(system), parameter, array, skipped, kept, names, packed, following)
 
 
 def kind_of(system: object) -> str:
@@ -123,7 +132,7 @@ def known_names(known: Sequence[str], asked: Sequence[str] | None) -> tuple[str,
     """
     if asked is None:
         return (known[0],)
-    if isinstance(asked, str) or not len(asked):
+    if isinstance(asked, str) or not isinstance(asked, Sequence) or not len(asked):
         raise ValueError(f"observables must be a sequence of names; got {asked!r}")
     for name in asked:
         if name not in known:

@@ -24,7 +24,7 @@ from dynkit.sweeps.sweepable import (
     line_of,
     sweepable,
 )
-from dynkit.validation import Array
+from dynkit.validation import Array, index_in
 
 if TYPE_CHECKING:
     import xarray
@@ -277,7 +277,6 @@ class Sweep:
         return errors
 
     def _motion(self, place: int) -> SweptAttractor:
-        if not 0 <= place < len(self):
-            raise ValueError(f"place must lie in [0, {len(self) - 1}]; got {place}")
+        place = index_in("place", place, 0, len(self) - 1)
         start = self._plan.start_at(place, self._findings.finals)
         return self._plan.motion(self._plan.system(place), start)

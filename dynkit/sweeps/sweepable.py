@@ -119,6 +119,9 @@ def sweepable(system: object) -> Sweepable:
     ValueError
         When it is neither `Sweepable` nor a `Map`.
     """
+    if isinstance(system, type):
+        name = system.__name__
+        raise ValueError(f"system must be an instance, such as {name}(...); got the class {name}")
     owed = [name for name in vars(Sweepable) if name[0] != "_"]
     missing = [name for name in owed if getattr_static(system, name, None) is None]
     if not missing:

@@ -16,7 +16,7 @@ from dynkit.sweeps.independent import simulate_independently
 from dynkit.sweeps.progress import Progress
 from dynkit.sweeps.result import Sweep
 from dynkit.sweeps.sweepable import Sweepable
-from dynkit.validation import Array
+from dynkit.validation import Array, boolean
 
 
 def sweep(
@@ -102,9 +102,10 @@ def sweep(
         start=start,
         follow=follow,
     )
-    if not follow:
+    shown = boolean("progress", progress)
+    if not plan.follow:
         path = None if store is None else stores.place(store)
-        return Sweep(plan, simulate_independently(plan, executor, path, progress=progress))
+        return Sweep(plan, simulate_independently(plan, executor, path, progress=shown))
     if executor is not None:
         raise ValueError(
             "executor must be None when each value starts where the last one ended "
@@ -112,12 +113,12 @@ def sweep(
         )
     if store is None:
         findings = Findings.none_yet(plan)
-        with Progress(plan, 0, shown=progress) as bar:
+        with Progress(plan, 0, shown=shown) as bar:
             for point in followed(plan, findings):
                 findings.add(point)
                 bar.reached(point)
         return Sweep(plan, findings)
-    return Sweep(plan, _stored(plan, stores.place(store), shown=progress))
+    return Sweep(plan, _stored(plan, stores.place(store), shown=shown))
 
 
 def _stored(plan: Plan, path: Path, *, shown: bool) -> Findings:

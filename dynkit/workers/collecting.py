@@ -18,6 +18,7 @@ from dynkit import __version__
 from dynkit import store as stores
 from dynkit.files import reason
 from dynkit.results import Cost
+from dynkit.validation import boolean
 from dynkit.workers.executing import finished
 from dynkit.workers.points import Findings, Points, Rows, Tasks, chunks_of
 
@@ -52,9 +53,10 @@ def collect(
     OSError
         When the store cannot be written any more, on the way.
     """
+    shown = boolean("progress", progress)
     if store is None:
         findings = Findings(len(points))
-        with _Bar(findings, shown=progress) as bar:
+        with _Bar(findings, shown=shown) as bar:
             _go_on(points, findings, executor, None, bar)
         return findings.rows()
     path = stores.place(store)
@@ -67,7 +69,7 @@ def collect(
         findings = _found(points, path, entries)  # another writer may have gone on meanwhile
         keeper = _Keeper(path, points, entries)
         keeper.prepare(findings)
-        bar = stack.enter_context(_Bar(findings, shown=progress))
+        bar = stack.enter_context(_Bar(findings, shown=shown))
         try:
             _go_on(points, findings, executor, keeper, bar)
         finally:
@@ -163,7 +165,7 @@ def refuse_other(
     """
     for name, asked in entries.items():
         made = archive.entries.get(name, "none")
-        if made != asked:
+        if not stores.same(made, asked):
             short = name.removeprefix("system.")
             raise ValueError(f"store {path} was made with {short} {made}; got {asked}")
     for name, text in archive.entries.items():

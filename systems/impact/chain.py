@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.structure.chain import chain_kinetic, chain_links, element_values
-from dynkit.validation import positive_integer
+from dynkit.validation import positive_integer, within_memory
 
 if TYPE_CHECKING:
     import sympy
@@ -60,7 +60,9 @@ class ImpactChain(ImpactOscillator):
 
     def __post_init__(self) -> None:
         if isinstance(self.masses, int | float | np.generic):
-            self._set("masses", positive_integer("masses", self.masses))
+            count = positive_integer("masses", self.masses)
+            # mass, damping, stiffness and modes
+            self._set("masses", within_memory("masses", count, 4.0 * 8.0 * count * count))
         else:
             self._set("masses", element_values("masses", self.masses, None, zero=False))
         for name in ("springs", "damping"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -26,9 +25,11 @@ from dynkit.validation import (
     finite_array,
     finite_scalar,
     in_interval,
+    index_in,
     non_negative,
     positive,
     positive_integer,
+    unmasked,
 )
 
 _CACHES = frozenset({"_structure", "_drive", "_free", "_gaps", "_contacts"})
@@ -79,9 +80,7 @@ class DrivenStructure(LagrangianStructure):
             raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
         self._set("chatter_tolerance", non_negative("chatter_tolerance", self.chatter_tolerance))
         n = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
-        if isinstance(self.contact, bool) or not -n <= self.contact < n:
-            raise ValueError(f"contact must lie in [{-n}, {n - 1}]; got {self.contact!r}")
-        self._set("contact", operator.index(self.contact))
+        self._set("contact", index_in("contact", self.contact, -n, n - 1))
         for name, kind in (("harmonic_forces", complex), ("constant_forces", float)):
             self._set(name, _forces(name, getattr(self, name), n, kind))
 
@@ -144,6 +143,7 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
     """Forces on all coordinates as a tuple, empty for none."""
     if isinstance(given, tuple) and not given:
         return given
+    unmasked(name, given)
     array = np.asarray(given)
     parts = [array.real, array.imag] if kind is complex and np.iscomplexobj(array) else [array]
     for part in parts:

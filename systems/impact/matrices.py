@@ -24,9 +24,10 @@ class MatrixOscillator(ImpactOscillator):
     Parameters
     ----------
     M, C, K : (N, N) array_like
-        Mass, positive definite; damping and stiffness, positive semidefinite. All symmetric. A
-        frequency is exactly zero, that of a rigid body, where rounding the elements of K could have
-        made it so.
+        Mass, positive definite; damping and stiffness, positive semidefinite. All symmetric to
+        rounding, N 2^-52 of the largest element: the symmetric part is taken, as of a product such
+        as ``B.T @ K @ B``. A frequency is exactly zero, that of a rigid body, where rounding the
+        elements of K could have made it so.
     frequency, ... : as for `ImpactOscillator`
 
     Raises
@@ -61,11 +62,16 @@ class MatrixOscillator(ImpactOscillator):
             size = len(matrix)
             if matrix.shape != (size, size) or not size:
                 raise ValueError(f"{name} must be a square matrix; got shape {matrix.shape}")
-            for i, j in np.argwhere(matrix != matrix.T)[:1].tolist():
+            # each element of a product of matrices is a sum of N terms, in another order across
+            rounding = size * 2.0**-52 * float(abs(matrix).max())
+            for i, j in np.argwhere(abs(matrix - matrix.T) > rounding)[:1].tolist():
                 raise ValueError(
                     f"{name} must be symmetric; got {matrix[i, j]} at [{i}, {j}] and "
-                    f"{matrix[j, i]} across"
+                    f"{matrix[j, i]} across; ({name} + {name}.T) / 2 is symmetric"
                 )
+            # halves of the smallest doubles are none
+            half = 0.5 * matrix + 0.5 * matrix.T
+            matrix = np.where(matrix == matrix.T, matrix, half)
             (check_definite if name == "M" else check_semidefinite)(name, matrix)
             self._set(name, tuple(map(tuple, matrix.tolist())))
         super().__post_init__()

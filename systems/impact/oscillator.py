@@ -28,9 +28,11 @@ from dynkit.systems.impact.state import (
 )
 from dynkit.validation import (
     Array,
+    boolean,
     finite_array,
     non_negative_integer,
     positive_integer,
+    within_memory,
 )
 
 if TYPE_CHECKING:
@@ -226,7 +228,7 @@ class ImpactOscillator(DrivenStructure, Map):
             When impacts is no positive integer, or the start is not one of this structure's or
             below the table.
         """
-        count = positive_integer("impacts", impacts)
+        count = self._recorded(impacts)
         return ImpactRecord(self, self._run(self._entered(start), count, store=True))
 
     def attractor(
@@ -242,11 +244,14 @@ class ImpactOscillator(DrivenStructure, Map):
             As in `simulate`.
         """
         skipped = non_negative_integer("transient", transient)
-        count = positive_integer("impacts", impacts)
+        count = self._recorded(impacts)
         state = self._entered(start)
         before = self._run(state, skipped, store=False) if skipped else None
         kept = self._run(before.final if before else state, count, store=True)
         return ImpactAttractor(self, skipped, ImpactRecord(self, kept), before)
+
+    def _attractor_of(self, record: ImpactRecord) -> ImpactAttractor:
+        return ImpactAttractor(self, 0, record, None)
 
     @overload
     def periodic_orbit(
@@ -276,12 +281,13 @@ class ImpactOscillator(DrivenStructure, Map):
         Parameters
         ----------
         impacts, periods : int
-            n and m, one by default.
+            n and m, one by default; with phases n is their number.
         phases : (n,) array_like, optional
             Guess of the phases of the forcing at the impacts, ascending, within 2 pi m; n is their
             number. Without it the first of `periodic_orbits` is returned.
         sides : (n,) array_like of int, optional
-            With the phases: 0 for the table, the default, and 1 for the far stop of a play.
+            With the phases, and not without: 0 for the table, the default, and 1 for the far stop
+            of a play.
         sticking : bool
             P(inf,m), found as `periodic_orbits` says; without impacts, phases and sides.
 
@@ -302,15 +308,17 @@ class ImpactOscillator(DrivenStructure, Map):
         """
         from dynkit.systems.impact.orbits.finding import orbit_at
 
-        if sticking:
+        if boolean("sticking", sticking):
             for name, given in (("impacts", impacts), ("phases", phases), ("sides", sides)):
                 if given is not None:
                     raise ValueError(f"{name} must not be given with sticking; got {given!r}")
             orbits: Sequence[ImpactOrbit | StickingOrbit]
             orbits = self.periodic_orbits(periods=periods, sticking=True)
             label = f"P(inf,{periods})"
+        elif phases is None and sides is not None:
+            raise ValueError(f"sides must not be given without phases; got {sides!r}")
         elif phases is not None:
-            return orbit_at(self, periods, phases, sides)
+            return orbit_at(self, periods, phases, sides, impacts)
         else:
             impacts = 1 if impacts is None else impacts
             orbits = self.periodic_orbits(impacts=impacts, periods=periods)
@@ -348,11 +356,16 @@ class ImpactOscillator(DrivenStructure, Map):
         from dynkit.systems.impact.orbits.finding import find_orbits
         from dynkit.systems.impact.sticking.finding import find_sticking
 
-        if not sticking:
+        if not boolean("sticking", sticking):
             return find_orbits(self, 1 if impacts is None else impacts, periods)
         if impacts is not None:
             raise ValueError(f"impacts must not be given with sticking; got {impacts!r}")
         return find_sticking(self, periods)
+
+    def _recorded(self, impacts: object) -> int:
+        """How many impacts to record: so many that their states fit into memory."""
+        count = positive_integer("impacts", impacts)
+        return within_memory("impacts", count, 8.0 * count * (2 * self.degrees_of_freedom + 4))
 
     def _run(self, start: ImpactState, count: int, *, store: bool) -> Run:
         return run(self, start, count, store=store, noise=0.0, seed=1)

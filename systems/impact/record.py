@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+    from dynkit.systems.impact.attractor import ImpactAttractor
     from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.second_moments import SecondMoments
 
@@ -315,6 +316,13 @@ class ImpactRecord:
             system=self.system,
             facts={"ending": self.ending.value, "chatter_error": self.chatter_error},
         )
+
+    def as_attractor(self) -> ImpactAttractor:
+        """Return the recorded impacts as an attractor whose transient is zero.
+
+        So measures of attractors take records. Whether the motion has settled, its `label` says.
+        """
+        return self.system._attractor_of(self)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages of positions and of their products, in closed form.

@@ -93,6 +93,8 @@ def quadratic_form(
     for monomial, term in sources.items():
         if total[monomial] and (monomial or energy != "potential"):
             fault = f"is of degree {len(monomial)}" if monomial else "is a constant"
+            if len(monomial) == 1 and energy == "potential":
+                fault += ", a constant force: give it as constant_forces"
             raise _refusal(energy, arguments, f"the term {_shown(term)} {fault}")
     elements = {
         (pair[0], pair[1]): coefficient * (2 if pair[0] == pair[1] else 1)

@@ -17,7 +17,7 @@ from dynkit.systems.impact.orbits.responses import free_motion
 from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array, finite_array, positive_integer
+from dynkit.validation import Array, finite_array, positive_integer, within_memory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -44,6 +44,7 @@ def find_orbits(
     always the same.
     """
     n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
+    _solvable("impacts", n)
     began = time.perf_counter()
     found: list[tuple[ImpactProblem, Array, tuple[float, ...]]] = []
     guesses = _closed_forms(oscillator, m) if n == 1 else _random_guesses(oscillator, n, m)
@@ -65,18 +66,26 @@ def find_orbits(
 
 
 def orbit_at(
-    oscillator: ImpactOscillator, periods: object, phases: object, sides: object = None
+    oscillator: ImpactOscillator,
+    periods: object,
+    phases: object,
+    sides: object = None,
+    impacts: object = None,
 ) -> ImpactOrbit:
     """The orbit that Newton's method finds from phases (n,) and sides (n,) of the impacts.
 
     Raises
     ------
     ValueError
-        When the phases are not ascending within the periods, or the sides not 0 or 1.
+        When the phases are not ascending within the periods, or not as many as the impacts; or the
+        sides not 0 or 1.
     NoConvergence
     """
     m = positive_integer("periods", periods)
     given = finite_array("phases", phases, (None,))
+    if impacts is not None and positive_integer("impacts", impacts) != len(given):
+        raise ValueError(f"impacts must be the number of phases, {len(given)}; got {impacts}")
+    _solvable("phases", len(given))
     if not _ascend(given, m):
         raise ValueError(
             f"phases must ascend and span less than {m} periods of 2 pi; got {given.tolist()}"
@@ -96,6 +105,11 @@ def _ascend(phases: Array, periods: int) -> bool:
     """Whether there are phases, (n,), that ascend and span less than so many periods."""
     late = np.ptp(phases) >= TWO_PI * periods if len(phases) else True
     return not late and bool((np.diff(phases) > 0.0).all())
+
+
+def _solvable(name: str, impacts: int) -> None:
+    """Refuse more impacts than Newton's method has memory for: 2n equations, solved in place."""
+    within_memory(name, impacts, 2.0 * 8.0 * (2.0 * impacts) ** 2)
 
 
 def make_problem(oscillator: ImpactOscillator, periods: int, sides: Any) -> ImpactProblem:

@@ -1,0 +1,419 @@
+"""Wrong arguments are refused in one clear line: no foreign exception, and none is ignored."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit import (
+    Branch,
+    MapAttractor,
+    Network,
+    Sweep,
+    basins,
+    continue_orbit,
+    explore,
+    parameter_map,
+    periodic_orbit,
+    sweep,
+)
+from dynkit.analysis import (
+    BifurcationDiagram,
+    CorrelationDimension,
+    LyapunovSpectrum,
+    PowerSpectrum,
+    Sensitivity,
+    SpaceTime,
+    StroboscopicSection,
+    TimeSeries,
+)
+from dynkit.cli import main
+from dynkit.systems import Henon, ImpactChain, ImpactOscillator, Logistic, MatrixOscillator
+from dynkit.validation import within_memory
+
+BRIEF: dict[str, Any] = {"transient": 5, "keep": 5, "progress": False}
+ANY: Any = None
+
+
+def chain(**options: Any) -> ImpactChain:
+    return ImpactChain(**{"masses": 2, "frequency": 0.9, **options})
+
+
+@cache
+def branch() -> Branch:
+    orbit = periodic_orbit(Logistic(2.9), [0.6])
+    return continue_orbit(orbit, "rate", bounds=(2.85, 2.95))
+
+
+@cache
+def swept() -> Sweep:
+    return sweep(Logistic(2.9), "rate", [2.9, 3.2], start=[0.3], **BRIEF)
+
+
+def masked(*numbers: float) -> Any:
+    return np.ma.array(numbers, mask=[False, True, *[False] * (len(numbers) - 2)])
+
+
+HUGE, MANY = 10**30, 10**12
+CASES: list[tuple[str, Callable[[], Any], str]] = [
+    # contradictory arguments
+    (
+        "impacts beside phases",
+        lambda: chain().periodic_orbit(impacts=3, periods=2, phases=[1.0]),
+        "impacts must be the number of phases, 1; got 3",
+    ),
+    (
+        "sides without phases",
+        lambda: chain().periodic_orbit(sides=[0]),
+        "sides must not be given without phases; got [0]",
+    ),
+    (
+        "sides with sticking",
+        lambda: chain().periodic_orbit(sides=[0], sticking=True),  # type: ignore[call-overload]
+        "sides must not be given with sticking; got [0]",
+    ),
+    # truth
+    (
+        "sticking",
+        lambda: chain().periodic_orbit(sticking="yes"),  # type: ignore[call-overload]
+        "sticking must be True or False; got 'yes'",
+    ),
+    (
+        "sticking of all",
+        lambda: chain().periodic_orbits(sticking=1),  # type: ignore[call-overload]
+        "sticking must be True or False; got 1",
+    ),
+    (
+        "follow",
+        lambda: sweep(chain(), "frequency", [0.9], follow="no", **BRIEF),  # type: ignore[arg-type]
+        "follow must be True or False; got 'no'",
+    ),
+    (
+        "progress of a sweep",
+        lambda: sweep(chain(), "frequency", [0.9], progress="no"),  # type: ignore[arg-type]
+        "progress must be True or False; got 'no'",
+    ),
+    (
+        "progress of a plane",
+        lambda: parameter_map(chain(), {"frequency": [0.9], "amplitude": [0.1]}, progress=ANY),
+        "progress must be True or False; got None",
+    ),
+    (
+        "progress of basins",
+        lambda: basins(Logistic(2.9), [[0.3]], progress=0),  # type: ignore[arg-type]
+        "progress must be True or False; got 0",
+    ),
+    (
+        "inadmissible",
+        lambda: continue_orbit(
+            branch().orbit(0),
+            "rate",
+            bounds=(2.8, 3.0),
+            inadmissible="no",  # type: ignore[arg-type]
+        ),
+        "inadmissible must be True or False; got 'no'",
+    ),
+    (
+        "labelled",
+        lambda: BifurcationDiagram.of(swept(), labelled="no"),  # type: ignore[arg-type]
+        "labelled must be True or False; got 'no'",
+    ),
+    # masks
+    (
+        "masked values",
+        lambda: sweep(chain(), "frequency", masked(0.8, 0.9), **BRIEF),
+        "values must have no masked element; got one at [1]",
+    ),
+    (
+        "masked forces",
+        lambda: chain(constant_forces=masked(0.0, 1.0)),
+        "constant_forces must have no masked element; got one at [1]",
+    ),
+    (
+        "masked springs",
+        lambda: chain(springs=masked(1.0, 2.0)),
+        "springs must have no masked element; got one at [1]",
+    ),
+    (
+        "masked starts",
+        lambda: basins(Logistic(2.9), np.ma.array([[0.3], [0.4]], mask=[[False], [True]])),
+        "starts must have no masked element; got one at [1, 0]",
+    ),
+    (
+        "masked state",
+        lambda: Henon()(masked(0.1, 0.2)),
+        "state must have no masked element; got one at [1]",
+    ),
+    (
+        "masked observables",
+        lambda: BifurcationDiagram("a", np.ones(1), {"x": np.ma.array([[1.0]], mask=[[True]])}),
+        "observables['x'] must have no masked element; got one at [0, 0]",
+    ),
+    # numbers
+    (
+        "contact that is no integer",
+        lambda: chain(contact=1.5),
+        "contact must be an integer; got 1.5",
+    ),
+    (
+        "contact of two",
+        lambda: chain(contact=(0, 1)),
+        "contact must be an integer; got (0, 1)",
+    ),
+    ("contact True", lambda: chain(contact=True), "contact must be an integer; got True"),
+    ("contact beyond", lambda: chain(contact=2), "contact must lie in [-2, 1]; got 2"),
+    ("masses below 2^63", lambda: chain(masses=10**20), "masses must be below 2^63; got 1000000"),
+    ("masses in memory", lambda: chain(masses=10**9), "masses must fit into "),
+    ("impacts below 2^63", lambda: chain().simulate(impacts=HUGE), "impacts must be below 2^63"),
+    ("impacts in memory", lambda: chain().simulate(impacts=MANY), "impacts must fit into "),
+    (
+        "transient below 2^63",
+        lambda: chain().attractor(transient=HUGE),
+        "transient must be below 2^63",
+    ),
+    ("impacts kept", lambda: chain().attractor(impacts=MANY), "impacts must fit into "),
+    (
+        "keep of a sweep",
+        lambda: sweep(chain(), "frequency", [0.9], keep=MANY),
+        "keep must fit into ",
+    ),
+    (
+        "keep of a plane",
+        lambda: parameter_map(chain(), {"frequency": [0.9], "offset": [0.0]}, keep=MANY),
+        "keep must fit into ",
+    ),
+    (
+        "keep of basins",
+        lambda: basins(chain(), [[0.0, 1.0, 0.0, 0.0, 0.0]], keep=MANY),
+        "keep must fit into ",
+    ),
+    (
+        "impacts of an orbit",
+        lambda: chain().periodic_orbit(impacts=10**6),
+        "impacts must fit into ",
+    ),
+    (
+        "phases of an orbit",
+        lambda: chain().periodic_orbit(periods=10**6, phases=np.arange(10**6)),
+        "phases must fit into ",
+    ),
+    (
+        "period of a map",
+        lambda: periodic_orbit(Logistic(2.9), [0.3], period=10**7),
+        "period must fit into ",
+    ),
+    ("iterates", lambda: Logistic(2.9).iterate([0.3], MANY), "n must fit into "),  # type: ignore[arg-type]
+    (
+        "iterations",
+        lambda: MapAttractor(Logistic(2.9), [0.3], MANY, 1),  # type: ignore[arg-type]
+        "transient + iterations must fit into ",
+    ),
+    ("place that is no integer", lambda: branch().orbit(1.5), "place must be an integer; got 1.5"),  # type: ignore[arg-type]
+    (
+        "place of a sweep",
+        lambda: swept().attractor(0.5),  # type: ignore[arg-type]
+        "place must be an integer; got 0.5",
+    ),
+    ("label of a sweep", lambda: swept().label("first"), "place must be an integer; got 'first'"),  # type: ignore[arg-type]
+    # kinds
+    (
+        "store",
+        lambda: sweep(Logistic(2.9), "rate", [2.9], start=[0.3], store=5, **BRIEF),  # type: ignore[arg-type]
+        "store must be a path; got 5",
+    ),
+    ("path to load", lambda: Sweep.load(None), "store must be a path; got None"),  # type: ignore[arg-type]
+    ("path to save", lambda: branch().save(5), "store must be a path; got 5"),  # type: ignore[arg-type]
+    (
+        "seeds",
+        lambda: explore(Logistic(2.9), "rate", (2.8, 3.0), seeds=5),  # type: ignore[arg-type]
+        "seeds must be periodic orbits; got 5",
+    ),
+    (
+        "seeds that are none",
+        lambda: explore(Logistic(2.9), "rate", (2.8, 3.0), seeds=[0.5]),  # type: ignore[list-item]
+        "seeds[0] must be a PeriodicOrbit; got 0.5",
+    ),
+    (
+        "an orbit for orbits",
+        lambda: Network.load("none.h5", branch().orbit(0)),  # type: ignore[arg-type]
+        "orbits must be a sequence of PeriodicOrbit; got <P(1) of Logistic",
+    ),
+    (
+        "a class swept",
+        lambda: sweep(ImpactChain, "frequency", [0.9], **BRIEF),  # type: ignore[arg-type]
+        "system must be an instance, such as ImpactChain(...); got the class ImpactChain",
+    ),
+    (
+        "a class mapped",
+        lambda: parameter_map(Henon, {"a": [1.0], "b": [0.3]}, **BRIEF),  # type: ignore[arg-type]
+        "system must be an instance, such as Henon(...); got the class Henon",
+    ),
+    (
+        "a class with basins",
+        lambda: basins(Logistic, [[0.3]], **BRIEF),  # type: ignore[arg-type]
+        "system must be an instance, such as Logistic(...); got the class Logistic",
+    ),
+    (
+        "a class with orbits",
+        lambda: periodic_orbit(Logistic, [0.3]),  # type: ignore[arg-type]
+        "system must be a Map; got <class ",
+    ),
+    (
+        "a class with an attractor",
+        lambda: MapAttractor(Logistic, [0.3], 1, 1),  # type: ignore[arg-type]
+        "system must be a Map; got <class ",
+    ),
+    ("no sweep", lambda: BifurcationDiagram.of(5), "sweep must be a Sweep; got 5"),  # type: ignore[arg-type]
+    ("no axes", lambda: branch().plot(ax=5), "ax must be axes of matplotlib; got 5"),  # type: ignore[arg-type]
+    ("no axes of a sweep", lambda: swept().plot(ax=5), "ax must be axes of matplotlib; got 5"),  # type: ignore[arg-type]
+    # messages
+    (
+        "one coordinate",
+        lambda: CorrelationDimension(np.arange(500.0)),
+        "must have shape (any, any); got shape (500,); a single coordinate is states[:, None]",
+    ),
+    (
+        "another key",
+        lambda: parameter_map(chain(), {"frequency": [0.9], "damping": [-0.1]}, **BRIEF),
+        "damping must not be negative; got -0.1 in values['damping'][0]",
+    ),
+    (
+        "asymmetry",
+        lambda: MatrixOscillator(M=np.eye(2), C=np.eye(2), K=[[1, 0.1], [0.2, 1]], frequency=1),
+        "got 0.1 at [0, 1] and 0.2 across; (K + K.T) / 2 is symmetric",
+    ),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
+def test_a_wrong_argument_is_refused_by_name(call: Callable[[], Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)) as refusal:
+        call()
+    assert "\n" not in str(refusal.value)
+
+
+def test_what_fits_into_memory_is_taken() -> None:
+    assert within_memory("impacts", 1000, 8000.0) == 1000
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[chain]\nmasses = 2\n", "must hold only "),
+        ("frequency = {value = 0.9}\n", "frequency must be a finite number; got {'value': 0.9}"),
+        ("frequency = 0.9\nmasses = {count = 2}\n", "masses must be "),
+        ("frequency = 0.9\nsprings = [[1.0], [2.0]]\n", "springs must have shape "),
+        ("frequency = " + "[" * 5000 + "]" * 5000, "must be a TOML file: "),
+    ],
+)
+def test_nested_toml_is_refused_in_one_line(
+    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "x.toml"
+    file.write_text(text)
+    assert main(["simulate", str(file)]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert message in told
+
+
+def test_toml_with_a_byte_order_mark_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "x.toml"
+    file.write_bytes(b"\xef\xbb\xbffrequency = 0.9\nmasses = 2\ntransient = 5\nimpacts = 5\n")
+    assert main(["simulate", str(file)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_an_export_is_no_store_and_the_refusal_says_what_makes_one(tmp_path: Path) -> None:
+    file = tmp_path / "x.csv"
+    file.write_text("rate,state[0]\n")
+    with pytest.raises(ValueError, match=r"as store=, --store and save\(\) write; got "):
+        Sweep.load(file)
+
+
+@dataclass(frozen=True)
+class Heavy(Logistic):
+    g: float = 1.0
+
+
+def test_an_integer_is_the_same_parameter_as_its_float_in_a_store(tmp_path: Path) -> None:
+    for follow in (True, False):
+        store = tmp_path / f"{follow}.h5"
+        options: dict[str, Any] = {"start": [0.3], "store": store, "follow": follow, **BRIEF}
+        first = sweep(Heavy(2.9, g=1), "rate", [2.9], **options)
+        again = sweep(Heavy(2.9, g=1.0), "rate", [2.9], **options)
+        assert np.array_equal(first.observable("state[0]"), again.observable("state[0]"))
+        with pytest.raises(ValueError, match=r"was made with g 1; got 2\.0"):
+            sweep(Heavy(2.9, g=2.0), "rate", [2.9], **options)
+
+
+# --- systems --------------------------------------------------------------------------------------
+
+
+def test_the_rounding_of_a_product_of_matrices_is_no_asymmetry() -> None:
+    random = np.random.default_rng(0)
+    asymmetric = 0
+    for _ in range(40):
+        n = int(random.integers(2, 7))
+        b, k = random.normal(size=(2, n, n))
+        stiffness = b.T @ (k @ k.T + np.eye(n)) @ b
+        asymmetric += bool((stiffness != stiffness.T).any())
+        found = MatrixOscillator(M=np.eye(n), C=np.zeros((n, n)), K=stiffness, frequency=1.0)
+        taken = np.array(found.K)
+        assert (taken == taken.T).all()
+        assert abs(taken - stiffness).max() <= n * 2.0**-52 * abs(stiffness).max()
+    assert asymmetric > 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leaning(ImpactOscillator):
+    """One mass whose weight is in its potential."""
+
+    degrees_of_freedom = 1
+
+    def kinetic(self, v: Any) -> Any:
+        return v[0] ** 2 / 2
+
+    def potential(self, x: Any) -> Any:
+        return x[0] ** 2 / 2 + x[0]
+
+
+def test_a_linear_potential_points_to_constant_forces() -> None:
+    with pytest.raises(ValueError, match="is of degree 1, a constant force: give it as constant_f"):
+        Leaning(frequency=1.0).simulate(impacts=1)
+
+
+# --- records --------------------------------------------------------------------------------------
+
+
+def test_measures_of_attractors_take_records() -> None:
+    record = chain(frequency=0.9).simulate(impacts=300)
+    attractor = chain(frequency=0.9).attractor(transient=0, impacts=300)
+    times = np.linspace(0.0, 50.0, 20)
+    assert np.array_equal(record.as_attractor().states, attractor.states)
+    assert np.array_equal(TimeSeries(record, times).values, TimeSeries(attractor, times).values)
+    assert np.array_equal(StroboscopicSection(record).states, StroboscopicSection(attractor).states)
+    assert np.array_equal(
+        SpaceTime(record, times).displacements, SpaceTime(attractor, times).displacements
+    )
+    assert np.array_equal(CorrelationDimension(record).states, attractor.states)
+    few: dict[str, Any] = {"iterations": 128}
+    assert np.array_equal(
+        LyapunovSpectrum(record, **few).exponents,
+        LyapunovSpectrum(attractor, **few).exponents,  # type: ignore[arg-type]
+    )
+    parted = Sensitivity(record, **few).distances  # type: ignore[arg-type]
+    assert np.array_equal(parted, Sensitivity(attractor, **few).distances)
+    assert PowerSpectrum(record).name == PowerSpectrum(attractor).name
