@@ -56,7 +56,7 @@ class LyapunovSpectrum:
 
     Parameters
     ----------
-    attractor : Attractor
+    attractor : Attractor or ImpactRecord
         Of a map, a Poincare map, an impact oscillator; the motion goes on from its last state. A
         Poincare map has one exponent less than its flow: not the one that is zero.
     iterations : int

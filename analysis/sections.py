@@ -36,7 +36,7 @@ class StroboscopicSection:
 
     Parameters
     ----------
-    source : Attractor or (p, d) array_like
+    source : Attractor, ImpactRecord or (p, d) array_like
         An attractor is sampled exactly; an array holds the states of the section.
     phase : float
         Phase of the table, modulo 2 pi.
@@ -133,7 +133,7 @@ class ImpactSection:
 
     Parameters
     ----------
-    source : Attractor or (n, d) array_like
+    source : Attractor, ImpactRecord or (n, d) array_like
         An attractor of impacts gives the states that it kept. The last two columns of an array are
         relative velocity and phase.
 

@@ -27,7 +27,7 @@ class Sensitivity:
 
     Parameters
     ----------
-    attractor : Attractor
+    attractor : Attractor or ImpactRecord
     distance : float
         By which every coordinate differs at first; positive.
     iterations : int

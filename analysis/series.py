@@ -31,7 +31,7 @@ class TimeSeries:
 
     Parameters
     ----------
-    source : Attractor or (k,) array_like
+    source : Attractor, ImpactRecord or (k,) array_like
         An attractor is sampled exactly, also beyond the states that it kept; an array holds the
         values.
     times : (k,) array_like, optional

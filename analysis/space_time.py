@@ -39,7 +39,7 @@ class SpaceTime:
 
     Parameters
     ----------
-    source : Attractor or (k, N) array_like
+    source : Attractor, ImpactRecord or (k, N) array_like
         An attractor of an impact oscillator is sampled exactly; an array holds displacements, one
         mass in each column.
     times : (k,) array_like, optional

@@ -50,7 +50,7 @@ class PowerSpectrum:
 
     Parameters
     ----------
-    source : Attractor or (k,) array_like
+    source : Attractor, ImpactRecord or (k,) array_like
         An attractor is sampled exactly; an array holds values at equal intervals.
     interval : float, optional
         Time between samples. An array needs it. For an attractor it is by default the largest part

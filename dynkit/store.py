@@ -77,7 +77,8 @@ def read(path: Path) -> Archive:
             block = file.read(_BLOCK)
             if not block.startswith(_TITLE):
                 raise ValueError(
-                    f"store must be a store of dynkit, as store=, --store and save() write; got {path}"
+                    "store must be a store of dynkit, as store=, --store and save() write; "
+                    f"got {path}"
                 )
             version = block[len(_TITLE) :].split(b"\n")[0].decode("ascii", "replace")
             if len(block) == _BLOCK and version != str(FORMAT):

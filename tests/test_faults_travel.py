@@ -182,7 +182,7 @@ class FaultyFlow(IntegratedFlow):
 
 
 def _section_map(flow: FaultyFlow) -> PoincareMap:
-    return PoincareMap(flow, Hyperplane([0.0, 1.0]), time_limit=20.0)
+    return PoincareMap(flow, Hyperplane(np.array([0.0, 1.0])), time_limit=20.0)
 
 
 FLOW_USES: list[tuple[Callable[[FaultyFlow], Any], str]] = [
@@ -319,3 +319,12 @@ def test_a_fault_of_a_constructor_is_none_of_the_store(
             patched.setattr(Unidentified, "__post_init__", faulty)
             with pytest.raises(fault, match="a fault in the constructor"):
                 Sweep.load(store, sound)
+
+
+def test_an_orbit_beyond_the_bounds_of_an_exploration_is_left_and_said() -> None:
+    seeds = [periodic_orbit(Logistic(rate), [0.6]) for rate in (2.0, 2.9)]
+    network = explore(Logistic(2.9), "rate", (2.85, 2.95), seeds=seeds)
+    assert len(network) == 1
+    (left,) = network.unexplored
+    assert left.why == "continuing P(1) at 2 fails: rate must lie in [2.85, 2.95]; got 2.0"
+    assert network.message.endswith("left unexplored: 1 orbits to start from")

@@ -399,7 +399,7 @@ def test_a_linear_potential_points_to_constant_forces() -> None:
 
 
 def test_measures_of_attractors_take_records() -> None:
-    record = chain(frequency=0.9).simulate(impacts=300)
+    record: Any = chain(frequency=0.9).simulate(impacts=300)
     attractor = chain(frequency=0.9).attractor(transient=0, impacts=300)
     times = np.linspace(0.0, 50.0, 20)
     assert np.array_equal(record.as_attractor().states, attractor.states)
@@ -412,8 +412,8 @@ def test_measures_of_attractors_take_records() -> None:
     few: dict[str, Any] = {"iterations": 128}
     assert np.array_equal(
         LyapunovSpectrum(record, **few).exponents,
-        LyapunovSpectrum(attractor, **few).exponents,  # type: ignore[arg-type]
+        LyapunovSpectrum(attractor, **few).exponents,
     )
-    parted = Sensitivity(record, **few).distances  # type: ignore[arg-type]
+    parted = Sensitivity(record, **few).distances
     assert np.array_equal(parted, Sensitivity(attractor, **few).distances)
     assert PowerSpectrum(record).name == PowerSpectrum(attractor).name

@@ -69,7 +69,7 @@ def test_a_truncated_store_is_refused(stored: Path, kept: int) -> None:
 @pytest.mark.parametrize("kept", [0, 1, 19])
 def test_the_stump_of_a_store_is_refused(stored: Path, kept: int) -> None:
     stored.write_bytes(stored.read_bytes()[:kept])
-    assert_refused_untouched(stored, r"store must be a file that dynkit wrote; got .*x\.h5")
+    assert_refused_untouched(stored, r"store must be a store of dynkit, as .*; got .*x\.h5")
 
 
 def test_bytes_too_many_are_refused(stored: Path) -> None:
@@ -96,13 +96,13 @@ def test_another_hdf5_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "foreign.h5"
     with h5py.File(path, "w") as file:
         file["values"] = [1.0]
-    assert_refused_untouched(path, r"store must be a file that dynkit wrote; got .*foreign\.h5")
+    assert_refused_untouched(path, r"store must be a store of dynkit, as .*; got .*foreign\.h5")
 
 
 def test_a_file_of_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "thesis.txt"
     path.write_text("All that I have.\n" * 100)
-    assert_refused_untouched(path, r"store must be a file that dynkit wrote; got .*thesis\.txt")
+    assert_refused_untouched(path, r"store must be a store of dynkit, as .*; got .*thesis\.txt")
 
 
 def test_another_format_is_refused_by_number(stored: Path) -> None:

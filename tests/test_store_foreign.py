@@ -111,15 +111,15 @@ def _link_to_text(path: Path) -> None:
 
 
 FOREIGN: dict[str, tuple[Callable[[Path], object], str]] = {
-    "empty": (Path.touch, "must be a file that dynkit wrote"),
-    "text": (lambda path: path.write_text("mine\n" * 300), "must be a file that dynkit wrote"),
-    "HDF5": (hdf5, "must be a file that dynkit wrote"),
+    "empty": (Path.touch, "must be a store of dynkit, as store="),
+    "text": (lambda path: path.write_text("mine\n" * 300), "must be a store of dynkit, as store="),
+    "HDF5": (hdf5, "must be a store of dynkit, as store="),
     "folder": (Path.mkdir, "must be a file;"),
     "pipe": (os.mkfifo, "must be a file;"),
     "socket": (lambda path: socket.socket(socket.AF_UNIX).bind("x.h5"), "must be a file;"),
     "device": (lambda path: path.symlink_to("/dev/zero"), "must be a file;"),
     "loop of links": (lambda path: path.symlink_to(path), "must be a file;"),
-    "link to text": (_link_to_text, "must be a file that dynkit wrote"),
+    "link to text": (_link_to_text, "must be a store of dynkit, as store="),
 }
 
 

@@ -61,7 +61,7 @@ class CorrelationDimension:
 
     Parameters
     ----------
-    source : Attractor or (n, d) array_like
+    source : Attractor, ImpactRecord or (n, d) array_like
         States, one after the other in time; 64 or more. They are taken in the units that they come
         in.
     norm : {"maximum", "euclidean"}

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynkit.continuation.arclength import Steps
 from dynkit.continuation.problem import NoSolution, Problem
+from dynkit.no_motion import Refused
 from dynkit.orbits import PeriodicOrbit
 from dynkit.validation import finite_scalar, positive, positive_integer
 
@@ -51,7 +52,9 @@ def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
     Raises
     ------
     ValueError
-        When it is no orbit, the system lacks one of them, or it does not solve its equations.
+        When it is no orbit, or the system lacks one of them.
+    Refused
+        When it does not solve its equations.
     """
     if not isinstance(orbit, PeriodicOrbit):
         raise ValueError(f"orbit must be a PeriodicOrbit; got {_no_orbit(orbit)}")
@@ -65,9 +68,9 @@ def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
     try:
         residual = float(abs(problem.residual(orbit.unknowns, problem.values)).max())
     except NoSolution as refusal:
-        raise ValueError(f"orbit must solve its equations; got {refusal}") from refusal
+        raise Refused(f"orbit must solve its equations; got {refusal}") from refusal
     if not residual <= 1e-8:
-        raise ValueError(f"orbit must solve its equations; got a residual of {residual:.1e}")
+        raise Refused(f"orbit must solve its equations; got a residual of {residual:.1e}")
     return problem
 
 

@@ -306,7 +306,7 @@ class _Exploration:
                     busy.add(label)
 
     def _continued(self, orbit: PeriodicOrbit, points: int) -> Callable[[], Branch]:
-        return partial(continue_orbit, orbit, self.parameter, bounds=self.bounds, points=points)
+        return partial(_branch_of, orbit, self.parameter, self.bounds, points)
 
     def _follows(self, orbit: PeriodicOrbit) -> bool:
         impacts, periods = self.largest
@@ -360,6 +360,8 @@ class _Exploration:
             parts = [f"{count} bifurcations"] if count else []
             if self.starting:
                 parts.append(self.starting)
+            elif count < len(left):
+                parts.append(f"{len(left) - count} orbits to start from")
             ending += f"; left unexplored: {' and '.join(parts)}"
         steps = sum(branch.cost.counts.get("newton_steps", 0) for branch in self.found)
         counts = {"branches": len(self.found), "points": self.points, "newton_steps": steps}
@@ -376,6 +378,16 @@ class _Exploration:
 _REFUSALS = (NoSolution, NoConvergence, NoMotion)
 # Of the machine: what was found before is kept. A fault in a program is raised.
 _FAILURES = (MemoryError, OSError, WorkerLost)
+
+
+def _branch_of(
+    orbit: PeriodicOrbit, parameter: str, bounds: tuple[float, float], points: int
+) -> Branch:
+    """The branch of an orbit, which a switch may have put beyond the bounds: NoSolution there."""
+    value, (low, high) = orbit.system.parameters[parameter], bounds
+    if not low <= value <= high:
+        raise NoSolution(f"{parameter} must lie in [{low}, {high}]; got {value}")
+    return continue_orbit(orbit, parameter, bounds=bounds, points=points)
 
 
 def at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:

@@ -122,7 +122,7 @@ def kind_of(system: object) -> str:
     return f"{type(system).__module__}.{type(system).__qualname__}"
 
 
-def known_names(known: Sequence[str], asked: Sequence[str] | None) -> tuple[str, ...]:
+def known_names(known: Sequence[str], asked: object) -> tuple[str, ...]:
     """Return the names of the observables that were asked for, by default the first.
 
     Raises
