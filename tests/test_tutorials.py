@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -62,4 +63,55 @@ def test_tutorial_begins_with_its_question_and_draws(path: Path) -> None:
     notebook = notebooks.read(path)
     assert notebook.cells[0].source.startswith("# ")
     assert "?**" in notebook.cells[0].source
-    assert sum(text.figures for text in notebooks.texts(notebook)) >= 2
+    assert sum(len(text.figures) for text in notebooks.texts(notebook)) >= 2
+
+
+def pictures(cell: str) -> str:
+    """What the pictures of a cell show."""
+    (path,) = (path for path in TUTORIALS if path.name[:2] == cell[:2])
+    (text,) = (text for text in notebooks.texts(notebooks.read(path)) if text.cell == cell)
+    return "\n".join(text.figures)
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_every_picture_of_a_tutorial_says_what_it_shows(path: Path) -> None:
+    for text in notebooks.texts(notebooks.read(path)):
+        assert all(text.figures), text.cell
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_headings_of_a_tutorial_are_headings(path: Path) -> None:
+    for cell in notebooks.read(path).cells:
+        if cell.cell_type == "markdown":
+            assert not re.search(r"^#+\s+#", cell.source, flags=re.MULTILINE), cell.id
+
+
+def test_both_stops_of_the_tutorial_of_structures_are_drawn() -> None:
+    assert len(re.findall("one dashed", pictures("02-09"))) == 2
+    assert len(re.findall("dashed", pictures("02-01"))) == 1
+
+
+def test_dotted_lines_are_orbits_that_no_motion_follows() -> None:
+    assert "one dotted 'inadmissible'" in pictures("04-01")
+    assert "one solid 'stable'" in pictures("04-01")
+    assert "several dotted" in pictures("04-09")
+    dotted = {
+        text.cell
+        for path in TUTORIALS
+        for text in notebooks.texts(notebooks.read(path))
+        if "dotted" in "".join(text.figures)
+    }
+    assert dotted == {"04-01", "04-09"}
+
+
+def test_the_curve_of_grazing_carries_its_name() -> None:
+    assert pictures("04-11").endswith("one dashed 'GR'; texts GR")
+
+
+def test_the_diagram_of_the_tutorial_has_periods_and_chaos() -> None:
+    assert "texts P(#,#) chaotic" in pictures("03-01")
+
+
+def test_both_borders_of_chatter_are_marked() -> None:
+    assert "two dots" in pictures("05-07")
+    assert "texts CB" in pictures("05-07")
