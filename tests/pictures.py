@@ -14,6 +14,8 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -46,7 +48,7 @@ def describe_pictures() -> None:
             settings["metadata"] = {"Description": description(self.figure)}
         return plain(self, file, *args, **settings)
 
-    FigureCanvasBase.print_figure = print_figure  # type: ignore[method-assign]
+    FigureCanvasBase.print_figure = print_figure  # type: ignore[assignment,method-assign]
 
 
 def description(figure: Figure) -> str:
@@ -66,7 +68,7 @@ def description(figure: Figure) -> str:
 
 
 def _axes(axes: Axes) -> str:
-    drawn = Counter(_line(line) for line in axes.get_lines() if len(line.get_xydata()))
+    drawn = Counter(_line(line) for line in axes.get_lines() if np.size(line.get_xydata()))
     drawn += Counter(type(shown).__name__ for shown in axes.collections)
     names = [axes.get_xlabel(), axes.get_ylabel(), axes.get_title()]
     legend = axes.get_legend()
@@ -100,7 +102,7 @@ def style(line: Line2D) -> str:
 
     A dotted line has no dash that is longer than the line is wide.
     """
-    if line.get_linestyle().lower() in ("none", "", " "):
+    if line.get_linestyle() in ("none", "None", "", " "):
         return "dots"
     # the pattern in widths of the line, which no public method gives
     _, pattern = line._unscaled_dash_pattern  # type: ignore[attr-defined]

@@ -182,3 +182,12 @@ def test_a_figure_for_a_journal_has_the_branch_beside_the_diagram() -> None:
     assert {"stable", "inadmissible"} <= {line.get_label() for line in branch.get_lines()}
     assert branch.get_title() == "(b)"
     np.testing.assert_allclose(names["figure"].get_size_inches(), (6.8, 2.6))
+
+
+def test_every_run_of_the_cluster_page_goes_on_from_one_store() -> None:
+    page = text(f"{HOW_TO}run-on-a-cluster.md")
+    calls = re.findall(r"parameter_map\(chain, values, (.*)\)", page)
+    (command,) = (each for each in commands(f"{HOW_TO}run-on-a-cluster.md") if each[0] == "map")
+    assert len(calls) == 3
+    assert all("transient=900" in call and 'store="map.h5"' in call for call in calls)
+    assert command[command.index("--transient") + 1] == "900"

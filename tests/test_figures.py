@@ -106,7 +106,7 @@ def called_at_import(code: str) -> set[str]:
     tree = ast.parse(code)
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.Lambda):
-            node.body = []  # type: ignore[assignment]
+            node.body = []
     return {
         call.func.id
         for call in ast.walk(tree)

@@ -96,7 +96,7 @@ def test_curves_carry_their_kind_and_names() -> None:
 
 def dotted(style: Any) -> bool:
     """Whether a line of this style is made of dots: no dash is longer than the line is wide."""
-    return style != "-" and max(style[1][::2]) <= 1.0
+    return style != "-" and bool(max(style[1][::2]) <= 1.0)
 
 
 def test_only_inadmissible_orbits_are_dotted() -> None:
