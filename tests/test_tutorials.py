@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 
 from tests import notebooks
 
@@ -115,3 +117,30 @@ def test_the_diagram_of_the_tutorial_has_periods_and_chaos() -> None:
 def test_both_borders_of_chatter_are_marked() -> None:
     assert "two dots" in pictures("05-07")
     assert "texts CB" in pictures("05-07")
+
+
+def executed(cell: str) -> dict[str, Any]:
+    """Names that one cell of code defines by itself."""
+    (path,) = (path for path in TUTORIALS if path.name[:2] == cell[:2])
+    (code,) = (each.source for each in notebooks.read(path).cells if each.id == cell)
+    names: dict[str, Any] = {"__name__": "__main__"}
+    exec(compile(code, cell, "exec"), names)
+    return names
+
+
+def test_the_sweep_of_the_ricker_map_goes_through_doublings_to_chaos() -> None:
+    """Fixed point up to growth 2, then periods 2, 4, ...: May, Nature 261 (1976) 459."""
+    found = executed("08-01")["found"]
+    plt.close("all")
+    labels = {}
+    for growth, points, name in [(1.7, 1, "P(1)"), (2.3, 2, "P(2)"), (2.6, 4, "P(4)")]:
+        place = int(abs(found.values - growth).argmin())
+        labels[name] = str(found.label(place))
+        kept = found.observable(found.observables[0])[place]
+        assert len(np.unique(kept.round(6))) == points, growth
+    assert labels == {name: name for name in labels}
+    assert str(found.label(int(abs(found.values - 2.9).argmin()))) == "chaotic"
+
+
+def test_the_figure_of_the_ricker_map_shows_periods_and_chaos() -> None:
+    assert "texts P(#) chaotic" in pictures("08-01")
