@@ -14,6 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from tests.pictures import described
+
 if TYPE_CHECKING:
     from nbformat import NotebookNode
 
@@ -26,11 +28,18 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _AVERAGE = re.compile(rf"({_NUMBER.pattern}) \+- ({_NUMBER.pattern})")
 # Seconds are kept for long enough to compile kernels on a slow machine.
 _TIMEOUT = 600
+# The kernel runs in a folder of its own, and takes dynkit and the tests from here.
+_FIRST = f"""
+import sys
+sys.path.insert(0, {str(FOLDER.parent)!r})
+from tests import pictures
+pictures.describe_pictures()
+"""
 
 
 @dataclass(frozen=True)
 class CellText:
-    """What a code cell printed: its words and its numbers apart, and how many figures it drew.
+    """What a code cell printed: its words and its numbers apart, and what its figures show.
 
     Of statistics, averages and their standard errors, printed as ``value +- error``, stand apart
     from other numbers.
@@ -40,7 +49,7 @@ class CellText:
     words: str
     numbers: tuple[float, ...]
     averages: tuple[tuple[float, float], ...]
-    figures: int
+    figures: tuple[str, ...]
     statistics: bool
 
 
@@ -68,7 +77,10 @@ def execute(notebook: NotebookNode) -> NotebookNode:
         client = NotebookClient(
             notebook,
             timeout=_TIMEOUT,
-            extra_arguments=["--InlineBackend.figure_formats={'retina'}"],
+            extra_arguments=[
+                "--InlineBackend.figure_formats={'retina'}",
+                f"--IPKernelApp.exec_lines={_FIRST}",
+            ],
             kernel_name="python3",
             config=Config({"KernelManager": {"transport": "ipc", "ip": f"{folder}/kernel"}}),
             resources={"metadata": {"path": folder}},
@@ -102,13 +114,14 @@ def texts(notebook: NotebookNode) -> list[CellText]:
 
 def _text(cell: Any) -> CellText:
     text = ""
-    figures = 0
+    figures = []
     for output in cell.outputs:
         if output.output_type == "stream":
             text += output.text
         else:
-            figures += "image/png" in output.data
-            text += output.data.get("text/plain", "") if "image/png" not in output.data else ""
+            picture = output.data.get("image/png")
+            figures += [described(picture)] if picture else []
+            text += "" if picture else output.data.get("text/plain", "")
     statistics = STATISTICS in cell.metadata.get("tags", ())
     rest = _AVERAGE.sub("+-", text) if statistics else text
     averages = _AVERAGE.findall(text) if statistics else []
@@ -117,7 +130,7 @@ def _text(cell: Any) -> CellText:
         _NUMBER.sub("#", rest),
         tuple(float(number) for number in _NUMBER.findall(rest)),
         tuple((float(value), float(error)) for value, error in averages),
-        figures,
+        tuple(figures),
         statistics,
     )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -97,3 +99,26 @@ def test_type_is_that_of_print_unless_the_user_has_chosen(plot: Callable[[], Axe
 def test_ink_is_between_text_and_paper() -> None:
     with mpl.rc_context({"text.color": "red", "axes.facecolor": "blue"}):
         np.testing.assert_allclose(figures.ink(0.25), (0.75, 0.0, 0.25))
+
+
+def called_at_import(code: str) -> set[str]:
+    """Names of the functions that a module calls while it is imported."""
+    tree = ast.parse(code)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.Lambda):
+            node.body = []
+    return {
+        call.func.id
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name)
+    }
+
+
+def test_no_colour_is_chosen_before_a_figure_is_drawn() -> None:
+    assert called_at_import("REGION = [ink(0.5)]") == {"ink"}
+    assert called_at_import("def draw():\n    return ink(0.5)") == set()
+    root = Path(figures.__file__).parents[1]
+    for folder in ("dynkit", "systems", "analysis"):
+        for path in (root / folder).rglob("*.py"):
+            frozen = called_at_import(path.read_text(encoding="utf-8")) & {"ink", "circles"}
+            assert not frozen, path

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 
 from tests import notebooks
 
@@ -62,4 +65,82 @@ def test_tutorial_begins_with_its_question_and_draws(path: Path) -> None:
     notebook = notebooks.read(path)
     assert notebook.cells[0].source.startswith("# ")
     assert "?**" in notebook.cells[0].source
-    assert sum(text.figures for text in notebooks.texts(notebook)) >= 2
+    assert sum(len(text.figures) for text in notebooks.texts(notebook)) >= 2
+
+
+def pictures(cell: str) -> str:
+    """What the pictures of a cell show."""
+    (path,) = (path for path in TUTORIALS if path.name[:2] == cell[:2])
+    (text,) = (text for text in notebooks.texts(notebooks.read(path)) if text.cell == cell)
+    return "\n".join(text.figures)
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_every_picture_of_a_tutorial_says_what_it_shows(path: Path) -> None:
+    for text in notebooks.texts(notebooks.read(path)):
+        assert all(text.figures), text.cell
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_headings_of_a_tutorial_are_headings(path: Path) -> None:
+    for cell in notebooks.read(path).cells:
+        if cell.cell_type == "markdown":
+            assert not re.search(r"^#+\s+#", cell.source, flags=re.MULTILINE), cell.id
+
+
+def test_both_stops_of_the_tutorial_of_structures_are_drawn() -> None:
+    assert len(re.findall("one dashed", pictures("02-09"))) == 2
+    assert len(re.findall("dashed", pictures("02-01"))) == 1
+
+
+def test_dotted_lines_are_orbits_that_no_motion_follows() -> None:
+    assert "one dotted 'inadmissible'" in pictures("04-01")
+    assert "one solid 'stable'" in pictures("04-01")
+    assert "several dotted" in pictures("04-09")
+    dotted = {
+        text.cell
+        for path in TUTORIALS
+        for text in notebooks.texts(notebooks.read(path))
+        if "dotted" in "".join(text.figures)
+    }
+    assert dotted == {"04-01", "04-09"}
+
+
+def test_the_curve_of_grazing_carries_its_name() -> None:
+    assert pictures("04-11").endswith("one dashed 'GR'; texts GR")
+
+
+def test_the_diagram_of_the_tutorial_has_periods_and_chaos() -> None:
+    assert "texts P(#,#) chaotic" in pictures("03-01")
+
+
+def test_both_borders_of_chatter_are_marked() -> None:
+    assert "two dots" in pictures("05-07")
+    assert "texts CB" in pictures("05-07")
+
+
+def executed(cell: str) -> dict[str, Any]:
+    """Names that one cell of code defines by itself."""
+    (path,) = (path for path in TUTORIALS if path.name[:2] == cell[:2])
+    (code,) = (each.source for each in notebooks.read(path).cells if each.id == cell)
+    names: dict[str, Any] = {"__name__": "__main__"}
+    exec(compile(code, cell, "exec"), names)
+    return names
+
+
+def test_the_sweep_of_the_ricker_map_goes_through_doublings_to_chaos() -> None:
+    """Fixed point up to growth 2, then periods 2, 4, ...: May, Nature 261 (1976) 459."""
+    found = executed("08-01")["found"]
+    plt.close("all")
+    labels = {}
+    for growth, points, name in [(1.7, 1, "P(1)"), (2.3, 2, "P(2)"), (2.6, 4, "P(4)")]:
+        place = int(abs(found.values - growth).argmin())
+        labels[name] = str(found.label(place))
+        kept = found.observable(found.observables[0])[place]
+        assert len(np.unique(kept.round(6))) == points, growth
+    assert labels == {name: name for name in labels}
+    assert str(found.label(int(abs(found.values - 2.9).argmin()))) == "chaotic"
+
+
+def test_the_figure_of_the_ricker_map_shows_periods_and_chaos() -> None:
+    assert "texts P(#) chaotic" in pictures("08-01")

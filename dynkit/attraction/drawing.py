@@ -17,12 +17,15 @@ if TYPE_CHECKING:
 
     from dynkit.attraction.result import Basins
 
-_OTHERS = {
-    UNSETTLED: Region("unsettled", None, "xxxx"),
-    RUNS_AWAY: Region("runs away", None),
-    NO_CROSSING: Region("no crossing", None, "...."),
-    NO_STATE: Region("no state", ink(0.5)),
-}
+
+def _others() -> dict[int, Region]:
+    """Regions of the starts that no basin holds, in the colours that are set now."""
+    return {
+        UNSETTLED: Region("unsettled", None, "xxxx"),
+        RUNS_AWAY: Region("runs away", None),
+        NO_CROSSING: Region("no crossing", None, "...."),
+        NO_STATE: Region("no state", ink(0.5)),
+    }
 
 
 def draw_basins(found: Basins, ax: Axes | None) -> Axes:
@@ -33,7 +36,7 @@ def draw_basins(found: Basins, ax: Axes | None) -> Axes:
     colours = shades(len(names))
     regions = [Region(name, colour) for name, colour in zip(names, colours, strict=True)]
     cells = found.numbers.copy()
-    for number, region in _OTHERS.items():
+    for number, region in _others().items():
         cells[found.numbers == number] = len(regions)
         regions.append(region)
     (first, x), (second, y) = (_axis(found.starts, axis) for axis in (0, 1))
@@ -66,7 +69,7 @@ def _name(coordinate: int, axis: int) -> str:
 def _draw_fractions(found: Basins, ax: Axes | None) -> Axes:
     axes = shown_axes(ax)
     bars = [(f"{b.number}: {b.label}", b.fraction) for b in found.basins]
-    for number, region in _OTHERS.items():
+    for number, region in _others().items():
         part = float((found.numbers == number).mean())
         bars += [(region.name, part)] if part else []
     names, parts = [name for name, _ in bars], np.array([part for _, part in bars])

@@ -24,10 +24,11 @@ _CURVES: dict[str, Any] = {
     "SN": "-",
     "PD": (0, (5, 2)),
     "NS": (0, (5, 2, 1, 2)),
-    "GR": (0, (1, 1.5)),
+    "GR": (0, (3, 1.5)),
     "BP": (0, (5, 2, 1, 2, 1, 2)),
-    "CB": (0, (2, 3)),
+    "CB": (0, (9, 2)),
 }
+"""How curves of bifurcations are drawn: dots are left to inadmissible orbits."""
 _TEXT: dict[str, Any] = {
     "textcoords": "offset points",
     "xytext": (3.0, 3.0),

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
+from dynkit.continuation.drawing import _CURVES, LINES
 from tests.continuation.starts import flat, henon
 
 
@@ -91,3 +92,17 @@ def test_curves_carry_their_kind_and_names() -> None:
     assert [text.get_text() for text in ax.texts] == ["PD"]
     (line,) = ax.get_lines()
     assert (np.column_stack([line.get_xdata(), line.get_ydata()]) == curve.parameters).all()
+
+
+def dotted(style: Any) -> bool:
+    """Whether a line of this style is made of dots: no dash is longer than the line is wide."""
+    return style != "-" and bool(max(style[1][::2]) <= 1.0)
+
+
+def test_only_inadmissible_orbits_are_dotted() -> None:
+    styles = LINES | _CURVES
+    assert [name for name, style in styles.items() if dotted(style)] == ["inadmissible"]
+
+
+def test_each_kind_of_bifurcation_has_a_line_of_its_own() -> None:
+    assert len({str(style) for style in _CURVES.values()}) == len(_CURVES)

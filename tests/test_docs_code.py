@@ -1,0 +1,193 @@
+"""The code of the documents runs, prints what its comments say, and draws what the text says.
+
+Of a ```python block, the comment beside a ``print``, and the comments in the lines below it, are
+its output: words must be the same, numbers to their last printed digit.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import shlex
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.backend_bases import FigureCanvasBase
+
+from dynkit.cli import main
+from dynkit.cli.arguments import make_parser
+from tests.pictures import describe_pictures, described
+
+ROOT = Path(__file__).parents[1]
+HOW_TO = "docs/how-to/"
+
+_NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
+
+
+def text(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def blocks(page: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", text(page), flags=re.DOTALL)
+
+
+def expected(block: str) -> list[str]:
+    """Return the lines of output that the comments of a block show."""
+    found: list[str] = []
+    within = False
+    for line in block.splitlines():
+        code, mark, comment = line.partition("# ")
+        within = "print(" in code or (within and bool(mark) and not code.strip())
+        if within and mark:
+            found.append(comment)
+    return found
+
+
+def run(page: str) -> Iterator[tuple[list[str], list[str], dict[str, Any]]]:
+    """Run the blocks of a page, in one namespace: what each shows, prints, and has defined."""
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for block in blocks(page):
+        output = io.StringIO()
+        with redirect_stdout(output):
+            exec(compile(block, page, "exec"), names)
+        yield expected(block), output.getvalue().splitlines(), names
+
+
+def agrees(shown: str, printed: str) -> bool:
+    """Whether words are the same, and numbers within one unit of the last digit that is shown."""
+    if _NUMBER.sub("#", shown) != _NUMBER.sub("#", printed):
+        return False
+    pairs = zip(_NUMBER.findall(shown), _NUMBER.findall(printed), strict=True)
+    return all(abs(float(a) - float(b)) <= 1.01 * _unit(a) for a, b in pairs)
+
+
+def _unit(number: str) -> float:
+    mantissa, _, exponent = number.lower().partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return 10.0 ** (int(exponent or 0) - decimals) if decimals else 0.0
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder of their own for the files, whose pictures say what they show."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(FigureCanvasBase, "print_figure", FigureCanvasBase.print_figure)
+    describe_pictures()
+    with mpl.rc_context():  # a page sets what it likes
+        yield tmp_path
+    plt.close("all")
+
+
+def shows(path: Path) -> str:
+    return described(base64.b64encode(path.read_bytes()).decode())
+
+
+def test_output_is_read_from_the_comments_of_prints() -> None:
+    block = "a = 1  # one\nprint(a)  # 1\nfor b in [2, 3]:\n    print(b)\n# 2\n# 3\nc = 4\n# four\n"
+    assert expected(block) == ["1", "2", "3"]
+
+
+def test_output_agrees_to_the_digits_that_are_shown() -> None:
+    assert agrees("PD 0.7617", "PD 0.7616")
+    assert not agrees("GR 0.8102", "PD 0.8102")
+    assert not agrees("GR 0.8102", "GR 0.7617")
+    assert not agrees("P(1,3)", "P(1,4)")
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        "README.md",
+        "docs/index.md",
+        *(f"{HOW_TO}{name}.md" for name in ("keep-results", "make-a-structure")),
+    ],
+)
+def test_code_prints_what_its_page_shows(page: str) -> None:
+    for shown, printed, _ in run(page):
+        assert len(shown) == len(printed), (shown, printed)
+        assert all(map(agrees, shown, printed)), (shown, printed)
+
+
+def commands(page: str) -> list[list[str]]:
+    """Commands of a page, in lines of their own or within a sentence, without `dynkit`.
+
+    `reproduce`, `work-precision` and `extremes` have tests of their own.
+    """
+    lines = re.findall(r"^    dynkit (.*)$|`dynkit ([^`]*)`", text(page), flags=re.MULTILINE)
+    found = [shlex.split(line or inline) for line, inline in lines]
+    others = {"reproduce", "work-precision", "extremes", "--help"}
+    return [arguments for arguments in found if arguments[0] not in others]
+
+
+SHOWN = {
+    "diagram.png": ["one dots", "texts P(#,#) chaotic"],
+    "branch.png": ["one solid", "two dotted", "texts GR; legend inadmissible stable"],
+}
+"""What the picture of a command must show."""
+
+
+def test_commands_draw_what_their_page_says(folder: Path) -> None:
+    page = f"{HOW_TO}use-the-command.md"
+    for name, lines in re.findall(r"```toml\n# (\S+)\n(.*?)```", text(page), flags=re.DOTALL):
+        (folder / name).write_text(lines)
+    assert commands(page)
+    for arguments in commands(page):
+        assert main(arguments) == 0, arguments
+        file = arguments[arguments.index("--out") + 1]
+        assert (folder / file).stat().st_size > 0
+        for part in SHOWN.get(file, []):
+            assert part in shows(folder / file), arguments
+        (folder / file).unlink()
+
+
+def test_the_command_of_the_readme_draws_what_its_code_draws(folder: Path) -> None:
+    for _ in run("README.md"):
+        pass
+    _, by_code = shows(folder / "diagram.png").split(": ")
+    (folder / "diagram.png").unlink()
+    for arguments in commands("README.md"):
+        assert main(arguments) == 0
+    names, by_command = shows(folder / "diagram.png").split(": ")
+    assert by_command == by_code
+    assert names.startswith("frequency")
+    for part in SHOWN["diagram.png"]:
+        assert part in by_code
+
+
+def test_the_readme_names_every_command() -> None:
+    (names,) = re.findall(r"`dynkit --help`\s+lists ([^.]*)\.", text("README.md"))
+    (choices,) = (a.choices for a in make_parser()._actions if a.dest == "command")
+    assert re.findall(r"`([a-z-]+)`", names) == list(choices or ())
+
+
+def test_the_code_of_the_readme_is_as_long_as_its_heading_says() -> None:
+    lines = [line for line in blocks("README.md")[0].splitlines() if line and line[0] != "#"]
+    imports = [line for line in lines if re.match("import|from", line)]
+    assert len(lines) - len(imports) <= 10
+
+
+def test_a_figure_for_a_journal_has_the_branch_beside_the_diagram() -> None:
+    *_, (_, _, names) = run(f"{HOW_TO}draw-for-a-journal.md")
+    diagram, branch = names["axes"]
+    assert diagram.texts
+    assert len(diagram.get_lines()[0].get_xdata()) > 1000
+    assert {"stable", "inadmissible"} <= {line.get_label() for line in branch.get_lines()}
+    assert branch.get_title() == "(b)"
+    np.testing.assert_allclose(names["figure"].get_size_inches(), (6.8, 2.6))
+
+
+def test_every_run_of_the_cluster_page_goes_on_from_one_store() -> None:
+    page = text(f"{HOW_TO}run-on-a-cluster.md")
+    calls = re.findall(r"parameter_map\(chain, values, (.*)\)", page)
+    (command,) = (each for each in commands(f"{HOW_TO}run-on-a-cluster.md") if each[0] == "map")
+    assert len(calls) == 3
+    assert all("transient=900" in call and 'store="map.h5"' in call for call in calls)
+    assert command[command.index("--transient") + 1] == "900"
