@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.exponential.ladders import cells_of_a_call, workspace
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.validation import Array
 
@@ -47,13 +48,6 @@ class Run:
     cells: int
     touches: int
     seconds: float
-
-
-def workspace(slots: int) -> Any:
-    """Buffers of a search."""
-    from dynkit.exponential.evaluation_kernels import DEGREE, STATES, Workspace
-
-    return Workspace(np.zeros((STATES, 2, slots)), np.zeros(DEGREE + 1))
 
 
 def band_factor(slots: int) -> float:
@@ -105,11 +99,12 @@ def run(
     contacts = np.empty((0, 3))
     if "_contacts" in vars(oscillator):
         contacts = np.empty((16, 3))
-    done = 0
-    while True:
-        mechanics, contact = mechanics_of(oscillator, with_contact=len(contacts) > 0)
-        if noise > 0.0:
-            mechanics = _displaced(mechanics, oscillator, shifts)
+    done, ending = 0, kernels.CONTACTS_FULL
+    while ending in (kernels.CONTACTS_FULL, kernels.RUN_PAUSED):
+        if ending == kernels.CONTACTS_FULL:
+            mechanics, contact = mechanics_of(oscillator, with_contact=len(contacts) > 0)
+            if noise > 0.0:
+                mechanics = _displaced(mechanics, oscillator, shifts)
         impacts, ending = kernels.run(
             mechanics,
             clock,
@@ -117,6 +112,7 @@ def run(
             noise,
             band_factor(slots),
             most_cells,
+            cells_of_a_call(slots),
             states[done:],
             contacts,
             flight,
@@ -124,9 +120,8 @@ def run(
         )
         used = int(clock[clock_kernels.CONTACTS])
         done += impacts
-        if ending != kernels.CONTACTS_FULL:
-            break
-        contacts = np.concatenate([contacts, np.empty((max(16, len(contacts)), 3))])
+        if ending == kernels.CONTACTS_FULL:
+            contacts = np.concatenate([contacts, np.empty((max(16, len(contacts)), 3))])
     q, sine, cosine = free.parts(flight.states[START])
     turn = np.array([sine, cosine])
     if free.layout.table < 0:
