@@ -15,6 +15,7 @@ from dynkit.sweeps.following import kind_of
 from dynkit.sweeps.sweepable import Sweepable, SweptMap, sweepable
 from dynkit.validation import Array, finite_array, non_negative_integer, positive_integer
 from dynkit.workers.collecting import collect
+from dynkit.workers.points import MOST_POINTS
 
 
 def basins(
@@ -99,6 +100,8 @@ def basins(
             f"starts must have shape (k, {size}) or (k1, k2, {size}), and hold one or "
             f"more; got shape {given.shape}"
         )
+    if given.size // size > MOST_POINTS:
+        raise ValueError(f"starts must not be more than {MOST_POINTS}; got {given.size // size}")
     rows = finite_array("starts", starts, (*given.shape[:-1], size)).reshape(-1, size).copy()
     rows.setflags(write=False)
     look = Look(

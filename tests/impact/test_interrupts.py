@@ -157,7 +157,7 @@ def test_pairs_counted_in_pieces_are_the_same(euclidean: bool) -> None:
     edges = np.append(np.geomspace(1e-3, 0.5, 20) ** (2 if euclidean else 1), np.inf)
 
     def counted() -> tuple[bytes, int, int]:
-        found = counting.count(points, np.zeros(2), edges, 40, euclidean)
+        found = counting.count(points, np.zeros(2), edges, 40, euclidean=euclidean)
         return found.shares.tobytes(), found.box_pairs, found.distances
 
     whole = counted()
