@@ -226,14 +226,8 @@ def ascending(name: str, times: object) -> Array:
 
 def record_until(attractor: Attractor | None, latest: float) -> Any:
     """Return the record of impacts up to a time at least, None where there are no impacts."""
-    record: Any = getattr(attractor, "record", None)
-    if record is None:
-        return None
-    count = max(len(record), 1)
-    while record.ending.name == "COUNT_REACHED" and record.time[-1] < latest:
-        count *= 2
-        record = record.system.simulate(impacts=count, start=record.start)
-    return record
+    known: Any = attractor
+    return known.record_until(latest) if hasattr(attractor, "record_until") else None
 
 
 def motion_error(attractor: Attractor | None, latest: float) -> float:

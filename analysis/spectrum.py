@@ -36,6 +36,9 @@ _SAMPLES = 16384
 # motions are sampled so many times finer than the axis asks for.
 _FINER, _CHUNK = 16, 1 << 15
 
+# Values of a gigabyte.
+_MOST = 1 << 27
+
 # Of the highest density: what is fainter is not drawn.
 _FAINTEST = 1e-12
 
@@ -79,7 +82,8 @@ class PowerSpectrum:
     ------
     ValueError
         When a number is not finite or not positive, when there are fewer than 8 samples to a
-        segment, or nothing sets an attractor's interval.
+        segment, more samples of an attractor than fit into a gigabyte, or nothing sets an
+        attractor's interval.
 
     References
     ----------
@@ -115,6 +119,10 @@ class PowerSpectrum:
             self._count = positive_integer("samples", _SAMPLES if samples is None else samples)
             if hasattr(source, "record"):
                 self._finer = _FINER
+            if self._count > _MOST // self._finer:
+                raise ValueError(
+                    f"samples must not exceed {_MOST // self._finer}; got {self._count}"
+                )
             self.table_frequency = getattr(source.system, "frequency", None)
             if step is None:
                 multiple = _samples_in_a_period(source)

@@ -33,6 +33,9 @@ _NEARBY = 0.1
 # Twin runs for the error, and the least of their disturbances, relative.
 _TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
 
+# Of states that are kept for a late time: a gigabyte.
+_MOST_NUMBERS = 1 << 27
+
 
 class Attractor(ABC):
     """What is left of a motion after its transient.
@@ -336,14 +339,19 @@ class MapAttractor(Attractor):
         Raises
         ------
         ValueError
-            When a time is no integer or negative.
+            When a time is no integer or negative, or so late that the states up to it would not
+            fit into a gigabyte.
         """
         asked = finite_array("times", times, (None,))
         for i in np.flatnonzero((asked < 0.0) | (asked != np.rint(asked)))[:1].tolist():
             raise ValueError(
                 f"times[{i}] must be zero or a positive integer; got {float(asked[i])!r}"
             )
-        beyond = int(asked.max(initial=0.0)) - (len(self._states) - 1)
+        most = _MOST_NUMBERS // self._system.dimension
+        latest = int(asked.max(initial=0.0))
+        if latest > most:
+            raise ValueError(f"times must not exceed {most}; got {latest}")
+        beyond = latest - (len(self._states) - 1)
         states = self._states
         if beyond > 0:
             later = self._system.iterate(states[-1], beyond)[1:]

@@ -230,8 +230,8 @@ def _count_leaves(
 
 @kernel(nogil=True)
 def count_pairs(
-    first: int,
-    second: int,
+    height: int,
+    pause: int,
     points: Array,
     filled: Integers,
     blocks: Integers,
@@ -251,13 +251,16 @@ def count_pairs(
     shares: Integers,
     lumps: Integers,
     work: Integers,
-) -> None:
-    """Count the pairs of points of two nodes by their distances.
+) -> int:
+    """Count the pairs of points of pairs of nodes by their distances.
 
     Parameters
     ----------
-    first, second
-        The nodes: one and the same, or two that share no point.
+    height
+        How many pairs of nodes, from the first on, the stack holds: one and the same node, or two
+        that share no point.
+    pause
+        After so many pairs of boxes and distances the call returns, for its time to be bounded.
     points : (leaves, d, slots)
         The points of each leaf; slots beyond those that are filled hold anything finite.
     filled : (leaves,)
@@ -285,7 +288,8 @@ def count_pairs(
     widest, chosen : (d,)
         Scratch.
     stack : (any, 2)
-        Scratch: six entries for each level of the tree and some more.
+        Pairs of nodes that are left to do, modified in place; room for six for each level of the
+        tree and some more.
     shares : (blocks, k + 1)
         Modified in place: for each pair measured, one in the blocks of both of its points; and what
         single points share with whole boxes.
@@ -294,13 +298,15 @@ def count_pairs(
         those in `shares`.
     work : (2,)
         Modified in place: pairs of boxes looked at, distances measured.
+
+    Returns
+    -------
+    height : what is left on the stack; 0 when all is done
     """
     top = edges[edges.size - 2]
     leaves = filled.size
-    stack[0, 0] = first
-    stack[0, 1] = second
-    height = 1
-    while height > 0:
+    last = work[_BOX_PAIRS] + work[_DISTANCES] + pause
+    while height > 0 and work[_BOX_PAIRS] + work[_DISTANCES] < last:
         height -= 1
         a = stack[height, 0]
         b = stack[height, 1]
@@ -348,6 +354,7 @@ def count_pairs(
                 stack[height + i, 0] = 2 * a + 1 + i if split_first else a
                 stack[height + i, 1] = b if split_first else 2 * b + 1 + i
             height += 2
+    return height
 
 
 @kernel()

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, pairwise
+from threading import Event
 from typing import NamedTuple, TypeAlias, final
 
 import numpy as np
@@ -30,6 +31,7 @@ BLOCKS = 64
 """Blocks of time, at most, to which pairs are attributed."""
 
 _LEVEL = 5  # of the nodes whose pairs are the parts: 528 of them
+_PAIRS_OF_A_CALL = 1 << 22  # some ten milliseconds: an interrupt is heard between calls
 _MOST_THREADS = 16  # each has its own counts for all nodes
 
 
@@ -118,29 +120,36 @@ def count(
     filled, members = np.ascontiguousarray(tree.sizes[-tree.leaves :]), blocks[tree.members]
     bins, every, turned = _first_bins(edges), np.arange(d, dtype=np.int64), turns[order]
 
-    def count_part(nodes: _Part, own: _Buffers) -> None:
-        count_pairs(
-            nodes[0],
-            nodes[1],
-            tree.points,
-            filled,
-            members,
-            tree.low,
-            tree.high,
-            tree.sizes,
-            turned,
-            euclidean,
-            edges,
-            bins,
-            every,
-            *own,
-        )
+    def count_part(nodes: _Part, own: _Buffers) -> Iterator[None]:
+        own.stack[0] = nodes
+        height = 1
+        while height > 0:
+            height = count_pairs(
+                height,
+                _PAIRS_OF_A_CALL,
+                tree.points,
+                filled,
+                members,
+                tree.low,
+                tree.high,
+                tree.sizes,
+                turned,
+                euclidean,
+                edges,
+                bins,
+                every,
+                *own,
+            )
+            yield
 
-    def uncount_part(rows: _Part, own: _Buffers) -> None:
-        begin, end = rows
-        uncount_near_in_time(
-            begin, end, points, window, blocks, turns, euclidean, edges, own.shares
-        )
+    def uncount_part(rows: _Part, own: _Buffers) -> Iterator[None]:
+        size = max(_PAIRS_OF_A_CALL // max(window, 1), 1)
+        for begin in range(*rows, size):
+            end = min(begin + size, rows[1])
+            uncount_near_in_time(
+                begin, end, points, window, blocks, turns, euclidean, edges, own.shares
+            )
+            yield
 
     threads = threads or min(_processors(), _MOST_THREADS)
     buffers = [_Buffers.of(tree, number, len(edges)) for _ in range(threads)]
@@ -170,10 +179,15 @@ def _node_pairs(leaves: int) -> Iterator[_Part]:
 
 
 def _share_out(
-    task: Callable[[_Part, _Buffers], None], parts: Iterable[_Part], buffers: Sequence[_Buffers]
+    task: Callable[[_Part, _Buffers], Iterator[None]],
+    parts: Iterable[_Part],
+    buffers: Sequence[_Buffers],
 ) -> None:
-    """Do a task for all its parts, in one thread for each of the buffers."""
-    left = deque(parts)
+    """Do a task for all its parts, in one thread for each of the buffers.
+
+    An interrupt ends it at the next step of each thread.
+    """
+    left, ended = deque(parts), Event()
 
     def work(own: _Buffers) -> None:
         while True:
@@ -181,7 +195,9 @@ def _share_out(
                 part = left.popleft()
             except IndexError:
                 return
-            task(part, own)
+            for _ in task(part, own):
+                if ended.is_set():
+                    return
 
     with ThreadPoolExecutor(len(buffers)) as pool:
         try:
@@ -189,6 +205,7 @@ def _share_out(
                 pass
         finally:
             left.clear()  # of which no thread takes any more
+            ended.set()
 
 
 def _share_lumps(lumps: Counts, filled: Counts, members: Counts, shares: Counts) -> None:

@@ -22,6 +22,7 @@ from dynkit.validation import (
     within_memory,
 )
 from dynkit.workers.collecting import collect
+from dynkit.workers.points import MOST_POINTS
 
 
 def basins(
@@ -106,6 +107,8 @@ def basins(
             f"starts must have shape (k, {size}) or (k1, k2, {size}), and hold one or "
             f"more; got shape {given.shape}"
         )
+    if given.size // size > MOST_POINTS:
+        raise ValueError(f"starts must not be more than {MOST_POINTS}; got {given.size // size}")
     rows = finite_array("starts", starts, (*given.shape[:-1], size)).reshape(-1, size).copy()
     rows.setflags(write=False)
     kept = positive_integer("keep", keep)

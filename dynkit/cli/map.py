@@ -21,6 +21,7 @@ from dynkit.cli.output import (
 from dynkit.cli.summary import print_summary, sizes
 from dynkit.cli.sweep import SYMBOLS
 from dynkit.validation import finite_scalar, positive_integer
+from dynkit.workers.points import MOST_POINTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,7 +95,10 @@ def _axis(options: Options, name: str) -> tuple[str, Array]:
     if given[0] not in known:
         raise ValueError(f"{name} must name one of: {', '.join(known)}; got {given[0]!r}")
     first, last = (finite_scalar(name, value) for value in given[1:3])
-    return given[0], np.linspace(first, last, positive_integer(f"COUNT of {name}", given[3]))
+    count = positive_integer(f"COUNT of {name}", given[3])
+    if count > MOST_POINTS:
+        raise ValueError(f"COUNT of {name} must not exceed {MOST_POINTS}; got {count}")
+    return given[0], np.linspace(first, last, count)
 
 
 def _summary(found: ParameterMap) -> dict[str, str]:

@@ -103,15 +103,17 @@ def leap(
     band_factor: float,
     band: float,
     touches: bool,
+    passed: int,
     states: Array,
-) -> tuple[bool, int, int, int, int, int, float]:
+) -> tuple[bool, int, int, int, int, int, float, int]:
     """Cells so long that some terms are left out of them, for as long as they hold no root.
 
     Returns
     -------
-    never, j, wide, n, current, cells, band
+    never, j, wide, n, current, cells, band, passed
         Whether there is no root any more. Otherwise `wide` is the rung of a cell for the Taylor
-        polynomial; 0 where `j` is down at ``ladder.smooth``, or the search at its end.
+        polynomial; 0 where `j` is down at ``ladder.smooth``, or the search at its end. `passed`
+        counts the cells without a root, also those before a pause.
     """
     cell = ladder.cell
     rows = ladder.rows
@@ -120,7 +122,6 @@ def leap(
     top = cell.shape[0] - 1
     seen = rows.shape[1]
     links = ladder.links
-    passed = 0
     while j > ladder.smooth and cells < limit and n <= horizon:
         reach = weighted(rows, BOUND, -1, states, current)
         now = band_factor * EPSILON * (reach + abs(offset))
@@ -147,13 +148,13 @@ def leap(
                 tail(ladder, states, current) > (band if touches else -band)
                 or died_out(ladder, states, current)
             ):
-                return True, j, 0, n, current, cells, band
+                return True, j, 0, n, current, cells, band, passed
             if j < top and low > 32.0 * error:
                 j += 1
             elif passed & 31 == 0:
                 j = min(j + HURDLE, top)
         elif ladder.apart and taylor_rung(rows, states, current, smallest, j, band) == j:
-            return False, j, j, n, current, cells, band
+            return False, j, j, n, current, cells, band, passed
         else:
             j -= 1
-    return False, j, 0, n, current, cells, band
+    return False, j, 0, n, current, cells, band, passed

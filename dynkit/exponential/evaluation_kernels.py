@@ -31,6 +31,8 @@ SCRATCH, START, FOUND, TERM, KEPT, STATES = 3, 3, 4, 5, 7, 8
 """Scratch states; places of the start, of the result, of two Taylor terms and of one kept; number
 of states."""
 
+PLACES, LEVELS = 11, 5
+"""Numbers of a paused search."""
 
 BOUND, TAIL, DRIFT, SEPARATE = 8, 14, 16, 22
 """Where in the rows of a ladder the bounds begin."""
@@ -96,10 +98,14 @@ class Workspace(NamedTuple):
         ``states[FOUND]`` the one at the
         root, the others are scratch
     coefficients : (DEGREE + 1,) Taylor coefficients of f
+    places : (PLACES,) where a paused search goes on: whether it is paused, then its integers
+    levels : (LEVELS,) and its real numbers
     """
 
     states: Array
     coefficients: Array
+    places: NDArray[np.int64]
+    levels: Array
 
 
 @kernel(inline=True)

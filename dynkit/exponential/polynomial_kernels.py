@@ -8,7 +8,7 @@ from dynkit.compiled import kernel
 from dynkit.exponential.evaluation_kernels import DEGREE, EPSILON
 from dynkit.validation import Array
 
-ROOT, TOUCH, NEVER, LIMIT, BEYOND = 0, 1, 2, 3, 4
+ROOT, TOUCH, NEVER, LIMIT, BEYOND, PAUSED = 0, 1, 2, 3, 4, 5
 """Outcomes: sign change, double root within rounding, no root any more, step limit reached, no root
 up to the horizon."""
 

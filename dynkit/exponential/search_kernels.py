@@ -27,6 +27,7 @@ from dynkit.exponential.polynomial_kernels import (
     BEYOND,
     LIMIT,
     NEVER,
+    PAUSED,
     ROOT,
     TOUCH,
     polish,
@@ -148,6 +149,7 @@ def first_root(
     band_factor: float,
     touches: bool,
     limit: int,
+    pause: int,
     horizon: int,
     work: Workspace,
 ) -> tuple[int, int, float, float, int]:
@@ -168,6 +170,9 @@ def first_root(
         Whether a minimum within the rounding band counts as a root.
     limit
         Largest number of cells.
+    pause
+        Number of cells after which this call returns PAUSED, so that its time is bounded; the next
+        call with the same arguments goes on from there, bit for bit.
     horizon
         Number of smallest steps beyond which nobody asks.
     work
@@ -196,7 +201,24 @@ def first_root(
     value = 0.0
     slope = 0.0
     j = -1
-    if order == 0:
+    expanded = False
+    wide = 0
+    wider = 0
+    carried = 0.0
+    carried_to = -1
+    passed = 0
+    leaping = False
+    leapt = 0
+    places = work.places
+    levels = work.levels
+    if places[0] != 0:
+        places[0] = 0
+        n, cells, current, j, wide = places[1], places[2], places[3], places[4], places[5]
+        wider, carried_to, passed, leapt = places[6], places[7], places[8], places[9]
+        leaping = places[10] != 0
+        value, slope, second = levels[0], levels[1], levels[2]
+        band, carried = levels[3], levels[4]
+    elif order == 0:
         value, slope, second = value_and_rates(rows, offset, states, START)
         j = 0
     elif order == 1:
@@ -211,32 +233,29 @@ def first_root(
                 cells = 1
             else:
                 j = -1
-    expanded = False
-    wide = 0
-    wider = 0
-    carried = 0.0
-    carried_to = -1
-    passed = 0
-    while cells < limit and n <= horizon:
+    last_cell = min(limit, cells + pause)
+    while cells < last_cell and n <= horizon:
         if ladder.grows:
             reach = weighted(rows, BOUND, -1, states, current)
             band = max(band, band_factor * EPSILON * (reach + abs(offset)))
         low_flight = n == carried_to and value <= LOW * band
-        if j > ladder.smooth and not expanded and not low_flight:
-            never, j, wide, n, current, cells, band = leap(
+        if leaping or (j > ladder.smooth and not expanded and not low_flight):
+            never, j, wide, n, current, cells, band, leapt = leap(
                 ladder,
                 max(j, wider),
                 n,
                 current,
                 cells,
-                limit,
+                last_cell,
                 horizon,
                 band_factor,
                 band,
                 touches,
+                leapt if leaping else 0,
                 states,
             )
             wider = 0
+            leaping = wide == 0 and j > ladder.smooth
             if never:
                 return NEVER, n, 0.0, 0.0, cells
             if wide == 0:
@@ -393,6 +412,13 @@ def first_root(
         j = wide
         wider = min(wide + 1, top) if ladder.apart else 0
         wide = 0
+    if cells < limit and n <= horizon:
+        places[0] = 1
+        places[1], places[2], places[3], places[4], places[5] = n, cells, current, j, wide
+        places[6], places[7], places[8], places[9] = wider, carried_to, passed, leapt
+        places[10] = 1 if leaping else 0
+        levels[0], levels[1], levels[2], levels[3], levels[4] = value, slope, second, band, carried
+        return PAUSED, n, 0.0, 0.0, cells
     if horizon < FOREVER and n > horizon:
         return BEYOND, n, 0.0, 0.0, cells
     return LIMIT, n, 0.0, 0.0, cells

@@ -11,7 +11,7 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.exponential.ladders import Propagators, ladder
+from dynkit.exponential.ladders import Propagators, cells_of_a_call, ladder, workspace
 from dynkit.exponential.pairs import Pairs
 from dynkit.results import Cost
 from dynkit.showing import span
@@ -180,7 +180,8 @@ class ExponentialSum:
         ValueError
             When f(0) is not positive and no slope is given, or the slope is not positive.
         """
-        from dynkit.exponential.evaluation_kernels import DEGREE, FOUND, START, STATES, Workspace
+        from dynkit.exponential.evaluation_kernels import FOUND, START
+        from dynkit.exponential.polynomial_kernels import PAUSED
         from dynkit.exponential.search_kernels import FOREVER, first_root
 
         began = time.perf_counter()
@@ -190,18 +191,22 @@ class ExponentialSum:
             order, slope = 1, positive("rising_from", rising_from)
         elif not self.value.sum() + self.offset > 0.0:
             raise ValueError(f"f(0) must be positive; got {float(self.value.sum() + self.offset)}")
-        work = Workspace(np.zeros((STATES, *state.shape)), np.zeros(DEGREE + 1))
+        most, slots = positive_integer("limit", limit), state.shape[1]
+        work = workspace(slots)
         work.states[START] = state
-        outcome, n, e, rate, cells = first_root(
-            sums,
-            order,
-            slope,
-            8.0 + state.shape[1],
-            touches,
-            positive_integer("limit", limit),
-            FOREVER,
-            work,
-        )
+        outcome = PAUSED
+        while outcome == PAUSED:
+            outcome, n, e, rate, cells = first_root(
+                sums,
+                order,
+                slope,
+                8.0 + slots,
+                touches,
+                most,
+                cells_of_a_call(slots),
+                FOREVER,
+                work,
+            )
         kind = tuple(RootKind)[outcome]
         searched = n * sums.smallest + e
         found = kind in (RootKind.ROOT, RootKind.TOUCH)

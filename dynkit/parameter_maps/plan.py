@@ -31,7 +31,7 @@ from dynkit.validation import (
     positive_integer,
     within_memory,
 )
-from dynkit.workers.points import Anything, Points, Rows
+from dynkit.workers.points import MOST_POINTS, Anything, Points, Rows
 
 KIND = "map of two parameters"
 
@@ -175,6 +175,11 @@ def plan_of(
         if name not in family.parameters:
             raise ValueError(f"values must be of parameters among {known}; got {name!r}")
     axes = _axis(first, values[first]), _axis(second, values[second])
+    if len(axes[0]) * len(axes[1]) > MOST_POINTS:
+        raise ValueError(
+            f"values must not make more than {MOST_POINTS} pairs; got {len(axes[0])} of {first} "
+            f"and {len(axes[1])} of {second}"
+        )
     origin = float(axes[0][0]), float(axes[1][0])
     for name, axis, other in ((first, axes[0], second), (second, axes[1], first)):
         beside = origin[1] if other == second else origin[0]

@@ -17,6 +17,9 @@ Anything: TypeAlias = NDArray[Any]
 # Points of a chunk, at most; and so many chunks, at least, as long as there are points.
 _MOST, _CHUNKS = 32, 256
 
+MOST_POINTS = 10_000_000
+"""What is found at so many points takes a gigabyte; at a millisecond each they take three hours."""
+
 
 class Points(ABC):
     """Points that can be done in any order, by anybody.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, final
@@ -15,8 +16,8 @@ from dynkit.harmonics import harmonics_needed
 from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label
 from dynkit.results import Cost
 from dynkit.showing import Facts
-from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.systems.impact.runs import Run
+from dynkit.systems.impact.record import Ending, ImpactRecord, batch_size, twin_errors
+from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.impact.tangents import growth
 from dynkit.validation import Array, finite_array
@@ -32,6 +33,9 @@ TWO_PI = 2.0 * math.pi
 
 # Samples for harmonics, to begin with: at least, and for each period of the table.
 _SAMPLES, _A_PERIOD = 512, 64
+
+MOST_NUMBERS = 1 << 27
+"""Of a record that is simulated on for a late time: a gigabyte."""
 
 
 @final
@@ -103,10 +107,19 @@ class ImpactAttractor(Attractor):
         """Estimate of the largest error of the kept states, that of the transient included."""
         if self._before is None:
             return float(self.record.error.max(initial=0.0))
-        whole = self._system.simulate(
-            impacts=self._transient + max(len(self.record), 1), start=self._before.start
-        )
-        return float(whole.error.max(initial=0.0))
+        count = self._before.impacts + len(self.record)
+        whole = replace(self._before, cells=self._before.cells + self.record._run.cells)
+        parts = twin_errors(self._system, whole, self._anew(whole, count), count)
+        return max((float(part.max()) for part in parts), default=0.0)
+
+    def _anew(self, whole: Run, count: int) -> Iterator[ImpactRecord]:
+        """The impacts from the start of the transient on, in batches."""
+        course = Course(self._system, whole.start, noise=0.0, seed=1, most_cells=MOST_CELLS)
+        size = batch_size(self._system)
+        for low in range(0, count, size):
+            states = np.empty((min(size, count - low), 2 * self._system.degrees_of_freedom + 4))
+            course.advance(len(states), states)
+            yield ImpactRecord(self._system, replace(whole, states=states, impacts=len(states)))
 
     @cached_property
     def label(self) -> OrbitLabel:
@@ -188,13 +201,29 @@ class ImpactAttractor(Attractor):
     def time_series(self, times: Array) -> Array:
         """Positions and velocities, (k, 2N), at times from the last skipped impact on."""
         asked = finite_array("times", times, (None,))
-        latest = float(asked.max(initial=0.0))
-        record = self.record
-        count = len(record)
-        while record.ending.name == "COUNT_REACHED" and record.time[-1] < latest:
+        record = self.record_until(float(asked.max(initial=0.0)))
+        return np.concatenate(record.sample(asked), axis=1)
+
+    def record_until(self, latest: float) -> ImpactRecord:
+        """Return the record of the kept impacts, and of those after them up to a time at least.
+
+        Raises
+        ------
+        ValueError
+            When the time is so late that the record would not fit into a gigabyte.
+        """
+        record, count = self.record, len(self.record)
+        most = MOST_NUMBERS // (2 * self._system.degrees_of_freedom + 4)
+        while record.ending is Ending.COUNT_REACHED and record.time[-1] < latest:
+            ended = float(record.time[-1])
+            if 2 * count > most or latest * len(record) > most * ended > 0.0:
+                raise ValueError(
+                    f"times must not exceed {most / count * ended:.3g}, or {most} impacts after "
+                    f"the transient; got {latest}"
+                )
             count *= 2
             record = self._system.simulate(impacts=count, start=record.start)
-        return np.concatenate(record.sample(asked), axis=1)
+        return record
 
 
 class _ImpactOrbit:

@@ -35,8 +35,10 @@ Indices = NDArray[np.intp]
     SEED,
     SINE,
     COSINE,
-) = range(13)
-CLOCK = 13
+    STAGE,
+    BUDGET,
+) = range(15)
+CLOCK = 15
 """Numbers of a clock; above, the places of them."""
 
 

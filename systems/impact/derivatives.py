@@ -8,6 +8,7 @@ import numpy as np
 
 from dynkit.no_motion import NoCrossing
 from dynkit.systems.impact.motion import evolve, transformed
+from dynkit.systems.impact.orbits.terms import changes_alone
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import ImpactState
 from dynkit.validation import Array
@@ -74,6 +75,73 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
     # On the far side of a play relative velocities count negative.
     speed_by = -r * before if side == 0 else r * before
     return np.vstack([position, velocity, speed_by[None], phase[None]])
+
+
+def parameter_derivative(
+    oscillator: ImpactOscillator, state: ImpactState, name: str
+) -> Array | None:
+    """Derivative (2N,) of the impact map in section coordinates by a parameter.
+
+    The structure stays as it is, and so do all propagators: the stop is elsewhere, or faster, where
+    the flight begins and ends. None where this is not known in closed form: of parameters that
+    change more than themselves, of the frequency of harmonic forces, and where contact comes first.
+    """
+    forced = bool(oscillator._drive.harmonic.any())
+    if not changes_alone(oscillator, name) or (forced and name == "frequency"):
+        return None
+    run = oscillator._run(state, 1, store=True)
+    if run.impacts < 1:
+        raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
+    if len(run.contacts):
+        return None
+    structure, free, r = oscillator._structure, oscillator._free, oscillator.restitution
+    side, time = run.final._side, float(run.states[0, -1])
+    gap, sign = oscillator._gaps[side], oscillator._stands[side].sign
+
+    x, v = np.zeros((2, 1, structure.size))
+    x[0, structure.contact], v[0, structure.contact] = _stop_by(oscillator, name, state, 0.0)
+    none = np.zeros(1)
+    column = free.states(free.forced.coordinates(x, v, none, none), none, none)[0]
+    if free.layout.constant >= 0:
+        column[0, free.layout.constant] = 0.0
+    end, flow = _flow(gap, free.states(state._coordinates, *state._turn), time)
+    change, rate = flow @ column.ravel(), _rate(gap, end)
+    place, speed = _stop_by(oscillator, name, run.final, time)
+    before = float(_row(gap, 2) @ end.ravel())
+    later = -(_row(gap, 0) @ change - sign * place) / before
+    change += later * rate
+    before_by = _row(gap, 2) @ change - sign * speed
+    law_by = before if name == "restitution" else 0.0
+    kick = np.zeros((2, free.layout.slots))
+    kick[:, free.layout.modes] = sign * structure.kick[:2]
+    change -= ((1.0 + r) * before_by + law_by) * kick.ravel()
+
+    q, by_sine, by_cosine = free.parts(change.reshape(1, 2, -1))
+    others = structure.others
+    position = free.forced.displacements(q, by_sine, by_cosine)[0, others]
+    velocity = free.forced.speeds(q, by_sine, by_cosine)[0, others]
+    speed_by = -r * before_by - law_by
+    phase = oscillator.frequency * later + (time if name == "frequency" else 0.0)
+    return np.array([*position, *velocity, speed_by if side == 0 else -speed_by, phase])
+
+
+def _stop_by(
+    oscillator: ImpactOscillator, name: str, state: ImpactState, time: float
+) -> tuple[float, float]:
+    """Derivatives of a stop's place and velocity by a parameter, at a time after the first impact.
+
+    The stop is the one that the state is on; the phase at the first impact does not change.
+    """
+    (sine, cosine), a, w = state._turn, oscillator.amplitude, oscillator.frequency
+    if name == "amplitude":
+        return float(sine), float(w * cosine)
+    if name == "frequency":
+        return float(a * time * cosine), float(a * (cosine - w * time * sine))
+    if name == "offset":
+        return 1.0, 0.0
+    if name == "play" and state._side == 1:
+        return float(oscillator._stands[0].sign), 0.0
+    return 0.0, 0.0
 
 
 def _lift(oscillator: ImpactOscillator, state: ImpactState) -> Array:

@@ -24,10 +24,11 @@ from dynkit.exponential.evaluation_kernels import (
     shift_linked,
     start_sums,
 )
-from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, ROOT, TOUCH
+from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
 from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.exponential.tail_kernels import died_out, stays_in_band
 from dynkit.systems.impact.clock_kernels import (
+    BUDGET,
     CELLS,
     CHATTER_ERROR,
     CONTACTS,
@@ -37,6 +38,7 @@ from dynkit.systems.impact.clock_kernels import (
     SIDE,
     SINE,
     SPEED,
+    STAGE,
     TIME,
     TOUCHES,
     advance_clock,
@@ -70,8 +72,16 @@ FLIGHT, BOUNCED, RELEASED = 0, 1, 2
     SEARCH_LIMIT,
     DIED_OUT,
     CONTACTS_FULL,
-) = range(6)
-"""Endings of a run."""
+    RUN_PAUSED,
+) = range(7)
+"""Endings of a run; after the last two the call is repeated."""
+
+NEXT, ON_TABLE, IN_FLIGHT, OTHER_STOP = range(4)
+"""Where a paused run goes on: at its next event, in the search of a release, of an impact, or of an
+impact with the other stop."""
+
+PER_EVENT = 4
+"""An event takes about as long as so many cells; where contact is tried, one more for each slot."""
 
 FIRST_CELLS = 64
 """Cells after which the search of one of two stops waits for that of the other."""
@@ -109,6 +119,7 @@ def run(
     noise: float,
     band_factor: float,
     limit: int,
+    pause: int,
     states: Array,
     contacts: Array,
     flight: Workspace,
@@ -118,6 +129,11 @@ def run(
 
     Parameters
     ----------
+    limit
+        Largest number of cells of one search.
+    pause
+        After so many cells, and twice as many at most, this call ends with RUN_PAUSED; a call with
+        the same arguments, for the impacts that remain, goes on from there, bit for bit.
     states
         (count or 0, 2 * modes + 4), modified in place: the pairs of the modes, sine and cosine of
         the phase, relative velocity (negative at the second stop), time, after each impact. With no
@@ -145,82 +161,118 @@ def run(
     for_ever = FOREVER + zero
     # With two stops little is spent at first: what cannot be told of one of them for ever need not
     # be, where the other one is reached.
+    # In flight the workspace of contact is free: it keeps what the search waits with.
+    waiting = contact.places
     first_budget = min(limit, FIRST_CELLS) if len(mechanics.stops) == 2 else limit
-    budget = first_budget
+    budget = int(clock[BUDGET]) if clock[BUDGET] > 0.0 else first_budget
+    stage = int(clock[STAGE])
+    clock[STAGE] = NEXT
+    clock[BUDGET] = 0.0
+    spent = 0
     done = 0
     while done < count:
+        if spent >= pause:
+            clock[BUDGET] = budget
+            return done, RUN_PAUSED
         side = int(clock[SIDE])
-        phase = clock[PHASE_OF_MOTION]
         u = clock[SPEED]
-        # Nothing drives it: then it may die out.
-        if table < 0 and died_out(mechanics.stops[side].gap, y, START):
-            return done, DIED_OUT
         order = 0
-        if phase == RELEASED:
-            order = 3
-        elif phase != FLIGHT:
-            stop = mechanics.stops[side]
-            gap = stop.gap
-            second, third, fourth, _ = start_sums(gap.rows, y, START)
-            error = chatter_error(mechanics, u, second)
-            if u > 0.0:
-                order = 1
-                sticks = chatter_completes(mechanics, stop, u, second, third, fourth, error)
-            else:
-                order = order_at_rest(gap.rows, y, band_factor)
-                if order > 0 and stays_in_band(gap, y, START, mechanics.tolerance):
-                    # It would never leave the table by more: all that moves is rounding.
-                    order = 0
-                sticks = order <= 0
-            if sticks:
-                k = int(clock[CONTACTS])
-                if k == contacts.shape[0]:
-                    return done, CONTACTS_FULL
-                transform(stop.to_stuck, y, START, contact.states)
-                if pulls(stop.force, contact.states, band_factor):
-                    # What rounding hid in flight is clear on the table: it does not hold the mass.
-                    if u == 0.0:
-                        transform(stop.to_free, contact.states, START, y)
-                        normalise(y, table)
-                        order = order_at_rest(gap.rows, y, band_factor)
-                    sticks = order <= 0
-            if sticks:
-                contacts[k, 0] = clock[IMPACTS]
-                contacts[k, 1] = clock[TIME]
-                contacts[k, 2] = math.inf
-                if u > 0.0:
-                    contacts[k, 1] += chatter_rest(stop, mechanics.restitution, u, second, third)
-                    clock[CHATTER_ERROR] += error
-                    if noise > 0.0:
-                        lost = lifted(mechanics.restitution, u, second)
-                        perturb_cut(mechanics.excursion, lost, y, clock)
-                        transform(stop.to_stuck, y, START, contact.states)
-                outcome, n, e, _, cells = first_root(
-                    stop.force, zero, 0.0, band_factor, count < 0, limit, for_ever, contact
-                )
-                clock[CELLS] += cells
-                clock[CONTACTS] += 1.0
-                if outcome == NEVER:
-                    return done, CONTACT_FOR_EVER
-                if outcome == LIMIT:
-                    return done, SEARCH_LIMIT
-                transform(stop.to_free, contact.states, FOUND, y)
-                normalise(y, table)
-                if noise > 0.0:
-                    perturb_released(stop.to_free, slots, table, y, clock, noise)
-                advance_clock(clock, n, stop.force.smallest, e, mechanics.clock_rate)
-                contacts[k, 2] = clock[TIME]
-                clock[SPEED] = 0.0
-                clock[PHASE_OF_MOTION] = RELEASED
+        sticks = stage == ON_TABLE
+        if stage == NEXT:
+            spent += PER_EVENT
+            phase = clock[PHASE_OF_MOTION]
+            # Nothing drives it: then it may die out.
+            if table < 0 and died_out(mechanics.stops[side].gap, y, START):
+                return done, DIED_OUT
+            if phase == RELEASED:
                 order = 3
+            elif phase != FLIGHT:
+                stop = mechanics.stops[side]
+                gap = stop.gap
+                second, third, fourth, _ = start_sums(gap.rows, y, START)
+                error = chatter_error(mechanics, u, second)
+                if u > 0.0:
+                    order = 1
+                    sticks = chatter_completes(mechanics, stop, u, second, third, fourth, error)
+                else:
+                    order = order_at_rest(gap.rows, y, band_factor)
+                    if order > 0 and stays_in_band(gap, y, START, mechanics.tolerance):
+                        # It would never leave the table by more: all that moves is rounding.
+                        order = 0
+                    sticks = order <= 0
+                if sticks:
+                    k = int(clock[CONTACTS])
+                    if k == contacts.shape[0]:
+                        return done, CONTACTS_FULL
+                    spent += y.shape[2]
+                    transform(stop.to_stuck, y, START, contact.states)
+                    if pulls(stop.force, contact.states, band_factor):
+                        # What rounding hid in flight is clear on the table: it does not hold the
+                        # mass.
+                        if u == 0.0:
+                            transform(stop.to_free, contact.states, START, y)
+                            normalise(y, table)
+                            order = order_at_rest(gap.rows, y, band_factor)
+                        sticks = order <= 0
+                if sticks:
+                    contacts[k, 0] = clock[IMPACTS]
+                    contacts[k, 1] = clock[TIME]
+                    contacts[k, 2] = math.inf
+                    if u > 0.0:
+                        rest = chatter_rest(stop, mechanics.restitution, u, second, third)
+                        contacts[k, 1] += rest
+                        clock[CHATTER_ERROR] += error
+                        if noise > 0.0:
+                            lost = lifted(mechanics.restitution, u, second)
+                            perturb_cut(mechanics.excursion, lost, y, clock)
+                            transform(stop.to_stuck, y, START, contact.states)
+        elif stage != ON_TABLE:
+            order = waiting[3]
+        if sticks:
+            stop = mechanics.stops[side]
+            outcome, n, e, _, cells = first_root(
+                stop.force, zero, 0.0, band_factor, count < 0, limit, pause, for_ever, contact
+            )
+            if outcome == PAUSED:
+                clock[STAGE] = ON_TABLE
+                return done, RUN_PAUSED
+            stage = NEXT
+            spent += cells
+            clock[CELLS] += cells
+            k = int(clock[CONTACTS])
+            clock[CONTACTS] += 1.0
+            if outcome == NEVER:
+                return done, CONTACT_FOR_EVER
+            if outcome == LIMIT:
+                return done, SEARCH_LIMIT
+            transform(stop.to_free, contact.states, FOUND, y)
+            normalise(y, table)
+            if noise > 0.0:
+                perturb_released(stop.to_free, slots, table, y, clock, noise)
+            advance_clock(clock, n, stop.force.smallest, e, mechanics.clock_rate)
+            contacts[k, 2] = clock[TIME]
+            u = 0.0
+            clock[SPEED] = u
+            clock[PHASE_OF_MOTION] = RELEASED
+            order = 3
         gap = mechanics.stops[side].gap
-        outcome, n, e, rate, cells = first_root(
-            gap, order, u, band_factor, count > 0, budget, for_ever, flight
-        )
-        clock[CELLS] += cells
+        if stage == OTHER_STOP:
+            outcome, n = waiting[1], waiting[2]
+            e, rate = contact.levels[0], contact.levels[1]
+        else:
+            outcome, n, e, rate, cells = first_root(
+                gap, order, u, band_factor, count > 0, budget, pause, for_ever, flight
+            )
+            if outcome == PAUSED:
+                waiting[3] = order
+                clock[STAGE], clock[BUDGET] = IN_FLIGHT, budget
+                return done, RUN_PAUSED
+            spent += cells
+            clock[CELLS] += cells
+            if len(mechanics.stops) == 2:
+                _copy(y, FOUND, KEPT)
         if len(mechanics.stops) == 2:
             # Whether the other stop is reached before.
-            _copy(y, FOUND, KEPT)
             found, m, d, slope, cells = first_root(
                 mechanics.stops[1 - side].gap,
                 zero,
@@ -228,9 +280,16 @@ def run(
                 band_factor,
                 count > 0,
                 budget,
+                pause,
                 for_ever if outcome == NEVER else n,
                 flight,
             )
+            if found == PAUSED:
+                waiting[1], waiting[2], waiting[3] = outcome, n, order
+                contact.levels[0], contact.levels[1] = e, rate
+                clock[STAGE], clock[BUDGET] = OTHER_STOP, budget
+                return done, RUN_PAUSED
+            spent += cells
             clock[CELLS] += cells
             # At the limit of cells the first search has come to n.
             earlier = outcome == NEVER or (m - n) * smallest < e - d
@@ -246,8 +305,10 @@ def run(
                     outcome = LIMIT
             if outcome == LIMIT and budget < limit:
                 budget = min(limit, 16 * budget)
+                stage = NEXT
                 continue
             budget = first_budget
+        stage = NEXT
         if outcome == NEVER:
             return done, NO_FURTHER_CONTACT
         if outcome == LIMIT:

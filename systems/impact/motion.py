@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.exponential.ladders import cells_of_a_call, workspace
 from dynkit.systems.impact.bases import row_by_row
 from dynkit.systems.impact.mechanics import Regime
-from dynkit.systems.impact.runs import Run, workspace
+from dynkit.systems.impact.runs import Run
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -78,7 +79,11 @@ def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
     from dynkit.systems.impact.kernels import sample
 
     out = np.empty((len(durations), *starts.shape[1:]))
-    sample(ladder, np.ascontiguousarray(starts), which, durations, workspace(starts.shape[2]), out)
+    starts, slots = np.ascontiguousarray(starts), starts.shape[2]
+    work, size = workspace(slots), cells_of_a_call(slots)
+    for begin in range(0, len(durations), size):
+        now = slice(begin, begin + size)
+        sample(ladder, starts, which[now], durations[now], work, out[now])
     return out
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from dynkit.maps import Map, Stretching
 from dynkit.no_motion import NoCrossing
 from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.systems.impact.derivatives import impact_derivative
+from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
 from dynkit.systems.impact.driven import DrivenStructure
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Run, run
@@ -399,6 +399,10 @@ class ImpactOscillator(DrivenStructure, Map):
 
     def jacobian(self, state: Array) -> Array:
         return impact_derivative(self, self.impact_state(state))
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        found = parameter_derivative(self, self.impact_state(state), name)
+        return super().parameter_derivative(state, name) if found is None else found
 
     def stretching(self, state: Array, n: int) -> Stretching:
         from dynkit.systems.impact.tangents import stretching

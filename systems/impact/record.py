@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table, told
 from dynkit.systems.impact.motion import longest_sample, sample_run
-from dynkit.systems.impact.runs import MOST_CELLS, Run, run
+from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
 from dynkit.systems.impact.state import ImpactState, on_table, phases
 from dynkit.validation import Array, finite_array, positive_integer
 
@@ -33,6 +36,10 @@ _TWINS, _DISTURBANCE, _SAFETY = 3, 8.0, 4.0
 # A twin's search for an event may take so many cells, and so many for every cell of the whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 
+# Numbers of a batch of states, of which some thirty arrays exist at once: 60 MB. Seconds after
+# which a bar appears.
+_NUMBERS, _QUIET = 1 << 18, 2.0
+
 
 class Ending(Enum):
     """Why a simulation ended; the value of each is what the user reads."""
@@ -42,6 +49,58 @@ class Ending(Enum):
     CONTACT_FOR_EVER = "the mass stays on the table for ever"
     SEARCH_LIMIT = "no further event was found within the search limit"
     DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
+
+
+def twin_errors(
+    system: ImpactOscillator, whole: Run, batches: Iterable[ImpactRecord], count: int
+) -> Iterator[Array]:
+    """Errors of impacts, in the batches in which their records come; see `ImpactRecord.error`.
+
+    A bar on standard error shows how far it is, where that takes long.
+    """
+    noise = _DISTURBANCE * 2.0**-52
+    # Where a twin rests within rounding of the table it need not be decided when it leaves.
+    most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * whole.cells)
+    twins = [
+        Course(system, whole.start, noise=noise, seed=seed, most_cells=most_cells)
+        for seed in range(1, _TWINS + 1)
+    ]
+    with ExitStack() as stack:
+        bar: Any = None
+        if count > batch_size(system):
+            from tqdm import tqdm
+
+            bar = stack.enter_context(
+                tqdm(total=count, desc="error", unit="impact", file=sys.stderr, delay=_QUIET)
+            )
+        for batch in batches:
+            worst = 2.0**-52 * abs(batch.states).max(axis=1, initial=0.0)
+            for twin in twins:
+                _compare(batch, twin, worst)
+            yield _SAFETY * worst
+            if bar is not None:
+                bar.update(len(batch))
+
+
+def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
+    """Take a twin on by as many impacts; the largest distances, (n,), are modified in place."""
+    system, states = batch.system, np.empty_like(batch._run.states)
+    # One that has ended has no further impacts.
+    ended = tuple(Ending)[twin.ending] is not Ending.COUNT_REACHED
+    k = 0 if ended else twin.advance(len(batch), states)
+    other = ImpactRecord(system, replace(batch._run, states=states[:k], impacts=k))
+    gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
+    # Phases that are turns apart may look alike; what rounding of the times hides does not.
+    late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
+    angle = system.frequency * late
+    gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
+    worst[:k] = np.maximum(worst[:k], gap)
+    worst[k:] = np.inf
+
+
+def batch_size(system: ImpactOscillator) -> int:
+    """Impacts of a batch."""
+    return max(_NUMBERS // (2 * system.degrees_of_freedom + 4), 1)
 
 
 @final
@@ -136,8 +195,12 @@ class ImpactRecord:
     @cached_property
     def energy(self) -> Array:
         """Kinetic plus elastic energy (n,) just after the impacts."""
-        system = self.system
-        return system._free.forced.energies(*self._coordinates, system.mass, system.stiffness)
+        system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
+        for low in range(0, len(self), size):
+            now = slice(low, low + size)
+            parts = (part[now] for part in self._coordinates)
+            energy[now] = system._free.forced.energies(*parts, system.mass, system.stiffness)
+        return energy
 
     @property
     def states(self) -> Array:
@@ -193,30 +256,18 @@ class ImpactRecord:
         J. Vignes, Mathematics and Computers in Simulation 35 (1993) 233-261 (stochastic
         arithmetic).
         """
-        worst = 2.0**-52 * abs(self.states).max(axis=1, initial=0.0)
-        noise = _DISTURBANCE * 2.0**-52
-        # Where a twin rests within rounding of the table it need not be decided when it leaves.
-        most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * self._run.cells)
-        for seed in range(1, _TWINS + 1):
-            other = run(
-                self.system,
-                self.start,
-                len(self),
-                store=True,
-                noise=noise,
-                seed=seed,
-                most_cells=most_cells,
-            )
-            twin = ImpactRecord(self.system, other)
-            k = len(twin)
-            gap = abs(self.system.difference(twin.states, self.states[:k])).max(axis=1, initial=0.0)
-            # Phases that are turns apart may look alike; what rounding of the times hides does not.
-            late = abs(twin.time - self.time[:k]) - 2.0**-51 * self.time[:k]
-            angle = self.system.frequency * late
-            gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
-            worst[:k] = np.maximum(worst[:k], gap)
-            worst[k:] = np.inf
-        return np.asarray(_SAFETY * np.maximum.accumulate(worst))
+        worst, done = np.empty(len(self)), 0
+        for part in twin_errors(self.system, self._run, self._batches(), len(self)):
+            worst[done : done + len(part)] = part
+            done += len(part)
+        return np.maximum.accumulate(worst, out=worst)
+
+    def _batches(self) -> Iterator[ImpactRecord]:
+        """The record in successive parts, whose arrays need not exist at once."""
+        size = batch_size(self.system)
+        for low in range(0, len(self), size):
+            states = self._run.states[low : low + size]
+            yield ImpactRecord(self.system, replace(self._run, states=states, impacts=len(states)))
 
     def _until(self, last: int) -> ImpactRecord:
         """The record up to an impact; its ending, final state and cost stay those of the whole."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.exponential.ladders import cells_of_a_call, workspace
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.validation import Array
 
@@ -49,13 +50,6 @@ class Run:
     seconds: float
 
 
-def workspace(slots: int) -> Any:
-    """Buffers of a search."""
-    from dynkit.exponential.evaluation_kernels import DEGREE, STATES, Workspace
-
-    return Workspace(np.zeros((STATES, 2, slots)), np.zeros(DEGREE + 1))
-
-
 def band_factor(slots: int) -> float:
     """Rounding band in units of 2^-52 times the sum of amplitudes."""
     return 8.0 + slots
@@ -71,83 +65,142 @@ def run(
     seed: int,
     most_cells: int = MOST_CELLS,
 ) -> Run:
-    """Simulate `count` impacts from a state of this oscillator.
+    """Simulate `count` impacts from a state of this oscillator; see `Course`."""
+    began = time.perf_counter()
+    course = Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
+    states = np.empty((count if store else 0, 2 * oscillator.degrees_of_freedom + 4))
+    done = course.advance(count, states)
+    return course.run(states[:done], time.perf_counter() - began)
+
+
+@final
+class Course:
+    """A motion that is simulated on and on, in any pieces: the bits do not depend on them.
 
     With noise every number of the start, and of the states after impacts, is changed by up to this
     part of itself, pseudo-randomly, and the rest by this part of the terms of which it is the sum.
     The search for an event gives up after `most_cells`.
-    """
-    from dynkit.exponential.evaluation_kernels import START
-    from dynkit.systems.impact import clock_kernels, kernels
 
-    began = time.perf_counter()
-    n, free = oscillator.degrees_of_freedom, oscillator._free
-    q, turn = start._coordinates, start._turn
-    clock = np.zeros(clock_kernels.CLOCK)
-    clock[clock_kernels.SPEED] = abs(start.relative_velocity)
-    clock[clock_kernels.SIDE] = start._side
-    clock[clock_kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
-    clock[clock_kernels.SEED] = seed
-    if noise > 0.0:
-        random = np.random.default_rng(seed)
-        # What turning positions into coordinates rounds: half of the disturbance.
-        x, v = 0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
-        q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
-        q += oscillator._structure.free.coordinates(x, v)
-        turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
-        clock[clock_kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
-        shifts = noise * random.uniform(-1.0, 1.0, (2, 2))
-    clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
-    slots = free.layout.slots
-    flight = workspace(slots)
-    flight.states[START] = free.states(q, *turn)
-    states = np.empty((count if store else 0, 2 * n + 4))
-    contacts = np.empty((0, 3))
-    if "_contacts" in vars(oscillator):
-        contacts = np.empty((16, 3))
-    done = 0
-    while True:
-        mechanics, contact = mechanics_of(oscillator, with_contact=len(contacts) > 0)
+    Attributes
+    ----------
+    impacts : int
+        How many there were so far.
+    ending : int
+        Number of an ending of the kernels.
+    """
+
+    def __init__(
+        self,
+        oscillator: ImpactOscillator,
+        start: ImpactState,
+        *,
+        noise: float,
+        seed: int,
+        most_cells: int,
+    ) -> None:
+        from dynkit.exponential.evaluation_kernels import START
+        from dynkit.systems.impact import clock_kernels, kernels
+
+        n, free = oscillator.degrees_of_freedom, oscillator._free
+        q, turn = start._coordinates, start._turn
+        clock = np.zeros(clock_kernels.CLOCK)
+        clock[clock_kernels.SPEED] = abs(start.relative_velocity)
+        clock[clock_kernels.SIDE] = start._side
+        clock[clock_kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
+        clock[clock_kernels.SEED] = seed
+        self._shifts: Array | None = None
         if noise > 0.0:
-            mechanics = _displaced(mechanics, oscillator, shifts)
-        impacts, ending = kernels.run(
-            mechanics,
-            clock,
-            count - done,
-            noise,
-            band_factor(slots),
-            most_cells,
-            states[done:],
-            contacts,
-            flight,
-            contact,
+            random = np.random.default_rng(seed)
+            # What turning positions into coordinates rounds: half of the disturbance.
+            x, v = (
+                0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
+            )
+            q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
+            q += oscillator._structure.free.coordinates(x, v)
+            turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
+            clock[clock_kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
+            self._shifts = noise * random.uniform(-1.0, 1.0, (2, 2))
+        clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
+        flight = workspace(free.layout.slots)
+        flight.states[START] = free.states(q, *turn)
+        self._oscillator, self._start = oscillator, start
+        self._noise, self._most_cells = noise, most_cells
+        self._clock, self._flight = clock, flight
+        self._contacts = np.empty((16 if "_contacts" in vars(oscillator) else 0, 3))
+        self._prepare()
+        self.impacts, self.ending = 0, kernels.COUNT_REACHED
+
+    def _prepare(self) -> None:
+        self._mechanics, self._contact = mechanics_of(
+            self._oscillator, with_contact=len(self._contacts) > 0
         )
-        used = int(clock[clock_kernels.CONTACTS])
-        done += impacts
-        if ending != kernels.CONTACTS_FULL:
-            break
-        contacts = np.concatenate([contacts, np.empty((max(16, len(contacts)), 3))])
-    q, sine, cosine = free.parts(flight.states[START])
-    turn = np.array([sine, cosine])
-    if free.layout.table < 0:
-        turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
-    speed = (
-        -clock[clock_kernels.SPEED]
-        if clock[clock_kernels.SIDE] == 1.0
-        else clock[clock_kernels.SPEED]
-    )
-    return Run(
-        start,
-        state_of(oscillator, q, turn, speed, _MOTIONS[int(clock[clock_kernels.PHASE_OF_MOTION])]),
-        states[:done],
-        contacts[:used],
-        done,
-        ending,
-        float(clock[clock_kernels.CHATTER_ERROR]),
-        int(clock[clock_kernels.CELLS]),
-        int(clock[clock_kernels.TOUCHES]),
-        time.perf_counter() - began,
-    )
+        if self._shifts is not None:
+            self._mechanics = _displaced(self._mechanics, self._oscillator, self._shifts)
+
+    def advance(self, count: int, states: Array) -> int:
+        """Simulate so many impacts more, and return how many there were.
+
+        Their states are written into `states`, (count, 2N + 4), which has no rows for none.
+        """
+        from dynkit.systems.impact import kernels
+
+        slots = self._oscillator._free.layout.slots
+        done, self.ending = 0, kernels.RUN_PAUSED
+        while self.ending in (kernels.CONTACTS_FULL, kernels.RUN_PAUSED):
+            impacts, self.ending = kernels.run(
+                self._mechanics,
+                self._clock,
+                count - done,
+                self._noise,
+                band_factor(slots),
+                self._most_cells,
+                cells_of_a_call(slots),
+                states[done:],
+                self._contacts,
+                self._flight,
+                self._contact,
+            )
+            done += impacts
+            if self.ending == kernels.CONTACTS_FULL:
+                more = np.empty((max(16, len(self._contacts)), 3))
+                self._contacts = np.concatenate([self._contacts, more])
+                self._prepare()
+        self.impacts += done
+        return done
+
+    @property
+    def cells(self) -> int:
+        """Cells of all searches so far."""
+        from dynkit.systems.impact import clock_kernels
+
+        return int(self._clock[clock_kernels.CELLS])
+
+    def run(self, states: Array, seconds: float) -> Run:
+        """The run so far, with the states that were kept of it."""
+        from dynkit.exponential.evaluation_kernels import START
+        from dynkit.systems.impact import clock_kernels
+
+        oscillator, clock = self._oscillator, self._clock
+        free = oscillator._free
+        q, sine, cosine = free.parts(self._flight.states[START])
+        turn = np.array([sine, cosine])
+        if free.layout.table < 0:
+            turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
+        speed, motion = clock[clock_kernels.SPEED], int(clock[clock_kernels.PHASE_OF_MOTION])
+        if clock[clock_kernels.SIDE] == 1.0:
+            speed = -speed
+        return Run(
+            self._start,
+            state_of(oscillator, q, turn, speed, _MOTIONS[motion]),
+            states,
+            self._contacts[: int(clock[clock_kernels.CONTACTS])],
+            self.impacts,
+            self.ending,
+            float(clock[clock_kernels.CHATTER_ERROR]),
+            self.cells,
+            int(clock[clock_kernels.TOUCHES]),
+            seconds,
+        )
 
 
 def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, Any]:

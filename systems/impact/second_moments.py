@@ -35,6 +35,9 @@ _LOST = 1e-10
 # s) a panel is wrong by less than |z h|^32 (16!)^4 / (33 (32!)^3) = 3e-26 for |z h| = 8: ten digits
 # to spare for what grows like a polynomial.
 _NODES, _REACH = 16, 8.0
+# Products of two coordinates at which a call of the kernel ends: some ten milliseconds.
+_PRODUCTS_OF_A_CALL = 1 << 20
+
 _CHUNK, _MOST_NODES = 1 << 16, 1 << 25
 
 
@@ -174,21 +177,25 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
     places = np.searchsorted(part.impact, edges)
     flat = part.starts.reshape(len(part.starts), 2 * part.regime.layout.slots)
     work, block = np.empty((4, m)), np.empty((2 * m, 2 * m))
+    # Of whole blocks: sums do not depend on the size.
+    size = moment_kernels.BLOCK * max(_PRODUCTS_OF_A_CALL // (moment_kernels.BLOCK * m * m), 1)
     for batch, now in enumerate(map(slice, places[:-1], places[1:])):
         gram, grown = np.zeros((2 * m, 2 * m)), np.zeros((2, len(listed)))
-        moment_kernels.sum_products(
-            flat[now],
-            part.durations[now],
-            forward,
-            parts,
-            eigen.fastest,
-            listed,
-            work,
-            block,
-            gram,
-            norms,
-            grown,
-        )
+        for begin in range(now.start, now.stop, size):
+            some = slice(begin, min(begin + size, now.stop))
+            moment_kernels.sum_products(
+                flat[some],
+                part.durations[some],
+                forward,
+                parts,
+                eigen.fastest,
+                listed,
+                work,
+                block,
+                gram,
+                norms,
+                grown,
+            )
         gram = np.triu(gram) + np.triu(gram, 1).T
         own, mixed, imaginary = gram[:m, :m], gram[:m, m:], gram[m:, m:]
         # sums of c c^T and of c c^*, at the ends less at the begins

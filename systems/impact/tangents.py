@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 _IMPACTS, _NUMBERS = 1024, 4_000_000
 """Impacts that are worked on at a time, and numbers of their matrices."""
 
+_PRODUCTS_OF_A_CALL = 1 << 24
+"""Products after which a call of the kernel ends, or after one step: some ten milliseconds."""
+
 SPREAD = math.log(1e5)
 """Flights that make some modes decay by more than this against others are cut into parts: in each
 of them rounding leaves ten digits of the smallest stretching."""
@@ -76,11 +79,8 @@ def _follow(
     oscillator: ImpactOscillator, start: ImpactState, frame: Array, logs: Array, times: Array
 ) -> ImpactState:
     """The state after as many impacts as logs (n, k) has; frame, logs, times are modified."""
-    from dynkit.systems.impact.tangent_kernels import stretch
-
     d = oscillator.dimension
     most = max(1, min(_IMPACTS, _NUMBERS // d**2))
-    scratch = np.empty(d)
     for begin in range(0, len(logs), most):
         wanted = min(most, len(logs) - begin)
         run = oscillator._run(start, wanted, store=True)
@@ -88,11 +88,32 @@ def _follow(
             raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
         steps = steps_of(oscillator, run)
         found = np.empty((len(steps.which), len(frame)))
-        stretch(*steps[:-1], frame, scratch, found)
+        _stretch(steps, frame, found)
         logs[begin : begin + wanted] = np.add.reduceat(found, steps.first, axis=0)
         times[begin : begin + wanted] = np.diff(run.states[:, -1], prepend=0.0)
         start = run.final
     return start
+
+
+def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
+    """Follow the frame in calls of bounded time; it and the logs are modified in place."""
+    from dynkit.systems.impact.tangent_kernels import stretch
+
+    k, d = frame.shape
+    scratch, size = np.empty(d), max(_PRODUCTS_OF_A_CALL // (k * d * (k + d)), 1)
+    for begin in range(0, len(logs), size):
+        now = slice(begin, begin + size)
+        stretch(
+            steps.blocks[now],
+            steps.which[now],
+            steps.dense,
+            steps.vectors,
+            steps.jumps[now],
+            steps.lost[now],
+            frame,
+            scratch,
+            logs[now],
+        )
 
 
 def steps_of(oscillator: ImpactOscillator, run: Run) -> Steps:

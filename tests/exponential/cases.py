@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.exponential.evaluation_kernels import BOUND, DEGREE, START, STATES, Workspace
+from dynkit.exponential.evaluation_kernels import BOUND, START
+from dynkit.exponential.ladders import workspace
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER
 from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.exponential.sums import ExponentialSum
@@ -41,7 +42,7 @@ def find(group: Group, *, slopes: Array | None = None, limit: int = 1_000_000) -
     zero = np.zeros_like(group.frequency)
     template = ExponentialSum(zero, zero, group.frequency, group.decay, 1.0)
     ladder, state = template._prepared
-    work = Workspace(np.zeros((STATES, *state.shape)), np.zeros(DEGREE + 1))
+    work = workspace(state.shape[1])
     factor = 8.0 + state.shape[1]
     m, n = group.value.shape
     out = np.empty((4, m))
@@ -57,6 +58,7 @@ def find(group: Group, *, slopes: Array | None = None, limit: int = 1_000_000) -
             0.0 if slopes is None else float(slopes[i]),
             factor,
             True,
+            limit,
             limit,
             FOREVER,
             work,

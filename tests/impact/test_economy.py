@@ -16,7 +16,7 @@ from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import Ending
-from dynkit.systems.impact.runs import Run, run
+from dynkit.systems.impact.runs import Course
 from dynkit.validation import Array
 
 
@@ -151,13 +151,13 @@ def test_a_twin_that_rests_within_rounding_of_the_table_does_not_hold_up_the_err
     place, speed = random.uniform(-1.0, 1.0, (2, 3))
     place[-1] = -1.0
     record = system.simulate(impacts=30, start=system.state(place, speed))
-    twins: list[Run] = []
+    twins: list[Course] = []
 
-    def counted(*given: Any, **choices: Any) -> Run:
-        twins.append(run(*given, **choices))
+    def counted(*given: Any, **choices: Any) -> Course:
+        twins.append(Course(*given, **choices))
         return twins[-1]
 
-    monkeypatch.setattr("dynkit.systems.impact.record.run", counted)
+    monkeypatch.setattr("dynkit.systems.impact.record.Course", counted)
     assert np.isinf(record.error[-1])
     assert len(twins) == 3
     assert max(twin.cells for twin in twins) < 200_000

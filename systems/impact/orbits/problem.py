@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Self, final
@@ -22,7 +21,7 @@ from dynkit.systems.impact.orbits.structural import (
     matrices_of,
     residual_change,
 )
-from dynkit.systems.impact.orbits.terms import EXACT, Terms
+from dynkit.systems.impact.orbits.terms import EXACT, OUTSIDE, Terms, changes_alone
 from dynkit.systems.impact.orbits.watching import condition_of, flights_are_open, watched
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.validation import Array
@@ -32,10 +31,6 @@ if TYPE_CHECKING:
 
 # Impacts and impulses that agree so well, in their units, are the same.
 _REPEATED = 1e-7
-
-
-_OUTSIDE = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
-"""What acts on the structure from outside."""
 
 
 @final
@@ -205,18 +200,7 @@ class ImpactProblem(Problem):
     @cached_property
     def _plain_names(self) -> frozenset[str]:
         """Of the names in closed form those that change nothing but themselves."""
-        return frozenset(name for name in EXACT if self._changes_alone(name))
-
-    def _changes_alone(self, name: str) -> bool:
-        here = self.oscillator
-        if name not in here.parameters or not math.isfinite(getattr(here, name)):
-            return False
-        value = 0.5 * getattr(here, name) or 0.5
-        there = here.replace(**{name: value})
-        same = all(
-            getattr(here, other) == getattr(there, other) for other in _OUTSIDE if other != name
-        )
-        return same and there._structure is here._structure
+        return frozenset(name for name in EXACT if changes_alone(self.oscillator, name))
 
     def _matrix_changes(self, p: Array, k: int) -> Array | None:
         """Derivative (3, N, N) of the matrices by a free parameter that acts through them only.
@@ -238,8 +222,8 @@ class ImpactProblem(Problem):
 
     def _only_matrices(self, name: str) -> bool:
         here = self.oscillator
-        there = here.replace(**{name: 2.0 * self.oscillator.value_of(name) or 0.25})
-        return all(getattr(here, other) == getattr(there, other) for other in _OUTSIDE)
+        there = here.replace(**{name: 0.5 * self.oscillator.value_of(name) or 0.25})
+        return all(getattr(here, other) == getattr(there, other) for other in OUTSIDE)
 
     def _numerically(self, x: Array, p: Array, k: int) -> Array:
         """Derivative (2n,) by the free parameter number `k`, from differences of fourth order."""

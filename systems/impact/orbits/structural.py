@@ -27,12 +27,13 @@ def matrices_of(oscillator: ImpactOscillator) -> Array:
 def linear_change(matrices: Callable[[float], Array], value: float) -> Array | None:
     """Derivative (3, N, N) of matrices that are linear in a parameter; None where they are not.
 
-    Differences are exact then, whatever the step.
+    Differences are exact then, whatever the step; steps towards zero stay in the range of a
+    parameter that has a bound.
     """
-    step = 0.25 * 2.0 ** np.floor(np.log2(abs(value))) if value else 0.25
+    step = -0.25 * np.copysign(2.0 ** np.floor(np.log2(abs(value))), value) if value else 0.25
     here, near, far = (matrices(value + k * step) for k in (0.0, 1.0, 2.0))
     first, second = (near - here) / step, (far - near) / step
-    size = max(float(abs(first).max()), float(abs(here).max()) / step)
+    size = max(float(abs(first).max()), float(abs(here).max()) / abs(step))
     if not float(abs(first - second).max()) <= _AGREEMENT * size:
         return None
     return np.asarray((far - here) / (2.0 * step))

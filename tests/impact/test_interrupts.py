@@ -1,0 +1,206 @@
+"""Compiled calls are short: an interrupt is heard. Results do not depend on how short."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynkit.analysis.dimension import counting
+from dynkit.exponential import sums
+from dynkit.exponential.ladders import cells_of_a_call
+from dynkit.exponential.sums import ExponentialSum, RootKind
+from dynkit.systems import ImpactChain
+from dynkit.systems.impact import clock_kernels, kernels, motion, runs, second_moments, tangents
+from dynkit.systems.impact.runs import Run, run
+from dynkit.systems.impact.state import ImpactState
+from tests.effort import share
+from tests.impact.any_oscillator import Begin, begins
+
+ROOT = Path(__file__).parents[2]
+
+
+def numbers(found: Run) -> tuple[Any, ...]:
+    """Every bit of a run but for its seconds."""
+    return (
+        found.states.tobytes(),
+        found.contacts.tobytes(),
+        found.final._coordinates.tobytes(),
+        found.final._turn.tobytes(),
+        (found.final.relative_velocity, found.final.motion, found.final._side),
+        (found.impacts, found.ending, found.chatter_error, found.cells, found.touches),
+    )
+
+
+def in_pieces(pause: int, start: ImpactState, system: Any, **arguments: Any) -> Run:
+    with patch.object(runs, "cells_of_a_call", lambda slots: pause):
+        return run(system, start, **arguments)
+
+
+@share(0.2)
+@given(
+    begin=begins(),
+    pause=st.sampled_from([1, 2, 5, 16, 100]),
+    noise=st.sampled_from([0.0, 2e-15]),
+)
+def test_a_run_in_pieces_is_the_same_run_bit_for_bit(
+    begin: Begin, pause: int, noise: float
+) -> None:
+    asked = {"count": 30, "store": True, "noise": noise, "seed": 3, "most_cells": 3000}
+    whole = run(begin.system, begin.state, **asked)
+    assert numbers(in_pieces(pause, begin.state, begin.system, **asked)) == numbers(whole)
+
+
+@pytest.mark.parametrize("frequency", [0.408, 0.35, 0.87])
+@pytest.mark.parametrize("pause", [1, 3, 64])
+def test_chatter_contact_and_release_in_pieces_are_the_same(frequency: float, pause: int) -> None:
+    chain = ImpactChain(masses=2, frequency=frequency, restitution=0.6)
+    asked = {"count": 200, "store": True, "noise": 0.0, "seed": 1}
+    whole = run(chain, chain.state(), **asked)
+    assert numbers(in_pieces(pause, chain.state(), chain, **asked)) == numbers(whole)
+
+
+def hardly_reached() -> tuple[ImpactChain, ImpactState]:
+    """Two undamped modes, their ratio the golden one: they reach the stop when both are lowest."""
+    chain = ImpactChain(masses=2, damping=0.0, amplitude=0.0, frequency=1.0)
+    shape = chain.modal_matrix.T
+    lowest = float(abs(shape[:, -1]).sum())
+    chain = chain.replace(offset=-lowest * (1.0 - 1e-10))
+    return chain, chain.state(shape.sum(axis=0), np.zeros(2))
+
+
+def spied(calls: list[tuple[int, int]]) -> Any:
+    """The kernel, which notes the impacts and cells of each call."""
+    compiled = kernels.run
+
+    def noted(mechanics: Any, clock: Any, *others: Any) -> tuple[int, int]:
+        before = clock[clock_kernels.CELLS]
+        done: tuple[int, int] = compiled(mechanics, clock, *others)
+        calls.append((done[0], int(clock[clock_kernels.CELLS] - before)))
+        return done
+
+    return patch.object(kernels, "run", noted)
+
+
+@pytest.mark.parametrize("masses", [1, 40])
+def test_a_call_makes_a_bounded_number_of_impacts(masses: int) -> None:
+    chain, calls = ImpactChain(masses=masses, frequency=0.87), list[tuple[int, int]]()
+    impacts = 200_000 if masses == 1 else 10_000
+    most = cells_of_a_call(chain._free.layout.slots)
+    with spied(calls):
+        chain.attractor(transient=impacts, impacts=1)
+    assert sum(done for done, _ in calls) == impacts + 1
+    assert max(done * kernels.PER_EVENT + cells for done, cells in calls) <= 2 * most
+    assert len(calls) > 4
+
+
+def test_a_search_of_many_cells_is_done_in_pieces() -> None:
+    (chain, start), calls = hardly_reached(), list[tuple[int, int]]()
+    with spied(calls):
+        record = chain.simulate(impacts=1, start=start)
+    most = cells_of_a_call(chain._free.layout.slots)
+    assert record.cost.counts["cells"] > most
+    assert len(calls) >= record.cost.counts["cells"] // most
+
+
+@pytest.mark.parametrize("pause", [1, 1000])
+def test_the_first_root_of_a_sum_is_the_same_in_pieces(pause: int) -> None:
+    # Two tones that nearly cancel: the dips come down to the offset after some hundred beats.
+    f = ExponentialSum([1.0, 1.0], [0.0, 0.0], [1.0, 1.41421], [0.0, 0.0], offset=1.99999)
+    whole = f.first_root(limit=20_000)
+    with patch.object(sums, "cells_of_a_call", lambda slots: pause):
+        pieces = f.first_root(limit=20_000)
+    assert whole.kind is RootKind.ROOT
+    assert (pieces.time, pieces.rate, pieces.error) == (whole.time, whole.rate, whole.error)
+    assert pieces.cost.counts == whole.cost.counts
+
+
+@pytest.mark.parametrize("masses", [1, 3])
+def test_what_is_computed_of_a_record_is_the_same_in_pieces(masses: int) -> None:
+    chain = ImpactChain(masses=masses, frequency=0.408 if masses == 1 else 0.87)
+
+    def computed() -> list[Any]:
+        record = chain.simulate(impacts=500)
+        moments = record.second_moments(batches=3)
+        times = np.linspace(0.0, float(record.time[-1]), 777)
+        spread = chain.stretching(record.states[-1], 100)
+        found = (
+            *record.sample(times),
+            moments.products,
+            moments.sums,
+            spread.logs,
+            spread.times,
+            spread.state,
+        )
+        return [array.tobytes() for array in (*found, np.array([moments.error]))]
+
+    whole = computed()
+    with (
+        patch.object(motion, "cells_of_a_call", lambda slots: 7),
+        patch.object(second_moments, "_PRODUCTS_OF_A_CALL", 1),
+        patch.object(tangents, "_PRODUCTS_OF_A_CALL", 1),
+    ):
+        assert computed() == whole
+
+
+@pytest.mark.parametrize("euclidean", [False, True])
+def test_pairs_counted_in_pieces_are_the_same(euclidean: bool) -> None:
+    points = np.random.default_rng(1).uniform(0.0, 1.0, (3000, 2))
+    edges = np.append(np.geomspace(1e-3, 0.5, 20) ** (2 if euclidean else 1), np.inf)
+
+    def counted() -> tuple[bytes, int, int]:
+        found = counting.count(points, np.zeros(2), edges, 40, euclidean=euclidean)
+        return found.shares.tobytes(), found.box_pairs, found.distances
+
+    whole = counted()
+    with patch.object(counting, "_PAIRS_OF_A_CALL", 50):
+        assert counted() == whole
+
+
+ENDLESS = """
+import os, signal, threading
+from dynkit.systems import ImpactChain
+from dynkit.systems.impact import clock_kernels, kernels
+
+# shells let what runs in the background ignore it
+signal.signal(signal.SIGINT, signal.default_int_handler)
+chain = ImpactChain(masses=1, frequency=0.87)
+chain.simulate(impacts=10)  # compiles
+compiled, calls, at_signal = kernels.run, [0], [None]
+
+def noted(*given):
+    calls[0] += 1
+    return compiled(*given)
+
+def interrupt():
+    at_signal[0] = calls[0]
+    os.kill(os.getpid(), signal.SIGINT)
+
+kernels.run = noted
+threading.Timer(0.3, interrupt).start()
+try:
+    chain.attractor(transient=10**12, impacts=1)
+except KeyboardInterrupt:
+    print("interrupted after", calls[0] - at_signal[0], "calls more")
+"""
+
+
+def test_an_interrupt_ends_a_run_of_a_million_million_impacts() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ENDLESS],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.stdout.startswith("interrupted after "), done.stderr
+    assert int(done.stdout.split()[2]) <= 2

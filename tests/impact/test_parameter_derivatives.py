@@ -1,0 +1,89 @@
+"""Derivatives of the impact map by parameters, in closed form against differences of maps."""
+
+from __future__ import annotations
+
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from dynkit.differences import parameter_difference
+from dynkit.exponential.ladders import Propagators
+from dynkit.maps import Map
+from dynkit.systems import BouncingBall, ImpactChain, PlayOscillator
+from dynkit.systems.impact.matrices import MatrixOscillator
+from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.structure.lagrangian import LagrangianStructure
+
+BALL = BouncingBall(amplitude=1.3, frequency=1.0, restitution=0.5)
+STRUCTURE = MatrixOscillator(
+    M=[[1.0, 0.2], [0.2, 1.5]],
+    C=[[0.1, 0.0], [0.0, 0.05]],
+    K=[[2.0, -1.0], [-1.0, 1.0]],
+    frequency=0.9,
+    amplitude=0.1,
+    offset=-0.05,
+    side="below",
+    constant_forces=(0.1, 0.2),
+)
+SYSTEMS = {
+    "ball": (BALL, ("amplitude", "frequency", "restitution")),
+    "chain": (
+        ImpactChain(masses=3, frequency=0.87),
+        ("amplitude", "frequency", "restitution", "offset"),
+    ),
+    "matrices": (STRUCTURE, ("amplitude", "frequency", "restitution", "offset")),
+    "driven": (
+        STRUCTURE.replace(harmonic_forces=(0.1, 0.2j), amplitude=0.0),
+        ("amplitude", "restitution", "offset"),
+    ),
+    "play": (
+        PlayOscillator(amplitude=0.5, frequency=1.0, restitution=0.6),
+        ("amplitude", "frequency", "restitution"),
+    ),
+    "two stops": (STRUCTURE.replace(play=0.3), ("play", "offset", "amplitude")),
+}
+CASES = [
+    (kind, name, k) for kind, (_, names) in SYSTEMS.items() for name in names for k in (0, 3, 4)
+]
+
+
+def state_of(system: ImpactOscillator, skipped: int) -> np.ndarray:
+    record = system.simulate(impacts=skipped + 1, start=system.state())
+    return np.asarray(record.states[skipped])
+
+
+@pytest.mark.parametrize(("kind", "name", "skipped"), CASES)
+def test_derivatives_are_those_of_differences(kind: str, name: str, skipped: int) -> None:
+    system = SYSTEMS[kind][0]
+    state = state_of(system, skipped)
+    differences = parameter_difference(
+        lambda value: system.replace(**{name: value})(state),
+        getattr(system, name),
+        difference=system.difference,
+    )
+    with patch.object(Map, "parameter_derivative", side_effect=AssertionError):
+        exact = system.parameter_derivative(state, name)
+    assert exact == pytest.approx(differences, rel=1e-8, abs=1e-8 * abs(differences).max())
+
+
+@pytest.mark.parametrize("name", ["amplitude", "frequency", "restitution"])
+def test_no_structure_and_no_propagators_are_made_for_a_derivative(name: str) -> None:
+    state = state_of(BALL, 0)
+    BALL.parameter_derivative(state, name)
+    with (
+        patch.object(LagrangianStructure, "_derive", side_effect=AssertionError),
+        patch.object(Propagators, "of", side_effect=AssertionError),
+    ):
+        assert np.isfinite(BALL.parameter_derivative(state, name)).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("amplitude", 0.0), ("restitution", 0.0), ("restitution", 1.0)]
+)
+def test_derivatives_at_the_end_of_a_range_are_one_sided_limits(name: str, value: float) -> None:
+    system = ImpactChain(masses=2, frequency=0.87).replace(**{name: value})
+    state = np.array([0.3, -0.2, 0.4, 1.0])
+    inside = system.replace(**{name: 1e-7 if value == 0.0 else value - 1e-7})
+    near = inside.parameter_derivative(state, name)
+    assert system.parameter_derivative(state, name) == pytest.approx(near, rel=1e-5, abs=1e-5)
