@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.continuation.problem import NoSolution, Problem
+from dynkit.continuation.problem import NoSolution, Problem, fractions
 from dynkit.maps import Map
 from dynkit.multipliers import product_eigenvalues
 from dynkit.results import Cost
@@ -126,13 +126,21 @@ class MapProblem(Problem):
         return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
 
     def shortest(self, x: Array) -> tuple[MapProblem, Array]:
-        states, n = self._rows(x), len(self._like)
-        for k in (k for k in range(1, n // 2 + 1) if n % k == 0):
-            apart = self._system.difference(np.roll(states, -k, axis=0), states)
-            if (abs(apart) <= _REPEATED * self.units).all():
+        for k in fractions(len(self._like)):
+            if (abs(self._changes_over(k, x)) <= _REPEATED * self.units).all():
                 problem = type(self)(self._system, self._like[:k], self._names)
-                return problem, states[:k].ravel()
+                return problem, self._rows(x)[:k].ravel()
         return self, x
+
+    def repetition(self, x: Array) -> float:
+        sizes = self.scale(x).reshape(self._like.shape)
+        parts = [self._changes_over(k, x) / sizes for k in fractions(len(self._like))]
+        return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
+
+    def _changes_over(self, k: int, x: Array) -> Array:
+        """How the states (n, d) change over k iterates."""
+        states = self._rows(x)
+        return self._system.difference(np.roll(states, -k, axis=0), states)
 
     def canonical(self, x: Array) -> Array:
         """Return its states in units of their size, from the same one on; angles as their sines.

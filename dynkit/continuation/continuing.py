@@ -13,6 +13,7 @@ from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.endings import Bound, Ending, Reason
 from dynkit.continuation.locating import Located
+from dynkit.continuation.newton import FixedParameters, correct
 from dynkit.continuation.problem import Problem
 from dynkit.continuation.starting import start_points
 from dynkit.continuation.tracing import Trace, is_of_symmetry, trace
@@ -86,13 +87,13 @@ def continue_orbit(
     """
     began = time.perf_counter()
     low, high = checked_bounds("bounds", bounds)
-    problem = problem_of(orbit, (parameter,))
+    problem, start_x = _once(problem_of(orbit, (parameter,)), orbit)
     in_interval(parameter, float(problem.values[0]), low, high)
     steps = checked_steps(step, largest_step, points)
     if not inadmissible and not orbit.admissible:
         raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")
     equations = OrbitEquations(problem, high - low)
-    start = start_points(equations, np.append(orbit.unknowns, problem.values))[0]
+    start = start_points(equations, np.append(start_x, problem.values))[0]
     traces = []
     for sign in (1.0, -1.0):
         ahead = Point(
@@ -105,11 +106,23 @@ def continue_orbit(
             steps,
             lambda y: np.append(problem.canonical(y[:-1]), y[-1] / (high - low)),
             Watch(problem),
+            lambda y: problem.repetition(y[:-1]),
         )
         traces.append(trace(problem, follower, inadmissible))
         if follower.ending is not None and follower.ending.reason is Reason.CLOSED:
             break
     return _joined(orbit, problem, parameter, traces, time.perf_counter() - began)
+
+
+def _once(problem: Problem, orbit: PeriodicOrbit) -> tuple[Problem, Array]:
+    """Return the equations and unknowns of an orbit that is run through once.
+
+    Where a period doubles, the orbit that branches off is the single one, run through twice.
+    """
+    once, x = problem.shortest(orbit.unknowns)
+    if once is problem:
+        return problem, x
+    return once, correct(FixedParameters(once, once.values), x, once.scale(x)).y
 
 
 def _joined(
@@ -129,7 +142,7 @@ def _joined(
         assert part.ending is not None
         endings.append(part.ending)
     return Branch(
-        label=orbit.label,
+        label=problem.orbit(points[first].y[:-1], points[first].y[-1:]).label,
         name=parameter,
         parameter=np.array([point.y[-1] for point in points]),
         unknowns=np.array([point.y[:-1] for point in points]),

@@ -296,7 +296,15 @@ def continue_curve(
     endings: list[Ending] = []
     for sign in (1.0, -1.0):
         ahead = Point(start.y, start.scale, sign * start.tangent, sign, start.residual, 0)
-        follower = Follower(equations, ahead, tuple(limits), steps, canonical, renewed)
+        follower = Follower(
+            equations,
+            ahead,
+            tuple(limits),
+            steps,
+            canonical,
+            renewed,
+            lambda y: problem.repetition(y[:m]),
+        )
         renewed(ahead, ahead)
         parts.append(list(follower))
         assert follower.ending is not None
