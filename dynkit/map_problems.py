@@ -142,19 +142,12 @@ class MapProblem(Problem):
         states = self._rows(x)
         return self._system.difference(np.roll(states, -k, axis=0), states)
 
-    def canonical(self, x: Array) -> Array:
-        """Return its states in units of their size, from the same one on; angles as their sines.
-
-        That is cosines and sines of angles, (n (d + number of angles),).
-        """
-        states = self._rows(x)
-        turning = angles(self._system)
-        plain = states[:, ~turning] / self._sizes[~turning]
-        turned = states[:, turning]
-        rows = np.hstack([plain, np.cos(turned), np.sin(turned)])
-        # a direction without symmetry, as states of symmetric orbits have equal coordinates
-        direction = np.sqrt(np.arange(2.0, 2.0 + rows.shape[1]))
-        return np.asarray(np.roll(rows, -int(np.argmax(rows @ direction)), axis=0).ravel())
+    def apart(self, x: Array, other: Array) -> Array:
+        """Return differences (n d,) of the states, from the one on that makes them smallest."""
+        n = len(self._like)
+        turned = (np.arange(n)[:, None] + np.arange(n)) % n
+        gaps = self._system.difference(self._rows(x)[turned], self._rows(other)) / self._sizes
+        return np.asarray(gaps[np.argmin((gaps**2).sum(axis=(1, 2)))].ravel())
 
     def at(self, p: Array) -> Map:
         """Return the map with the free parameters set.

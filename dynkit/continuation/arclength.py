@@ -30,6 +30,8 @@ _LARGEST_GAP = 0.3
 # And in parts of its orbit's distance from one of a shorter period: half of the way to that orbit,
 # from which its two halves are as far apart again.
 _PART = 0.25
+# So many times the place of the start within a step is looked for.
+_RETURNS = 12
 # A last Newton step so short, scaled, leaves the tangent as it is; how far a cubic is prolonged, in
 # units of the last step.
 _SHORT, _FURTHEST = 1e-8, 2.0
@@ -114,8 +116,8 @@ class Follower:
     bounds : tuple of Bound
         What ends the curve; its last point is on the bound.
     steps : Steps
-    canonical : callable
-        y -> numbers that two points share if they are the same.
+    apart : callable
+        (y, y) -> how far apart they are, in numbers that are zero if they are the same.
     watch : callable
         (point before, point) -> whether the step was short enough to tell what happened within.
     repetition : callable
@@ -127,7 +129,7 @@ class Follower:
     start: Point
     bounds: tuple[Bound, ...]
     steps: Steps
-    canonical: Callable[[Array], Array]
+    apart: Callable[[Array, Array], Array]
     watch: Callable[[Point, Point], bool]
     repetition: Callable[[Array], float]
     ending: Ending | None = None
@@ -138,8 +140,8 @@ class Follower:
 
     def __iter__(self) -> Iterator[Point]:
         point = self.start
-        home = self.canonical(point.y)
-        place = home
+        home = point.y
+        place = self.apart(home, home)
         before = None
         yield point
         if self._starts_outwards(point):
@@ -152,9 +154,9 @@ class Follower:
             if found is None:
                 return
             after, taken = found
-            place_before, place = place, self.canonical(after.y)
-            if count > 2 and self._passes(home, place_before, place):
-                closing = self._return_to(home, point, taken)
+            place_before, place = place, self.apart(after.y, home)
+            if count > 2 and self._passes(place_before, place):
+                closing = self._return_to(home, point, after, taken)
                 if closing is not None:
                     self.watch(point, closing)
                     self.ending = Ending(Reason.CLOSED, Reason.CLOSED.value)
@@ -335,34 +337,42 @@ class Follower:
         return min(taken * factor, self.steps.largest)
 
     @staticmethod
-    def _passes(home: Array, before: Array, after: Array) -> bool:
-        """Whether the way between two places leads past home."""
+    def _passes(before: Array, after: Array) -> bool:
+        """Whether the way between two places, as seen from home, leads past home."""
         way = after - before
         length = way @ way
         if not length > 0.0:
             return False
-        part = min(max(float((home - before) @ way / length), 0.0), 1.0)
-        gap = home - before - part * way
+        part = min(max(float(-before @ way / length), 0.0), 1.0)
+        gap = before + part * way
         return bool(gap @ gap <= 0.09 * length)
 
-    def _return_to(self, home: Array, point: Point, step: float) -> Point | None:
+    def _return_to(self, home: Array, point: Point, after: Point, step: float) -> Point | None:
         """Return the point within a step that is the start again."""
-        low, place = 0.0, self.canonical(point.y)
-        length, found = step, None
-        for _ in range(8):
-            trial = self.at(point, length) if length > 0.0 else point
+        ends = [(0.0, self.apart(point.y, home)), (step, self.apart(after.y, home))]
+        for place, end in zip(ends, (point, after), strict=True):
+            if abs(place[1]).max() < SAME:
+                return end
+        (low, place), (high, beyond) = ends
+        for _ in range(_RETURNS):
+            way = (beyond - place) / (high - low)
+            length = low - float(place @ way) / max(float(way @ way), 1e-300)
+            if not -0.5 * step < length < 1.5 * step:
+                return None
+            trial = self.at(point, length)
             if trial is None:
                 return None
-            there = self.canonical(trial.y)
-            if abs(there - home).max() < SAME:
-                found = trial
-                break
-            way = (there - place) / (length - low) if length != low else there - place
-            low, place = length, there
-            length += float((home - there) @ way) / max(float(way @ way), 1e-300)
-            if not -step < length < 2.0 * step:
+            there = self.apart(trial.y, home)
+            if abs(there).max() < SAME:
+                return trial
+            # the farther end of the two is given up
+            if place @ place > beyond @ beyond:
+                low, place = length, there
+            else:
+                high, beyond = length, there
+            if low == high:
                 return None
-        return found
+        return None
 
 
 def _rescaled(point: Point, scale: Array) -> Array:

@@ -104,7 +104,9 @@ def continue_orbit(
             ahead,
             (Bound(problem.size, parameter, low, high),),
             steps,
-            lambda y: np.append(problem.canonical(y[:-1]), y[-1] / (high - low)),
+            lambda y, home: np.append(
+                problem.apart(y[:-1], home[:-1]), (y[-1] - home[-1]) / (high - low)
+            ),
             Watch(problem),
             lambda y: problem.repetition(y[:-1]),
         )

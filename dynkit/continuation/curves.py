@@ -283,8 +283,8 @@ def continue_curve(
     if bifurcation.kind == "NS":
         limits.append(Bound(m, "theta", _RESONANCE, np.pi - _RESONANCE, Reason.RESONANCE))
 
-    def canonical(y: Array) -> Array:
-        return np.concatenate([problem.canonical(y[:m]), y[-2:] / widths])
+    def apart(y: Array, home: Array) -> Array:
+        return np.append(problem.apart(y[:m], home[:m]), (y[-2:] - home[-2:]) / widths)
 
     def renewed(_: Point, after: Point) -> bool:
         if isinstance(equations.condition, CriticalMultiplier):
@@ -301,7 +301,7 @@ def continue_curve(
             ahead,
             tuple(limits),
             steps,
-            canonical,
+            apart,
             renewed,
             lambda y: problem.repetition(y[:m]),
         )

@@ -209,3 +209,11 @@ class Problem(ABC):
         Where the same orbit has several solutions, they are those of one of them.
         """
         return np.asarray(x / self.scale(x))
+
+    def apart(self, x: Array, other: Array) -> Array:
+        """Return how two solutions differ as orbits, (l,), in numbers of order one.
+
+        Zeros where they are one orbit, whichever of its states comes first. It is continuous in `x`
+        near such a solution.
+        """
+        return self.canonical(x) - self.canonical(other)

@@ -126,6 +126,6 @@ def _same_on_both_sides(
         if side is None:
             return False
         sides.append(side)
-    here, there = (problem.canonical(side.y[:-1]) for side in sides)
+    here, there = (side.y[:-1] for side in sides)
     apart = (sides[0].y - sides[1].y)[:-1] / near.scale[:-1]
-    return bool(abs(here - there).max() < 0.05 * abs(apart).max())
+    return bool(abs(problem.apart(here, there)).max() < 0.05 * abs(apart).max())

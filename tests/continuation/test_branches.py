@@ -182,7 +182,7 @@ def test_points_come_one_by_one() -> None:
     (start,) = start_points(equations, np.append(orbit.unknowns, 2.5))
     bounds = (Bound(1, "r", 2.0, 3.0),)
     follower = Follower(
-        equations, start, bounds, Steps(), lambda y: y, lambda a, b: True, lambda y: np.inf
+        equations, start, bounds, Steps(), np.subtract, lambda a, b: True, lambda y: np.inf
     )
     points = iter(follower)
     values = [next(points).y[-1] for _ in range(3)]
