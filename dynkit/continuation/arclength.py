@@ -30,8 +30,9 @@ _LARGEST_GAP = 0.3
 # And in parts of its orbit's distance from one of a shorter period: half of the way to that orbit,
 # from which its two halves are as far apart again.
 _PART = 0.25
-# So many times the place of the start within a step is looked for.
-_RETURNS = 12
+# So many times the place of the start within a step is looked for, and so far beyond its ends, in
+# steps: a start at an end is on either side of it by rounding.
+_RETURNS, _SLACK = 12, 1e-3
 # A last Newton step so short, scaled, leaves the tangent as it is; how far a cubic is prolonged, in
 # units of the last step.
 _SHORT, _FURTHEST = 1e-8, 2.0
@@ -156,7 +157,7 @@ class Follower:
             after, taken = found
             place_before, place = place, self.apart(after.y, home)
             if count > 2 and self._passes(place_before, place):
-                closing = self._return_to(home, point, after, taken)
+                closing = self._return_to(home, point, after)
                 if closing is not None:
                     self.watch(point, closing)
                     self.ending = Ending(Reason.CLOSED, Reason.CLOSED.value)
@@ -347,19 +348,21 @@ class Follower:
         gap = before + part * way
         return bool(gap @ gap <= 0.09 * length)
 
-    def _return_to(self, home: Array, point: Point, after: Point, step: float) -> Point | None:
-        """Return the point within a step that is the start again."""
-        ends = [(0.0, self.apart(point.y, home)), (step, self.apart(after.y, home))]
-        for place, end in zip(ends, (point, after), strict=True):
-            if abs(place[1]).max() < SAME:
+    def _return_to(self, home: Array, point: Point, after: Point) -> Point | None:
+        """Return the point between two that is the start again."""
+        place, beyond = (self.apart(end.y, home) for end in (point, after))
+        for gap, end in ((place, point), (beyond, after)):
+            if abs(gap).max() < SAME:
                 return end
-        (low, place), (high, beyond) = ends
+        row = (after.y - point.y) / point.scale
+        row /= np.sqrt(row @ row)
+        low, high = 0.0, 1.0
         for _ in range(_RETURNS):
             way = (beyond - place) / (high - low)
-            length = low - float(place @ way) / max(float(way @ way), 1e-300)
-            if not -0.5 * step < length < 1.5 * step:
-                return None
-            trial = self.at(point, length)
+            part = low - float(place @ way) / max(float(way @ way), 1e-300)
+            trial = None
+            if -_SLACK < part < 1.0 + _SLACK:
+                trial = self.corrected(interpolated(point, after, part), point, row)
             if trial is None:
                 return None
             there = self.apart(trial.y, home)
@@ -367,9 +370,9 @@ class Follower:
                 return trial
             # the farther end of the two is given up
             if place @ place > beyond @ beyond:
-                low, place = length, there
+                low, place = part, there
             else:
-                high, beyond = length, there
+                high, beyond = part, there
             if low == high:
                 return None
         return None

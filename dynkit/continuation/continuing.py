@@ -6,9 +6,10 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import Follower, OrbitEquations, Point
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.endings import Bound, Ending, Reason
@@ -143,15 +144,18 @@ def _joined(
     for part in (backward, forward):
         assert part.ending is not None
         endings.append(part.ending)
+    admissible = np.array([point.seen.admissible for point in points])
     return Branch(
         label=problem.orbit(points[first].y[:-1], points[first].y[-1:]).label,
         name=parameter,
         parameter=np.array([point.y[-1] for point in points]),
         unknowns=np.array([point.y[:-1] for point in points]),
         multipliers=np.array([point.seen.multipliers for point in points]),
-        admissible=np.array([point.seen.admissible for point in points]),
+        admissible=admissible,
         residuals=np.array([point.residual for point in points]),
-        bifurcations=tuple(_bifurcation(problem, parameter, *entry) for entry in places),
+        bifurcations=tuple(
+            _bifurcation(problem, parameter, admissible, *entry) for entry in places
+        ),
         endings=(endings[0], endings[1]),
         cost=Cost(
             seconds,
@@ -163,11 +167,21 @@ def _joined(
 
 
 def _bifurcation(
-    problem: Problem, parameter: str, place: float, found: Located, tangent: Array
+    problem: Problem,
+    parameter: str,
+    admissible: NDArray[np.bool_],
+    place: float,
+    found: Located,
+    tangent: Array,
 ) -> Bifurcation:
     kind, event, _ = found.crossing
+    # on a border rounding decides which side an orbit is on
+    on_border = event >= 0
+    motion = (
+        borders_a_motion(admissible, place) if on_border else problem.admissible(found.x, found.p)
+    )
     touching = {}
-    if event >= 0 and len(found.history) > 1:
+    if on_border and len(found.history) > 1:
         touching = dict(problem.touching(event, found.x, found.own, found.p))
     return Bifurcation(
         kind=kind,
@@ -186,5 +200,6 @@ def _bifurcation(
         own_error=found.errors[len(found.x) : -1],
         tangent=tangent,
         event=event,
+        admissible=motion,
         _problem=problem,
     )

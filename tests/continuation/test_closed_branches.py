@@ -14,7 +14,7 @@ from dynkit.validation import Array, finite_array
 
 @dataclass(frozen=True)
 class Circle(Map):
-    """x' = x + omega - k sin(s x) / s, s = 2 pi / turn: P(1) folds at s omega = +-k, twice."""
+    """x' = x + turn omega - k sin(s x) / s, s = 2 pi / turn: P(1) folds at 2 pi omega = +-k."""
 
     omega: float
     k: float
@@ -26,7 +26,7 @@ class Circle(Map):
 
     def __call__(self, state: Array) -> Array:
         x, s = finite_array("state", state, (1,)), 2.0 * np.pi / self.turn
-        return np.asarray(x + self.omega - self.k / s * np.sin(s * x))
+        return np.asarray(x + self.turn * self.omega - self.k / s * np.sin(s * x))
 
     def jacobian(self, state: Array) -> Array:
         (x,) = finite_array("state", state, (1,))
@@ -40,7 +40,7 @@ class Circle(Map):
 def start(omega: float, k: float, turn: float, number: int) -> float:
     """One of the fixed points, some turns away."""
     s = 2.0 * np.pi / turn
-    stable = float(np.arcsin(s * omega / k)) / s
+    stable = float(np.arcsin(2.0 * np.pi * omega / k)) / s
     return (stable if number % 2 else 0.5 * turn - stable) + turn * (number // 2 - 4)
 
 
@@ -49,14 +49,14 @@ def start(omega: float, k: float, turn: float, number: int) -> float:
 def test_a_branch_of_a_circle_map_is_gone_round_once_from_all_starts(
     omega: float, turn: float
 ) -> None:
-    k = 0.2 * 2.0 * np.pi / turn
+    k = 0.9
     for number in range(17):
         orbit = periodic_orbit(Circle(omega, k, turn), [start(omega, k, turn, number)])
         branch = continue_orbit(orbit, "omega", bounds=(-0.3, 0.3))
         assert [ending.reason.name for ending in branch.endings] == ["CLOSED", "CLOSED"]
         folds = sorted(b.value for b in branch.bifurcations)
         assert [b.kind for b in branch.bifurcations] == ["SN", "SN"]
-        assert folds == pytest.approx([-0.2, 0.2], abs=1e-12)
+        assert folds == pytest.approx([-k / (2.0 * np.pi), k / (2.0 * np.pi)], abs=1e-12)
         assert np.ptp(branch.unknowns[:, 0]) == pytest.approx(turn, abs=1e-5 * turn)
         again = periodic_orbit(Circle(omega, k, turn), [start(omega, k, turn, number + 4)])
         assert Trail(branch).holds(again)
