@@ -62,7 +62,7 @@ def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes
             row,
             label="_",
             zorder=3.0,
-            **(circles(3.5, 0.7) if real else crosses(2.5, 0.5)),
+            **(circles(3.5, 0.7) if real else crosses(3.5, 0.5)),
         )
         text = bifurcation.kind if real else f"({bifurcation.kind})"
         labels.append((text, bifurcation.value, float(row.max())))

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynkit import Bifurcation, Branch, Map, continue_orbit, periodic_orbit
 from dynkit.maps import Map as MapBase
+from dynkit.orbits import PeriodicOrbit
 from dynkit.validation import Array, finite_array
 
 
@@ -87,7 +88,7 @@ def cascade(
     system: Map, guess: list[float], parameter: str, bounds: tuple[float, float], doublings: int
 ) -> Iterator[tuple[Branch, Bifurcation]]:
     """Branches of P(1), P(2), P(4), ..., each with its only PD."""
-    orbit = periodic_orbit(system, guess)
+    orbit: PeriodicOrbit = periodic_orbit(system, guess)
     for _ in range(doublings):
         branch = continue_orbit(orbit, parameter, bounds=bounds)
         (doubling,) = (b for b in branch.bifurcations if b.kind == "PD")
