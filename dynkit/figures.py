@@ -99,6 +99,17 @@ def circles(size: float, width: float) -> dict[str, Any]:
     }
 
 
+def crosses(size: float, width: float) -> dict[str, Any]:
+    """Return the settings of small crosses, for what is no motion of a system, in points."""
+    return {
+        "linestyle": "none",
+        "marker": "x",
+        "markersize": size,
+        "markeredgewidth": width,
+        "markeredgecolor": ink(),
+    }
+
+
 def new_figure(
     width: float = COLUMN_WIDTH, height: float = 2.6, rows: int = 1
 ) -> tuple[Figure, list[Axes]]:

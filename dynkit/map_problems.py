@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.continuation.problem import NoSolution, Problem
+from dynkit.continuation.problem import NoSolution, Problem, fractions
 from dynkit.maps import Map
 from dynkit.multipliers import product_eigenvalues
 from dynkit.no_motion import NoMotion, Refused, replaced
@@ -127,27 +127,28 @@ class MapProblem(Problem):
         return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
 
     def shortest(self, x: Array) -> tuple[MapProblem, Array]:
-        states, n = self._rows(x), len(self._like)
-        for k in (k for k in range(1, n // 2 + 1) if n % k == 0):
-            apart = self._system.difference(np.roll(states, -k, axis=0), states)
-            if (abs(apart) <= _REPEATED * self.units).all():
+        for k in fractions(len(self._like)):
+            if (abs(self._changes_over(k, x)) <= _REPEATED * self.units).all():
                 problem = type(self)(self._system, self._like[:k], self._names)
-                return problem, states[:k].ravel()
+                return problem, self._rows(x)[:k].ravel()
         return self, x
 
-    def canonical(self, x: Array) -> Array:
-        """Return its states in units of their size, from the same one on; angles as their sines.
+    def repetition(self, x: Array) -> float:
+        sizes = self.scale(x).reshape(self._like.shape)
+        parts = [self._changes_over(k, x) / sizes for k in fractions(len(self._like))]
+        return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
 
-        That is cosines and sines of angles, (n (d + number of angles),).
-        """
+    def _changes_over(self, k: int, x: Array) -> Array:
+        """How the states (n, d) change over k iterates."""
         states = self._rows(x)
-        turning = angles(self._system)
-        plain = states[:, ~turning] / self._sizes[~turning]
-        turned = states[:, turning]
-        rows = np.hstack([plain, np.cos(turned), np.sin(turned)])
-        # a direction without symmetry, as states of symmetric orbits have equal coordinates
-        direction = np.sqrt(np.arange(2.0, 2.0 + rows.shape[1]))
-        return np.asarray(np.roll(rows, -int(np.argmax(rows @ direction)), axis=0).ravel())
+        return self._system.difference(np.roll(states, -k, axis=0), states)
+
+    def apart(self, x: Array, other: Array) -> Array:
+        """Return differences (n d,) of the states, from the one on that makes them smallest."""
+        n = len(self._like)
+        turned = (np.arange(n)[:, None] + np.arange(n)) % n
+        gaps = self._system.difference(self._rows(x)[turned], self._rows(other)) / self._sizes
+        return np.asarray(gaps[np.argmin((gaps**2).sum(axis=(1, 2)))].ravel())
 
     def at(self, p: Array) -> Map:
         """Return the map with the free parameters set.

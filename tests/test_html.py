@@ -170,7 +170,7 @@ def test_a_branch_shows_its_ends_and_bifurcations() -> None:
     assert found.facts["system"] == "Henon()"
     assert found.facts["ends where"] == str(branch.endings[1])
     (doubling,) = branch.bifurcations
-    assert found.rows[-1] == ["PD", "0.3675", f"{doubling.error:.1e}", "-1"]
+    assert found.rows[-1] == ["PD", "0.3675", f"{doubling.error:.1e}", "-1", "yes"]
 
 
 def test_an_orbit_shows_its_multipliers() -> None:

@@ -99,12 +99,13 @@ def _summary(orbit: PeriodicOrbit, branch: Branch) -> dict[str, str]:
 
 
 def _print_table(branch: Branch) -> None:
-    rows = [["kind", branch.name, "multiplier", "error", "Newton steps", "seconds"]]
+    rows = [["kind", branch.name, "multiplier", "admissible", "error", "Newton steps", "seconds"]]
     rows += [
         [
             found.kind,
             f"{found.value:.12g}",
             _multiplier(found),
+            "yes" if found.admissible else "no",
             f"{found.error:.0e}",
             str(found.cost.counts["newton_steps"]),
             f"{found.cost.seconds:.3f}",

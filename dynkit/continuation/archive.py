@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit import __version__, store
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.curves import BifurcationCurve
 from dynkit.continuation.endings import Ending, Reason
@@ -237,6 +237,7 @@ def _described(bifurcation: Bifurcation) -> dict[str, Any]:
         "touching": dict(bifurcation.touching),
         "history": bifurcation.history,
         "event": bifurcation.event,
+        "admissible": bifurcation.admissible,
         "arrays": _OF_BIFURCATION,
         "seconds": bifurcation.cost.seconds,
         "work": dict(bifurcation.cost.counts),
@@ -251,17 +252,21 @@ def _restored(archive: store.Archive, number: int, parameter: str) -> Bifurcatio
         arrays.setdefault(f"{key}_error", np.full(len(arrays[key]), np.inf))
     for array in arrays.values():
         array.setflags(write=False)
-    multiplier = entry["multiplier"]
+    multiplier, place = entry["multiplier"], float(entry["place"])
     return Bifurcation(
         kind=str(entry["kind"]),
         parameter=parameter,
         value=float(entry["value"]),
         error=float(entry["error"]),
         multiplier=None if multiplier is None else complex(*multiplier),
-        place=float(entry["place"]),
+        place=place,
         touching=dict(entry["touching"]),
         history=tuple(entry["history"]),
         event=int(entry["event"]),
+        # older stores leave it to the points beside it
+        admissible=bool(
+            entry.get("admissible", borders_a_motion(archive.arrays["admissible"], place))
+        ),
         cost=Cost(float(entry["seconds"]), dict(entry["work"])),
         _problem=None,
         **arrays,

@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 _NEWTON_STEPS, _ANGLE, _LARGEST_ANGLE = 3.0, 0.15, 0.5
 # How far a point may be from its guess, in steps.
 _LARGEST_GAP = 0.3
+# And in parts of its orbit's distance from one of a shorter period: half of the way to that orbit,
+# from which its two halves are as far apart again.
+_PART = 0.25
+# So many times the place of the start within a step is looked for, and so far beyond its ends, in
+# steps: a start at an end is on either side of it by rounding.
+_RETURNS, _SLACK = 12, 1e-3
 # A last Newton step so short, scaled, leaves the tangent as it is; how far a cubic is prolonged, in
 # units of the last step.
 _SHORT, _FURTHEST = 1e-8, 2.0
@@ -34,6 +40,8 @@ _SHORT, _FURTHEST = 1e-8, 2.0
 _LEAST_LEVEL, _LARGEST_LEVEL = 16.0 * 2.0**-52, 1e-12
 # Distance, in scaled unknowns, within which two orbits are one.
 SAME = 1e-6
+REPEATED = 1e-7
+"""Nearer than this to an orbit of a shorter period, in scaled unknowns, an orbit is that one."""
 
 
 @final
@@ -109,40 +117,47 @@ class Follower:
     bounds : tuple of Bound
         What ends the curve; its last point is on the bound.
     steps : Steps
-    canonical : callable
-        y -> numbers that two points share if they are the same.
+    apart : callable
+        (y, y) -> how far apart they are, in numbers that are zero if they are the same.
     watch : callable
         (point before, point) -> whether the step was short enough to tell what happened within.
+    repetition : callable
+        y -> how far the orbit is from one of a shorter period: see `Problem.repetition`. No step
+        goes to such an orbit, unless the start is one.
     """
 
     equations: Equations
     start: Point
     bounds: tuple[Bound, ...]
     steps: Steps
-    canonical: Callable[[Array], Array]
+    apart: Callable[[Array, Array], Array]
     watch: Callable[[Point, Point], bool]
+    repetition: Callable[[Array], float]
     ending: Ending | None = None
     _level: float = _LEAST_LEVEL
     _failure: str = field(default="", repr=False)
-    _refused: bool = field(default=False, repr=False)
+    _reason: Reason = field(default=Reason.NO_CONVERGENCE, repr=False)
+    _repeated: bool = field(default=False, repr=False)
 
     def __iter__(self) -> Iterator[Point]:
         point = self.start
-        home = self.canonical(point.y)
-        place = home
+        home = point.y
+        place = self.apart(home, home)
         before = None
         yield point
         if self._starts_outwards(point):
             return
-        step = min(self.steps.first, self.steps.largest)
+        size = self.repetition(point.y)
+        self._repeated = size <= REPEATED
+        step = min(self.steps.first, self.steps.largest, np.inf if self._repeated else size)
         for count in range(1, self.steps.points):
             found = self._advance(before, point, step)
             if found is None:
                 return
             after, taken = found
-            place_before, place = place, self.canonical(after.y)
-            if count > 2 and self._passes(home, place_before, place):
-                closing = self._return_to(home, point, taken)
+            place_before, place = place, self.apart(after.y, home)
+            if count > 2 and self._passes(place_before, place):
+                closing = self._return_to(home, point, after)
                 if closing is not None:
                     self.watch(point, closing)
                     self.ending = Ending(Reason.CLOSED, Reason.CLOSED.value)
@@ -177,7 +192,7 @@ class Follower:
         """Return the next point and the step taken."""
         while step > self.steps.smallest:
             after, reached = self.at(point, step, before), None
-            if after is None and self._refused:
+            if after is None and self._reason is Reason.NO_SOLUTION:
                 after, reached = self._land_ahead(point, step)
             if reached is None and after is not None and (bound := self._left(after)) is not None:
                 after, reached = self._land(point, after, bound)
@@ -186,9 +201,10 @@ class Follower:
                     if reached is not None:
                         self._end_at(reached, after)
                     return after, step
-                self._failure, self._refused = "it cannot be told what happens within a step", True
+                self._failure = "it cannot be told what happens within a step"
+                self._reason = Reason.NO_SOLUTION
             step *= 0.5
-        reason = Reason.NO_CONVERGENCE if not self._refused else Reason.NO_SOLUTION
+        reason = self._reason
         self.ending = Ending(reason, f"{reason.value}: at {self._place(point)}, {self._failure}")
         return None
 
@@ -209,15 +225,30 @@ class Follower:
         # another branch, or too sharp a bend to be sure
         gap = (found.y - guess) / point.scale
         if not _ahead(point, found) or gap @ gap > (_LARGEST_GAP * step) ** 2:
-            self._failure, self._refused = "its direction jumps", False
+            self._failure, self._reason = "its direction jumps", Reason.NO_CONVERGENCE
             return None
-        return found
+        return found if self._is_same(point, guess, found) else None
+
+    def _is_same(self, before: Point, guess: Array, found: Point) -> bool:
+        """Whether a point is so near to its guess that no orbit of a shorter period is between.
+
+        Nor is the same orbit from another of its states on: that is as far as two states are apart.
+        """
+        if self._repeated:
+            return True
+        gap = (found.y - guess) / before.scale
+        room = _PART * self.repetition(before.y)
+        if gap @ gap <= room**2 and self.repetition(found.y) > REPEATED:
+            return True
+        self._failure, self._reason = "steps lead to other orbits", Reason.NEAR_REPETITION
+        return False
 
     def corrected(self, guess: Array, near: Point, row: Array) -> Point | None:
         """Return the point whose distance from the guess is orthogonal to a row."""
         solution = correct(self.equations, guess, near.scale, row, level=self._level)
         if not solution.converged:
-            self._refused = solution.outcome is Outcome.UNDEFINED
+            undefined = solution.outcome is Outcome.UNDEFINED
+            self._reason = Reason.NO_SOLUTION if undefined else Reason.NO_CONVERGENCE
             self._failure = solution.message or solution.outcome.value
             return None
         residual = solution.history[-1]
@@ -242,11 +273,12 @@ class Follower:
         try:
             jacobian = self.equations.jacobian(solution.y)
         except NoSolution as refusal:
-            self._failure, self._refused = str(refusal), True
+            self._failure, self._reason = str(refusal), Reason.NO_SOLUTION
             return None
         direction = bordered_direction(jacobian, scale, _rescaled(near, scale))
         if direction is None:
-            self._failure, self._refused = "the curve has no direction there", False
+            self._failure = "the curve has no direction there"
+            self._reason = Reason.NO_CONVERGENCE
         return direction
 
     def _left(self, point: Point) -> Bound | None:
@@ -270,6 +302,8 @@ class Follower:
             point = self.corrected(guess, before, row)
             if point is None or not _between(before, after, point):
                 break
+            if not self._is_same(before, guess, point):
+                break
             left = self._left(point)
             if left is None:
                 return point, bound
@@ -289,7 +323,9 @@ class Follower:
             row = np.zeros(len(guess))
             row[index] = 1.0
             found = self.corrected(guess, point, row)
-            if found is not None and self._left(found) is None and _ahead(point, found):
+            if found is None or self._left(found) is not None or not _ahead(point, found):
+                continue
+            if self._is_same(point, guess, found):
                 return found, bound
         return None, None
 
@@ -302,34 +338,44 @@ class Follower:
         return min(taken * factor, self.steps.largest)
 
     @staticmethod
-    def _passes(home: Array, before: Array, after: Array) -> bool:
-        """Whether the way between two places leads past home."""
+    def _passes(before: Array, after: Array) -> bool:
+        """Whether the way between two places, as seen from home, leads past home."""
         way = after - before
         length = way @ way
         if not length > 0.0:
             return False
-        part = min(max(float((home - before) @ way / length), 0.0), 1.0)
-        gap = home - before - part * way
+        part = min(max(float(-before @ way / length), 0.0), 1.0)
+        gap = before + part * way
         return bool(gap @ gap <= 0.09 * length)
 
-    def _return_to(self, home: Array, point: Point, step: float) -> Point | None:
-        """Return the point within a step that is the start again."""
-        low, place = 0.0, self.canonical(point.y)
-        length, found = step, None
-        for _ in range(8):
-            trial = self.at(point, length) if length > 0.0 else point
+    def _return_to(self, home: Array, point: Point, after: Point) -> Point | None:
+        """Return the point between two that is the start again."""
+        place, beyond = (self.apart(end.y, home) for end in (point, after))
+        for gap, end in ((place, point), (beyond, after)):
+            if abs(gap).max() < SAME:
+                return end
+        row = (after.y - point.y) / point.scale
+        row /= np.sqrt(row @ row)
+        low, high = 0.0, 1.0
+        for _ in range(_RETURNS):
+            way = (beyond - place) / (high - low)
+            part = low - float(place @ way) / max(float(way @ way), 1e-300)
+            trial = None
+            if -_SLACK < part < 1.0 + _SLACK:
+                trial = self.corrected(interpolated(point, after, part), point, row)
             if trial is None:
                 return None
-            there = self.canonical(trial.y)
-            if abs(there - home).max() < SAME:
-                found = trial
-                break
-            way = (there - place) / (length - low) if length != low else there - place
-            low, place = length, there
-            length += float((home - there) @ way) / max(float(way @ way), 1e-300)
-            if not -step < length < 2.0 * step:
+            there = self.apart(trial.y, home)
+            if abs(there).max() < SAME:
+                return trial
+            # the farther end of the two is given up
+            if place @ place > beyond @ beyond:
+                low, place = part, there
+            else:
+                high, beyond = part, there
+            if low == high:
                 return None
-        return found
+        return None
 
 
 def _rescaled(point: Point, scale: Array) -> Array:

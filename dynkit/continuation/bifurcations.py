@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.continuation.problem import Problem
 from dynkit.results import Cost
@@ -25,6 +26,19 @@ def given(part: _Known | None, owner: str = "Branch") -> _Known:
     if part is None:
         raise ValueError(f"orbit must be given to {owner}.load to get orbits back; got None")
     return part
+
+
+def borders_a_motion(admissible: NDArray[np.bool_], place: float) -> bool:
+    """Whether one of the points on both sides of a place on a branch is a motion of the system."""
+    around = np.clip([np.floor(place), np.floor(place) + 1.0], 0, len(admissible) - 1)
+    return bool(admissible[around.astype(int)].any())
+
+
+def shown(bifurcations: Iterable[Bifurcation]) -> str:
+    """Return kinds and values in one line; those that are no motions of the system say so."""
+    return ", ".join(
+        f"{b.kind} {b.value:.6g}{'' if b.admissible else ' (inadmissible)'}" for b in bifurcations
+    )
 
 
 @final
@@ -69,6 +83,10 @@ class Bifurcation:
         Direction of the branch, the parameter last.
     event : int
         Which of the problem's events it is; -1 at SN, PD, NS and BP.
+    admissible : bool
+        Whether the orbit is a motion of the system; at GR and CB, which border the motions, whether
+        a neighbouring point of the branch is one. Where it is not, no motion of the system
+        bifurcates.
     """
 
     kind: str
@@ -87,6 +105,7 @@ class Bifurcation:
     own_error: Array
     tangent: Array
     event: int
+    admissible: bool
     _problem: Problem | None
 
     @cached_property
@@ -121,7 +140,8 @@ class Bifurcation:
         return branches_at(self)
 
     def __repr__(self) -> str:
-        return f"<{self.kind} at {self.parameter} {self.value:.12g}>"
+        doubt = "" if self.admissible else ", inadmissible"
+        return f"<{self.kind} at {self.parameter} {self.value:.12g}{doubt}>"
 
     def _repr_html_(self) -> str:
         from dynkit.continuation.tables import bifurcation_table

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import OrbitEquations
-from dynkit.continuation.bifurcations import Bifurcation, given
+from dynkit.continuation.bifurcations import Bifurcation, given, shown
 from dynkit.continuation.endings import Ending, Reason
 from dynkit.continuation.newton import error_bound
 from dynkit.continuation.problem import Problem
@@ -168,7 +168,7 @@ class Branch:
 
     def __repr__(self) -> str:
         low, high = self.parameter.min(), self.parameter.max()
-        found = ", ".join(f"{b.kind} {b.value:.6g}" for b in self.bifurcations[:6])
+        found = shown(self.bifurcations[:6])
         more = ", ..." if len(self.bifurcations) > 6 else ""
         closed = "closed, " if self.closed else ""
         return (
@@ -210,8 +210,9 @@ class Branch:
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable against the parameter, and return the axes.
 
-        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted; bifurcations carry
-        their kinds, where one side at least is a motion of the system.
+        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. Bifurcations carry
+        their kinds: those of motions of the system beside circles, the others, in brackets, beside
+        crosses.
 
         Parameters
         ----------

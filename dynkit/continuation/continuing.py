@@ -6,13 +6,15 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import Follower, OrbitEquations, Point
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.endings import Bound, Ending, Reason
 from dynkit.continuation.locating import Located
+from dynkit.continuation.newton import FixedParameters, correct
 from dynkit.continuation.problem import Problem
 from dynkit.continuation.starting import start_points
 from dynkit.continuation.tracing import Trace, is_of_symmetry, trace
@@ -86,14 +88,14 @@ def continue_orbit(
     """
     began = time.perf_counter()
     low, high = checked_bounds("bounds", bounds)
-    problem = problem_of(orbit, (parameter,))
+    problem, start_x = _once(problem_of(orbit, (parameter,)), orbit)
     in_interval(parameter, float(problem.values[0]), low, high)
     steps = checked_steps(step, largest_step, points)
     beyond = boolean("inadmissible", inadmissible)
     if not beyond and not orbit.admissible:
         raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")
     equations = OrbitEquations(problem, high - low)
-    start = start_points(equations, np.append(orbit.unknowns, problem.values))[0]
+    start = start_points(equations, np.append(start_x, problem.values))[0]
     traces = []
     for sign in (1.0, -1.0):
         ahead = Point(
@@ -104,13 +106,27 @@ def continue_orbit(
             ahead,
             (Bound(problem.size, parameter, low, high),),
             steps,
-            lambda y: np.append(problem.canonical(y[:-1]), y[-1] / (high - low)),
+            lambda y, home: np.append(
+                problem.apart(y[:-1], home[:-1]), (y[-1] - home[-1]) / (high - low)
+            ),
             Watch(problem),
+            lambda y: problem.repetition(y[:-1]),
         )
         traces.append(trace(problem, follower, beyond))
         if follower.ending is not None and follower.ending.reason is Reason.CLOSED:
             break
     return _joined(orbit, problem, parameter, traces, time.perf_counter() - began)
+
+
+def _once(problem: Problem, orbit: PeriodicOrbit) -> tuple[Problem, Array]:
+    """Return the equations and unknowns of an orbit that is run through once.
+
+    Where a period doubles, the orbit that branches off is the single one, run through twice.
+    """
+    once, x = problem.shortest(orbit.unknowns)
+    if once is problem:
+        return problem, x
+    return once, correct(FixedParameters(once, once.values), x, once.scale(x)).y
 
 
 def _joined(
@@ -129,15 +145,18 @@ def _joined(
     for part in (backward, forward):
         assert part.ending is not None
         endings.append(part.ending)
+    admissible = np.array([point.seen.admissible for point in points])
     return Branch(
-        label=orbit.label,
+        label=problem.orbit(points[first].y[:-1], points[first].y[-1:]).label,
         name=parameter,
         parameter=np.array([point.y[-1] for point in points]),
         unknowns=np.array([point.y[:-1] for point in points]),
         multipliers=np.array([point.seen.multipliers for point in points]),
-        admissible=np.array([point.seen.admissible for point in points]),
+        admissible=admissible,
         residuals=np.array([point.residual for point in points]),
-        bifurcations=tuple(_bifurcation(problem, parameter, *entry) for entry in places),
+        bifurcations=tuple(
+            _bifurcation(problem, parameter, admissible, *entry) for entry in places
+        ),
         endings=(endings[0], endings[1]),
         cost=Cost(
             seconds,
@@ -149,11 +168,21 @@ def _joined(
 
 
 def _bifurcation(
-    problem: Problem, parameter: str, place: float, found: Located, tangent: Array
+    problem: Problem,
+    parameter: str,
+    admissible: NDArray[np.bool_],
+    place: float,
+    found: Located,
+    tangent: Array,
 ) -> Bifurcation:
     kind, event, _ = found.crossing
+    # on a border rounding decides which side an orbit is on
+    on_border = event >= 0
+    motion = (
+        borders_a_motion(admissible, place) if on_border else problem.admissible(found.x, found.p)
+    )
     touching = {}
-    if event >= 0 and len(found.history) > 1:
+    if on_border and len(found.history) > 1:
         touching = dict(problem.touching(event, found.x, found.own, found.p))
     return Bifurcation(
         kind=kind,
@@ -172,5 +201,6 @@ def _bifurcation(
         own_error=found.errors[len(found.x) : -1],
         tangent=tangent,
         event=event,
+        admissible=motion,
         _problem=problem,
     )

@@ -282,8 +282,8 @@ def continue_curve(
     if bifurcation.kind == "NS":
         limits.append(Bound(m, "theta", _RESONANCE, np.pi - _RESONANCE, Reason.RESONANCE))
 
-    def canonical(y: Array) -> Array:
-        return np.concatenate([problem.canonical(y[:m]), y[-2:] / widths])
+    def apart(y: Array, home: Array) -> Array:
+        return np.append(problem.apart(y[:m], home[:m]), (y[-2:] - home[-2:]) / widths)
 
     def renewed(_: Point, after: Point) -> bool:
         if isinstance(equations.condition, CriticalMultiplier):
@@ -295,7 +295,15 @@ def continue_curve(
     endings: list[Ending] = []
     for sign in (1.0, -1.0):
         ahead = Point(start.y, start.scale, sign * start.tangent, sign, start.residual, 0)
-        follower = Follower(equations, ahead, tuple(limits), steps, canonical, renewed)
+        follower = Follower(
+            equations,
+            ahead,
+            tuple(limits),
+            steps,
+            apart,
+            renewed,
+            lambda y: problem.repetition(y[:m]),
+        )
         renewed(ahead, ahead)
         parts.append(list(follower))
         assert follower.ending is not None

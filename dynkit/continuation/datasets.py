@@ -42,6 +42,10 @@ def branch_dataset(branch: Branch) -> xarray.Dataset:
             **_errors(branch),
             "bifurcation_kind": ("bifurcation", np.array([b.kind for b in found], dtype="U2")),
             "bifurcation_value": ("bifurcation", np.array([b.value for b in found])),
+            "bifurcation_admissible": (
+                "bifurcation",
+                np.array([b.admissible for b in found], dtype=bool),
+            ),
             "bifurcation_error": ("bifurcation", np.array([b.error for b in found])),
             "bifurcation_place": ("bifurcation", np.array([b.place for b in found])),
         },

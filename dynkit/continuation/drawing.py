@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.figures import circles, ink, print_style, shown_axes
+from dynkit.figures import circles, crosses, ink, print_style, shown_axes
 from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
@@ -57,25 +57,21 @@ def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes
     for bifurcation, row in marked:
         if bifurcation.kind == "BP" and not 0.0 <= bifurcation.place <= len(branch) - 1:
             continue  # where the branch ends on another one, whose bifurcation it is
-        if _borders_a_motion(branch, bifurcation.place):
-            axes.plot(
-                np.full(len(row), bifurcation.value),
-                row,
-                label="_",
-                zorder=3.0,
-                **circles(3.5, 0.7),
-            )
-            labels.append((bifurcation.kind, bifurcation.value, float(row.max())))
+        real = bifurcation.admissible
+        axes.plot(
+            np.full(len(row), bifurcation.value),
+            row,
+            label="_",
+            zorder=3.0,
+            **(circles(3.5, 0.7) if real else crosses(3.5, 0.5)),
+        )
+        text = bifurcation.kind if real else f"({bifurcation.kind})"
+        labels.append((text, bifurcation.value, float(row.max())))
     for text, x_place, y_place in _merged(labels, np.ptp(parameter), np.ptp(values)):
         axes.annotate(text, (x_place, y_place), **_TEXT)
     axes.set_xlabel(_written(branch.name))
     axes.set_ylabel(_written(name))
     return axes
-
-
-def _borders_a_motion(branch: Branch, place: float) -> bool:
-    around = np.clip([np.floor(place), np.floor(place) + 1.0], 0, len(branch) - 1)
-    return bool(branch.admissible[around.astype(int)].any())
 
 
 def _merged(

@@ -15,6 +15,7 @@ class Reason(Enum):
     RETRACED = "it meets another branch, and its points come again behind"
     LIMIT = "the number of points was reached"
     NO_CONVERGENCE = "Newton's method does not converge"
+    NEAR_REPETITION = "an orbit of a shorter period is too near"
     NO_SOLUTION = "the equations are not defined beyond"
     RESONANCE = "a strong resonance is near"
     BORDER = "beyond, there is no such orbit"

@@ -144,8 +144,8 @@ class Network:
         """Draw an observable of all branches against the parameter, and return the axes.
 
         Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. The bifurcations of
-        orbits that are motions of the system are marked, and as many carry their kinds as there is
-        room for.
+        orbits that are motions of the system are circles, and as many carry their kinds as there is
+        room for; those of other orbits are crosses.
 
         Parameters
         ----------

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynkit.continuation.drawing import LINES
 from dynkit.continuation.trails import Node, nodes_of
-from dynkit.figures import COLUMN_WIDTH, circles, ink, print_style, shown_axes
+from dynkit.figures import COLUMN_WIDTH, circles, crosses, ink, print_style, shown_axes
 from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
@@ -36,6 +36,7 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
     axes = shown_axes(ax, 2.0 * COLUMN_WIDTH, 4.2)
     drawn: set[str] = set()
     marks: list[tuple[float, float, str]] = []
+    others: list[tuple[float, float, str]] = []
     for branch in branches:
         nodes = nodes_of(branch)
         x, y = _values(branch, nodes, name)
@@ -51,13 +52,15 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
                     **_line(kind),
                 )
             place = stop
-        marks += _marks(nodes, kinds, x, y)
+        marks += _marks(nodes, x, y, admissible=True)
+        others += _marks(nodes, x, y, admissible=False)
     for kind in LINES:
         if kind in drawn:
             axes.plot([], [], label=kind, **_line(kind))
     marks = sorted(set(marks))
-    at = [x for x, _, _ in marks], [y for _, y, _ in marks]
-    axes.plot(*at, label="_", zorder=3.0, **circles(1.8, 0.4))
+    for entries, style in ((set(others), crosses(1.8, 0.3)), (marks, circles(1.8, 0.4))):
+        at = [x for x, _, _ in entries], [y for _, y, _ in entries]
+        axes.plot(*at, label="_", zorder=3.0, **style)
     axes.set_xlabel(branches[0].name.replace("_", " "))
     axes.set_ylabel(name.replace("_", " "))
     write_names(axes, marks)
@@ -96,15 +99,14 @@ def _kinds(branch: Branch, nodes: list[Node]) -> list[str]:
 
 
 def _marks(
-    nodes: list[Node], kinds: list[str], x: Array, y: Array
+    nodes: list[Node], x: Array, y: Array, *, admissible: bool
 ) -> list[tuple[float, float, str]]:
-    """Bifurcations beside which motions of the system are: where, and of what kind."""
+    """Bifurcations of motions of the system, or those of none: where, and of what kind."""
     found = []
     for i, (_, bifurcation) in enumerate(nodes):
-        beside = kinds[max(i - 1, 0) : i + 1]
         if bifurcation is None or (bifurcation.kind == "BP" and i in (0, len(nodes) - 1)):
             continue  # where a branch ends on another one, the bifurcation is the other one's
-        if any(kind != "inadmissible" for kind in beside):
+        if bifurcation.admissible == admissible:
             found.append((float(x[i]), float(y[i].max()), bifurcation.kind))
     return found
 

@@ -21,6 +21,11 @@ class NoSolution(RuntimeError):
     """The equations are not defined there: the system refuses it, or there is no next state."""
 
 
+def fractions(n: int) -> list[int]:
+    """Return the proper divisors of n: after so many states an orbit of n may come again."""
+    return [k for k in range(1, n // 2 + 1) if n % k == 0]
+
+
 @final
 @dataclass(frozen=True)
 class Event:
@@ -190,9 +195,25 @@ class Problem(ABC):
         """
         return self, x
 
+    def repetition(self, x: Array) -> float:
+        """Return how far a solution is from an orbit of a part of its period, run through again.
+
+        The root mean square of what changes over that part, in units of `scale`, for the part with
+        the least of it. Zero where it is such an orbit, infinite where none is possible.
+        """
+        return np.inf
+
     def canonical(self, x: Array) -> Array:
         """Return numbers, (l,), of order one, that two solutions share if they are one orbit.
 
         Where the same orbit has several solutions, they are those of one of them.
         """
         return np.asarray(x / self.scale(x))
+
+    def apart(self, x: Array, other: Array) -> Array:
+        """Return how two solutions differ as orbits, (l,), in numbers of order one.
+
+        Zeros where they are one orbit, whichever of its states comes first. It is continuous in `x`
+        near such a solution.
+        """
+        return self.canonical(x) - self.canonical(other)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from dynkit.continuation.bifurcations import shown
 from dynkit.showing import Facts, costing, span, table, told
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ def bifurcation_table(bifurcation: Bifurcation) -> str:
         (bifurcation.parameter, f"{bifurcation.value:.12g}"),
         ("error", f"{bifurcation.error:.1e}"),
         ("critical multiplier", bifurcation.multiplier),
+        ("admissible", _yes(bifurcation.admissible)),
         ("residual", f"{bifurcation.history[-1]:.1e}"),
         ("cost", costing(bifurcation.cost)),
     ]
@@ -47,10 +49,17 @@ def branch_table(branch: Branch) -> str:
 
 
 def _found(name: str, bifurcations: Iterable[Bifurcation]) -> str:
-    rows = [(b.kind, f"{b.value:.12g}", f"{b.error:.1e}", b.multiplier) for b in bifurcations]
+    rows = [
+        (b.kind, f"{b.value:.12g}", f"{b.error:.1e}", b.multiplier, _yes(b.admissible))
+        for b in bifurcations
+    ]
     if not rows:
         return ""
-    return table("Bifurcations", rows, ("kind", name, "error", "critical multiplier"))
+    return table("Bifurcations", rows, ("kind", name, "error", "critical multiplier", "admissible"))
+
+
+def _yes(admissible: bool) -> str:
+    return "yes" if admissible else "no"
 
 
 def curve_table(curve: BifurcationCurve) -> str:
@@ -86,7 +95,7 @@ def network_table(network: Network) -> str:
             number,
             branch.label,
             span(branch.parameter),
-            ", ".join(f"{b.kind} {b.value:.6g}" for b in branch.bifurcations),
+            shown(branch.bifurcations),
         )
         for number, branch in enumerate(network.branches)
     ]

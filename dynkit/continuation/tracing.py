@@ -15,8 +15,8 @@ from dynkit.continuation.problem import Problem
 from dynkit.validation import Array
 
 # How far aside of where a branch is symmetric, in scaled unknowns, it is looked at, and no fold
-# counts.
-_ASIDE = 1e-3
+# counts: as a part of the step over that place, as the branch may be small, and at most.
+_OF_STEP, _ASIDE = 0.25, 1e-3
 
 
 @final
@@ -24,12 +24,12 @@ _ASIDE = 1e-3
 class Trace:
     """Points as they were found; bifurcations with their places and directions.
 
-    At the `centres` the branch meets one that it is symmetric about.
+    At the `centres` the branch meets one that it is symmetric about; with each is how far aside.
     """
 
     points: list[Point] = field(default_factory=list)
     located: list[tuple[float, Located, Array]] = field(default_factory=list)
-    centres: list[Array] = field(default_factory=list)
+    centres: list[tuple[Array, float]] = field(default_factory=list)
     ending: Ending | None = None
 
 
@@ -71,8 +71,9 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
         centre = point.seen.branch_point
         if centre is not None and point.seen.flat is not None:
             place = np.append(centre.x, centre.p)
-            found.centres.append(place)
-            if _same_on_both_sides(problem, follower, before, place, point.seen.flat):
+            aside = min(_ASIDE, _OF_STEP * float(np.linalg.norm(way / before.scale)))
+            found.centres.append((place, aside))
+            if _same_on_both_sides(problem, follower, before, place, aside * point.seen.flat):
                 follower.ending = _ends(Reason.RETRACED, point)
                 break
         found.points.append(point)
@@ -84,10 +85,10 @@ def _ends(reason: Reason, point: Point) -> Ending:
     return Ending(reason, f"{reason.value}: near {point.y[-1]:.6g}")
 
 
-def is_of_symmetry(located: Located, centres: list[Array], scale: Array) -> bool:
+def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: Array) -> bool:
     """Whether a fold is that of a branch where it meets one that it is symmetric about."""
     place = np.append(located.x, located.p)
-    near = [np.linalg.norm((place - other) / scale) < _ASIDE for other in centres]
+    near = [np.linalg.norm((place - other) / scale) < aside for other, aside in centres]
     return located.crossing.kind == "SN" and any(near)
 
 
@@ -115,16 +116,16 @@ def _at(a: Located, b: Located) -> bool:
 
 
 def _same_on_both_sides(
-    problem: Problem, follower: Follower, near: Point, place: Array, tangent: Array
+    problem: Problem, follower: Follower, near: Point, place: Array, aside: Array
 ) -> bool:
-    """Whether a branch's orbits behind a branch point are those before."""
-    sides = []
+    """Whether a branch's orbits behind a branch point are those before, as far aside."""
+    sides, tangent = [], aside / np.linalg.norm(aside)
     for sign in (1.0, -1.0):
         start = Point(place, near.scale, sign * tangent, 1.0, 0.0, 0)
-        side = follower.corrected(place + sign * _ASIDE * tangent * near.scale, start, tangent)
+        side = follower.corrected(place + sign * aside * near.scale, start, tangent)
         if side is None:
             return False
         sides.append(side)
-    here, there = (problem.canonical(side.y[:-1]) for side in sides)
+    here, there = (side.y[:-1] for side in sides)
     apart = (sides[0].y - sides[1].y)[:-1] / near.scale[:-1]
-    return bool(abs(here - there).max() < 0.05 * abs(apart).max())
+    return bool(abs(problem.apart(here, there)).max() < 0.05 * abs(apart).max())

@@ -69,12 +69,9 @@ class Trail:
     def solutions(self, value: float) -> list[tuple[Array, tuple[float, ...]]]:
         """Return the solutions (m,) at a value of the parameter, each with its residuals."""
         found: list[tuple[Array, tuple[float, ...]]] = []
-        marks: list[Array] = []
         for x, history in self._solved(value):
-            mark = self._problem.canonical(x)
             # where a node is passed, both of its sides lead to it
-            if all(abs(mark - other).max() >= SAME for other in marks):
-                marks.append(mark)
+            if all(abs(self._problem.apart(x, other)).max() >= SAME for other, _ in found):
                 found.append((x, history))
         return found
 

@@ -13,7 +13,8 @@ from dynkit.continuation.problem import NoSolution, Problem
 from dynkit.continuation.starting import crossing_directions
 from dynkit.validation import Array
 
-# Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart.
+# Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart. This and
+# the next ones are parts of the distance to an orbit of a shorter period where that is below one.
 _SHORTEST = 1e-4
 # Nor than this, where events begin to tell something, so that little happens unseen.
 _UNSEEN = 1e-3
@@ -36,7 +37,8 @@ class Watch:
         except NoSolution:
             return False
         way = (after.y - before.y) / before.scale
-        length = float(np.sqrt(way @ way))
+        sizes = (self._problem.repetition(point.y[:-1]) for point in (before, after))
+        length = float(np.sqrt(way @ way)) / min(max(sizes), 1.0)
         if length > _SHORTEST and _appears(before.seen, after.seen):
             return False
         if length > _UNSEEN and _clears(before.seen, after.seen):

@@ -181,7 +181,9 @@ def test_points_come_one_by_one() -> None:
     equations = OrbitEquations(problem, 1.0)
     (start,) = start_points(equations, np.append(orbit.unknowns, 2.5))
     bounds = (Bound(1, "r", 2.0, 3.0),)
-    follower = Follower(equations, start, bounds, Steps(), lambda y: y, lambda a, b: True)
+    follower = Follower(
+        equations, start, bounds, Steps(), np.subtract, lambda a, b: True, lambda y: np.inf
+    )
     points = iter(follower)
     values = [next(points).y[-1] for _ in range(3)]
     assert values[0] == 2.5

@@ -56,7 +56,8 @@ def test_no_stretch_is_left_out(branch: Branch) -> None:
 
 def test_bifurcations_carry_their_kinds(branch: Branch) -> None:
     ax = branch.plot(axes())
-    assert [text.get_text() for text in ax.texts] == [b.kind for b in branch.bifurcations]
+    kinds = [b.kind if b.admissible else f"({b.kind})" for b in branch.bifurcations]
+    assert [text.get_text() for text in ax.texts] == kinds
 
 
 def test_labels_that_would_lie_on_one_another_are_one() -> None:
@@ -65,10 +66,14 @@ def test_labels_that_would_lie_on_one_another_are_one() -> None:
     assert sorted(texts) == ["PD", "PD, GR", "SN", "SN"]
 
 
-def test_what_happens_to_no_motion_is_not_marked() -> None:
+def test_what_happens_to_no_motion_is_in_brackets_beside_a_cross() -> None:
     made = continue_orbit(flat("cusp", 0.0, 0.0, 1.0, border=-0.2), "p", bounds=(-1.5, 1.5))
     assert [b.kind for b in made.bifurcations] == ["PD", "SN", "GR", "SN", "PD"]
-    assert [text.get_text() for text in made.plot(axes()).texts] == ["PD", "SN", "GR"]
+    ax = made.plot(axes())
+    texts = [text.get_text() for text in ax.texts]
+    assert texts == ["PD", "SN", "GR", "(SN)", "(PD)"]
+    marks = [line.get_marker() for line in ax.get_lines() if line.get_linestyle() == "None"]
+    assert marks == ["o", "o", "o", "x", "x"]
 
 
 def test_axes_are_named(branch: Branch) -> None:

@@ -40,7 +40,10 @@ def test_a_loaded_branch_has_the_same_bits(branch: Branch, stored: Path) -> None
 def test_loaded_bifurcations_have_the_same_bits(branch: Branch, stored: Path) -> None:
     loaded = Branch.load(stored, henon(0.5))
     for a, b in zip(branch.bifurcations, loaded.bifurcations, strict=True):
-        for name in ("kind", "value", "error", "multiplier", "place", "history", "cost", "event"):
+        for name in (
+            *("kind", "value", "error", "multiplier", "place", "history", "cost", "event"),
+            "admissible",
+        ):
             assert getattr(a, name) == getattr(b, name)
         for name in ("unknowns", "direction", "tangent", "own", "unknowns_error", "own_error"):
             assert getattr(a, name).tobytes() == getattr(b, name).tobytes()

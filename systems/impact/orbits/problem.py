@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
+from dynkit.continuation.problem import Condition, Event, NoSolution, Problem, fractions
 from dynkit.no_motion import Refused, replaced
 from dynkit.results import Cost
 from dynkit.systems.impact.orbits.monodromy import factors, multipliers
@@ -277,15 +278,26 @@ class ImpactProblem(Problem):
         return problem, twice, np.concatenate([a, -a, b, -b])
 
     def shortest(self, x: Array) -> tuple[ImpactProblem, Array]:
-        n, m = len(self.sides), self.periods
-        for k in (k for k in range(1, n // 2 + 1) if n % k == 0 and m % (n // k) == 0):
-            periods = m // (n // k)
-            phases = np.append(x[k:n], x[:k] + TWO_PI * m) - TWO_PI * periods
-            apart = abs(phases - x[:n]).max(), abs(np.roll(x[n:], -k) - x[n:]).max() / self.speed
-            if max(apart) < _REPEATED and (np.roll(self.sides, -k) == self.sides).all():
+        n = len(self.sides)
+        for k, periods, changes in self._repetitions(x):
+            if abs(changes).max() < _REPEATED:
                 once = type(self)(self.oscillator, self._names, periods, self.sides[:k], self.speed)
                 return once, np.concatenate([x[:k], x[n : n + k]])
         return self, x
+
+    def repetition(self, x: Array) -> float:
+        parts = [changes for _, _, changes in self._repetitions(x)]
+        return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
+
+    def _repetitions(self, x: Array) -> Iterator[tuple[int, int, Array]]:
+        """Impacts and periods after which it may come again, and changes (2n,) until then."""
+        n, m = len(self.sides), self.periods
+        for k in fractions(n):
+            if m % (n // k) == 0 and (np.roll(self.sides, -k) == self.sides).all():
+                periods = m // (n // k)
+                phases = np.append(x[k:n], x[:k] + TWO_PI * m) - TWO_PI * periods
+                impulses = (np.roll(x[n:], -k) - x[n:]) / self.speed
+                yield k, periods, np.concatenate([phases - x[:n], impulses])
 
     def canonical(self, x: Array) -> Array:
         n = len(self.sides)

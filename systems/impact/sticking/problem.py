@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
+from dynkit.continuation.problem import Condition, Event, NoSolution, Problem, fractions
 from dynkit.multipliers import product_eigenvalues
 from dynkit.no_motion import Refused, replaced
 from dynkit.results import Cost
@@ -259,19 +259,34 @@ class StickingProblem(Problem):
         return x + TWO_PI * self.periods * self._turning
 
     def shortest(self, x: Array) -> tuple[StickingProblem, Array]:
+        for k, periods, changes in self._repetitions(x):
+            if abs(changes).max() < _REPEATED:
+                names, words, cut = self._names, self.words[:k], int(self._begins[k])
+                return type(self)(self.oscillator, names, periods, words, self.sizes), x[:cut]
+        return self, x
+
+    def repetition(self, x: Array) -> float:
+        parts = [changes for _, _, changes in self._repetitions(x)]
+        return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
+
+    def _repetitions(self, x: Array) -> Iterator[tuple[int, int, Array]]:
+        """Passages and periods after which it may come again; changes of releases until then.
+
+        The words need not agree: how many impacts they name before a chatter is a choice.
+        """
         count, m = len(self.words), self.periods
         unit, parts = np.repeat(self.sizes, self.half), self.parts(x)
         places = np.array([place / unit for place, _ in parts])
         phases = np.array([phase[0] for _, phase in parts])
-        for k in (k for k in range(1, count // 2 + 1) if count % k == 0 and m % (count // k) == 0):
-            periods = m // (count // k)
-            later = np.append(phases[k:], phases[:k] + TWO_PI * m) - TWO_PI * periods
-            apart = abs(np.roll(places, -k, axis=0) - places).max(initial=0.0)
-            # The words need not agree: how many impacts they name before a chatter is a choice.
-            if max(apart, abs(later - phases).max()) < _REPEATED:
-                names, words, cut = self._names, self.words[:k], int(self._begins[k])
-                return type(self)(self.oscillator, names, periods, words, self.sizes), x[:cut]
-        return self, x
+        for k in fractions(count):
+            if m % (count // k) == 0:
+                periods = m // (count // k)
+                later = np.append(phases[k:], phases[:k] + TWO_PI * m) - TWO_PI * periods
+                yield (
+                    k,
+                    periods,
+                    np.column_stack([np.roll(places, -k, axis=0) - places, later - phases]),
+                )
 
     def canonical(self, x: Array) -> Array:
         """Means over the releases, which do not depend on which is the first."""
