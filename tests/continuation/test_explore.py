@@ -104,7 +104,9 @@ def test_a_search_that_runs_out_of_calls_is_no_claim() -> None:
 def necklaces(period: int) -> int:
     """Orbits of least period n of the logistic map at 4, as many as aperiodic binary necklaces."""
     points = 2**period
-    return (points - sum(k * necklaces(k) for k in range(1, period) if period % k == 0)) // period
+    return (
+        int(points - sum(k * necklaces(k) for k in range(1, period) if period % k == 0)) // period
+    )
 
 
 def test_all_orbits_of_the_logistic_map_at_four_are_reached() -> None:

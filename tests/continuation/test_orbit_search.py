@@ -75,7 +75,7 @@ def random_laps(seed: int, jumps: bool) -> tuple[Laps, int]:
     widths = random.uniform(0.3, 1.0, k)
     ends = np.concatenate([[0.0], np.cumsum(widths) / widths.sum()])
     ends[-1] = 1.0
-    signs = random.choice((-1.0, 1.0), k) if jumps else (-1.0) ** np.arange(k)
+    signs = np.array(random.choice((-1.0, 1.0), k) if jumps else (-1.0) ** np.arange(k), float)
     return Laps(ends, signs, float(random.uniform(0.6, 1.6))), k
 
 
