@@ -160,7 +160,7 @@ def find_orbits(system: Map, period: int, box: Any, *, calls: int = 200_000) -> 
     >>> search.counts
     {1: 2, 2: 1, 3: 2, 4: 3, 5: 6, 6: 9}
     >>> search.message
-    'P(1) to P(6) with states in [0, 1]: all 64 laps of 6 iterates were searched'
+    'P(1) to P(6) with states in [0, 1]: 64 laps of f^6 were searched'
     """
     began = time.perf_counter()
     if not isinstance(system, Map):
@@ -269,8 +269,7 @@ def _by_laps(calls: MapCalls, found: _Found, box: Array, limit: Array) -> tuple[
     found.spent = resolved < longest
     if not resolved:
         return 0, region, f"{number} laps of the map were found, and not searched"
-    iterates = "the map" if resolved == 1 else f"{resolved} iterates"
-    return resolved, region, f"all {number} laps of {iterates} were searched"
+    return resolved, region, f"{number} laps of f^{resolved} were searched"
 
 
 def _by_cells(calls: MapCalls, found: _Found, box: Array, limit: Array) -> tuple[int, Array, str]:
