@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dynkit.continuation.exploring import explore
     from dynkit.continuation.network import Network
     from dynkit.continuation.newton import NoConvergence
+    from dynkit.continuation.orbit_search import OrbitSearch, find_orbits
     from dynkit.exponential.sums import ExponentialSum
     from dynkit.flows import Flow
     from dynkit.labels import OrbitLabel
@@ -61,6 +62,7 @@ __all__ = [
     "NoCrossing",
     "NoMotion",
     "OrbitLabel",
+    "OrbitSearch",
     "ParameterMap",
     "PeriodicOrbit",
     "PoincareMap",
@@ -75,6 +77,7 @@ __all__ = [
     "continue_curve",
     "continue_orbit",
     "explore",
+    "find_orbits",
     "parameter_map",
     "periodic_orbit",
     "sweep",
@@ -103,6 +106,7 @@ __getattr__, __dir__ = lazy_names(
         "NoCrossing": "dynkit.no_motion",
         "NoMotion": "dynkit.no_motion",
         "OrbitLabel": "dynkit.labels",
+        "OrbitSearch": "dynkit.continuation.orbit_search",
         "ParameterMap": "dynkit.parameter_maps",
         "PeriodicOrbit": "dynkit.orbits",
         "PoincareMap": "dynkit.sections",
@@ -116,6 +120,7 @@ __getattr__, __dir__ = lazy_names(
         "continue_curve": "dynkit.continuation.curves",
         "continue_orbit": "dynkit.continuation.continuing",
         "explore": "dynkit.continuation.exploring",
+        "find_orbits": "dynkit.continuation.orbit_search",
         "parameter_map": "dynkit.parameter_maps",
         "periodic_orbit": "dynkit.map_orbits",
         "sweep": "dynkit.sweeps",

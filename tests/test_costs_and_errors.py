@@ -19,6 +19,7 @@ from dynkit import (
     continue_curve,
     continue_orbit,
     explore,
+    find_orbits,
     parameter_map,
     periodic_orbit,
     sweep,
@@ -151,6 +152,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
         Logistic(rate=2.5), "rate", (2.4, 3.3), seeds=[periodic_orbit(Logistic(rate=2.5), [0.6])]
     ),
     "OrbitLabel": lambda: attractor().label,
+    "OrbitSearch": lambda: find_orbits(Logistic(rate=3.9), 3, [(0.0, 1.0)]),
     "ParameterMap": lambda: parameter_map(
         Henon(), {"a": [0.2, 1.2], "b": [0.0, 0.3]}, start=[0.1, 0.1], exponents=99, progress=False
     ),

@@ -17,8 +17,9 @@ from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.network import Finish, Link, Network, Unexplored
 from dynkit.continuation.newton import NoConvergence
+from dynkit.continuation.orbit_search import OrbitSearch, checked_box
 from dynkit.continuation.problem import NoSolution
-from dynkit.continuation.seeds import OffersOrbits, checked_box, offered, searched
+from dynkit.continuation.seeds import SEARCHED, OffersOrbits, offered, searched, told_of_searches
 from dynkit.continuation.trails import Trail
 from dynkit.maps import Map
 from dynkit.no_motion import NoMotion
@@ -45,6 +46,7 @@ def explore(
     values: int = 9,
     seeds: Iterable[PeriodicOrbit] | None = None,
     box: Any = None,
+    calls: int = 100_000,
     branches: int = 100,
     points: int = 50_000,
     executor: Executor | None = None,
@@ -68,14 +70,16 @@ def explore(
     impacts, periods : int
         Largest n and m of orbits P(n,m) that are followed; of a map the largest n of P(n).
     values : int
-        At how many values of the parameter, equally spaced, there are orbits to start from: all
-        P(1,m) and the admissible P(2,m) and P(3,m) that the system offers; or those of maps that
-        are found from 20 guesses in a box, of up to three iterates. A branch that reaches none of
-        these values, and hangs together with no other, is not found.
+        At how many values of the parameter, equally spaced within the bounds, there are orbits to
+        start from: all P(1,m) and the admissible P(2,m) and P(3,m) that the system offers; or those
+        of a map that `find_orbits` finds in a box, at both bounds too. A branch that reaches none
+        of these values, and hangs together with no other, is not found.
     seeds : iterable of PeriodicOrbit, optional
         The orbits to start from, instead of these.
     box : (d, 2) array_like, optional
-        Least and greatest value of each coordinate of the guesses.
+        Least and greatest value of each coordinate: where orbits of a map are searched for.
+    calls : int
+        The budget of the search of the box at one value of the parameter: see `find_orbits`.
     branches, points : int
         The budget: how many branches, and how many points on them. It is looked at before each
         branch.
@@ -103,13 +107,17 @@ def explore(
     >>> [round(b.value, 10) for b in network.bifurcations if b.kind == "PD"]
     [3.0, 3.4494897428]
     >>> network.message
-    'all was explored, up to the largest orbits asked for'
+    'the search went to its end; searched: P(1) to P(4) with states in [0, 1] at 11 values of rate
+    from 2.8 to 3.5, resolved up to P(4) at 11 of them'
     """
     began = time.perf_counter()
     low, high = checked_bounds("bounds", bounds)
     most = positive_integer("impacts", impacts)
     longest = positive_integer("periods", periods)
-    start = _starts(system, parameter, (low, high), (most, longest), values, seeds, box)
+    searching = positive_integer("calls", calls)
+    start, what = _starts(
+        system, parameter, (low, high), (most, longest), values, seeds, box, searching
+    )
     exploration = _Exploration(
         parameter,
         (low, high),
@@ -117,6 +125,7 @@ def explore(
         positive_integer("branches", branches),
         positive_integer("points", points),
         Ahead(executor),
+        what,
     )
     finish, failure = Finish.COMPLETE, ""
     try:
@@ -144,7 +153,9 @@ def _starts(
     values: int,
     seeds: Iterable[PeriodicOrbit] | None,
     box: Any,
-) -> Sequence[Callable[[], list[PeriodicOrbit]]]:
+    calls: int,
+) -> tuple[Sequence[Callable[[], Sequence[PeriodicOrbit]]], str]:
+    """Return what gives the orbits to start from, and what that is."""
     if not isinstance(system, Map):
         raise ValueError(f"system must be a Map; got {system!r}")
     if parameter not in system.parameters:
@@ -160,15 +171,24 @@ def _starts(
         for i, orbit in enumerate(orbits):
             if not isinstance(orbit, PeriodicOrbit):
                 raise ValueError(f"seeds[{i}] must be a PeriodicOrbit; got {orbit!r}")
-        return [partial(list, [orbit]) for orbit in orbits]
+        return [partial(list, [orbit]) for orbit in orbits], "nothing beside the orbits given"
     low, high = bounds
     at = [low + (high - low) * (i + 0.5) / count for i in range(count)]
-    systems = [system.replace(**{parameter: value}) for value in at]
     if box is not None:
-        return searched(systems, checked_box(box, system.dimension), largest[0])
-    if isinstance(system, OffersOrbits):
-        return offered(systems, *largest)
-    raise ValueError("box must be given, or seeds, for a system that offers no orbits; got None")
+        at = [low, *at, high]
+    elif not isinstance(system, OffersOrbits):
+        raise ValueError(
+            "box must be given, or seeds, for a system that offers no orbits; got None"
+        )
+    systems = [system.replace(**{parameter: value}) for value in at]
+    where = f"at {parameter} {at[0]:.6g}"
+    if len(at) > 1:
+        where = f"at {len(at)} values of {parameter} from {at[0]:.6g} to {at[-1]:.6g}"
+    if box is not None:
+        inside = checked_box(box, system.dimension)
+        return searched(systems, inside, largest[0], calls), where
+    what = f"orbits up to P({min(largest[0], SEARCHED)},{largest[1]})"
+    return offered(systems, *largest), f"{what} that the system finds, {where}"
 
 
 class _UsedUp(Exception):
@@ -181,12 +201,14 @@ class _Group:
     """Orbits that come of one call, once it was made."""
 
     key: Hashable
-    call: Callable[[], list[PeriodicOrbit]]
+    call: Callable[[], Sequence[PeriodicOrbit]]
     leads: list[_Lead] | None = None
+    search: OrbitSearch | None = None
 
-    def have(self, orbits: list[PeriodicOrbit] | None) -> list[_Lead]:
+    def have(self, orbits: Sequence[PeriodicOrbit] | None) -> list[_Lead]:
         """Take the orbits, when they are there."""
         if self.leads is None and orbits is not None:
+            self.search = orbits if isinstance(orbits, OrbitSearch) else None
             self.leads = [_Lead((self.key, i), orbit) for i, orbit in enumerate(orbits)]
         return self.leads or []
 
@@ -213,6 +235,8 @@ class _Exploration:
     most_branches: int
     most_points: int
     ahead: Ahead
+    where: str
+    searches: list[OrbitSearch] = field(default_factory=list)
     found: list[Branch] = field(default_factory=list)
     trails: list[Trail] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
@@ -222,8 +246,8 @@ class _Exploration:
     points: int = 0
     coming: deque[_Group] = field(default_factory=deque)
 
-    def run(self, starts: Sequence[Callable[[], list[PeriodicOrbit]]]) -> None:
-        """Explore from orbits to start from, one after the other, then breadth first.
+    def run(self, starts: Sequence[Callable[[], Sequence[PeriodicOrbit]]]) -> None:
+        """Explore from orbits to start from, the shortest ones first, then breadth first.
 
         Raises
         ------
@@ -232,6 +256,7 @@ class _Exploration:
         """
         self.starting = "the first orbit to start from"
         self.coming.extend(_Group(("start", i), call) for i, call in enumerate(starts))
+        self._gather()
         while self.coming:
             for lead in self._leads_of(self.coming[0]):
                 orbit = lead.orbit
@@ -251,6 +276,18 @@ class _Exploration:
             self._switch(*self.waiting[0])
             self.waiting.popleft()
             self.coming.popleft()
+
+    def _gather(self) -> None:
+        """Find the orbits to start from, and put those of the same number of states together."""
+        by_length: dict[int, list[_Lead]] = {}
+        while self.coming:
+            for lead in self._leads_of(self.coming[0]):
+                by_length.setdefault(len(lead.orbit.states), []).append(lead)
+            search = self.coming.popleft().search
+            if search is not None:
+                self.searches.append(search)
+        for n, leads in sorted(by_length.items()):
+            self.coming.append(_Group(("start", "of", n), list, leads))
 
     def _switch(self, number: int, place: int) -> None:
         bifurcation = self.found[number].bifurcations[place]
@@ -363,6 +400,8 @@ class _Exploration:
             elif count < len(left):
                 parts.append(f"{len(left) - count} orbits to start from")
             ending += f"; left unexplored: {' and '.join(parts)}"
+        what = told_of_searches(self.searches, self.where) if self.searches else self.where
+        ending += f"; searched: {what}"
         steps = sum(branch.cost.counts.get("newton_steps", 0) for branch in self.found)
         counts = {"branches": len(self.found), "points": self.points, "newton_steps": steps}
         return Network(

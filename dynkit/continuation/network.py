@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class Finish(Enum):
     """Why an exploration ended."""
 
-    COMPLETE = "all was explored, up to the largest orbits asked for"
+    COMPLETE = "the search went to its end"
     BUDGET = "the budget was used up"
     INTERRUPTED = "it was interrupted"
     FAILED = "it failed"
@@ -67,7 +67,7 @@ class Network:
     finish : Finish
         Why the exploration ended.
     message : str
-        The same in words, with what was left.
+        The same in words, with what was left, and what was searched for orbits to start from.
     cost : Cost
     """
 

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, final, runtime_checkable
+from functools import partial
+from typing import TYPE_CHECKING, Protocol, TypeAlias, final, runtime_checkable
 
 import numpy as np
 
-from dynkit.continuation.newton import NoConvergence
-from dynkit.continuation.problem import NoSolution
+from dynkit.continuation.orbit_search import OrbitSearch, find_orbits
 from dynkit.maps import Map
-from dynkit.no_motion import NoMotion
-from dynkit.validation import Array, finite_array
+from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.orbits import PeriodicOrbit
 
 SEARCHED = 3
-"""Orbits of more states than this are not searched for from guesses; they branch off others."""
+"""Orbits of more impacts than this are not asked for; they branch off others."""
 
-_GUESSES = 20
-_ROUNDING = 1e-14
+Search: TypeAlias = Callable[[], OrbitSearch]
 
 
 @runtime_checkable
@@ -34,20 +33,6 @@ class OffersOrbits(Protocol):
     def periodic_orbits(self, *, impacts: int, periods: int) -> Sequence[PeriodicOrbit]:
         """Return orbits P(n,m)."""
         ...
-
-
-def checked_box(box: Any, dimension: int) -> Array:
-    """Return least and greatest coordinates, (d, 2).
-
-    Raises
-    ------
-    ValueError
-        When they are not.
-    """
-    found = finite_array("box", box, (dimension, 2))
-    for i in np.flatnonzero(~(found[:, 0] < found[:, 1]))[:1].tolist():
-        raise ValueError(f"box[{i}] must be (low, high) with low < high; got {found[i].tolist()}")
-    return found
 
 
 @final
@@ -75,36 +60,20 @@ def offered(systems: Sequence[Map], impacts: int, periods: int) -> list[Offers]:
     ]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Search:
-    """P(n) of a map that Newton's method finds from guesses in a box, always the same."""
-
-    system: Map
-    box: Array
-    states: int
-
-    def __call__(self) -> list[PeriodicOrbit]:
-        from dynkit.map_orbits import periodic_orbit
-
-        system, box, n = self.system, self.box, self.states
-        found: list[PeriodicOrbit] = []
-        random = np.random.default_rng(n)
-        for guess in random.uniform(box[:, 0], box[:, 1], (_GUESSES, len(box))):
-            try:
-                orbit = periodic_orbit(system, guess, period=n)
-                small = abs(orbit.states) <= _ROUNDING * abs(box).max()
-                if small.any():
-                    # numbers that have no digits but rounding are zero
-                    orbit = periodic_orbit(system, np.where(small, 0.0, orbit.states))
-            except (NoMotion, NoConvergence, NoSolution):
-                continue
-            if orbit.period == n:
-                found.append(orbit)
-        return found
-
-
-def searched(systems: Sequence[Map], box: Array, states: int) -> list[Search]:
+def searched(systems: Sequence[Map], box: Array, states: int, calls: int) -> list[Search]:
     """Return the searches for orbits of maps, of up to so many states."""
-    counts = range(1, min(states, SEARCHED) + 1)
-    return [Search(system, box, n) for n in counts for system in systems]
+    return [partial(find_orbits, system, states, box, calls=calls) for system in systems]
+
+
+def told_of_searches(searches: Sequence[OrbitSearch], where: str) -> str:
+    """Return what searches of one box, at values of a parameter, looked at."""
+    period = searches[0].period
+    regions = np.array([search.region for search in searches])
+    sides = [f"[{a.min():.6g}, {b.max():.6g}]" for a, b in np.moveaxis(regions, 0, -1)]
+    asked = "P(1)" if period == 1 else f"P(1) to P({period})"
+    resolved = Counter(search.resolved for search in searches)
+    parts = [
+        f"up to P({n}) at {count} of them" if n else f"not at all at {count} of them"
+        for n, count in sorted(resolved.items(), reverse=True)
+    ]
+    return f"{asked} with states in {' x '.join(sides)} {where}, resolved {', '.join(parts)}"

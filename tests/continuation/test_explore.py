@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import mpmath
@@ -26,7 +27,11 @@ BOX = [(0.1, 1.0)]
 
 
 def values(network: Network, kind: str, label: str) -> list[float]:
-    return sorted(b.value for x in network.find(label) for b in x.bifurcations if b.kind == kind)
+    return sorted(value for x in network.find(label) for value in values_of(x, kind))
+
+
+def values_of(branch: Branch, kind: str) -> list[float]:
+    return [b.value for b in branch.bifurcations if b.kind == kind]
 
 
 def agree(found: list[float], exact: list[float], within: float) -> bool:
@@ -46,14 +51,15 @@ def test_the_tree_of_period_doublings_is_found(logistic: Network) -> None:
     # (I. S. Kotsireas, K. Karamanos, Int. J. Bifurcation Chaos 14 (2004) 2417-2423).
     assert agree(values(logistic, "PD", "P(1)"), [3.0], TEN_DIGITS)
     assert agree(values(logistic, "PD", "P(2)"), [1.0 + 6.0**0.5], TEN_DIGITS)
-    assert agree(values(logistic, "PD", "P(4)"), [3.5440903596], 1e-9)
-    assert len(logistic.find("P(8)")) == 1
+    assert agree(values(logistic, "PD", "P(4)")[:1], [3.5440903596], 1e-9)
+    (cascade,) = (b for b in logistic.find("P(8)") if "BP 3.5440" in repr(b))
+    assert cascade.parameter.max() == LOGISTIC[1]
 
 
 def test_the_window_of_period_three_is_found(logistic: Network) -> None:
     assert agree(values(logistic, "SN", "P(3)"), [1.0 + 8.0**0.5], TEN_DIGITS)
-    assert len(values(logistic, "PD", "P(3)")) == 1
-    assert len(logistic.find("P(6)")) == 1
+    (doubled,) = values(logistic, "PD", "P(3)")
+    assert any(agree(values_of(b, "BP"), [doubled], TEN_DIGITS) for b in logistic.find("P(6)"))
 
 
 def test_the_network_says_what_branches_off_what(logistic: Network) -> None:
@@ -63,6 +69,9 @@ def test_the_network_says_what_branches_off_what(logistic: Network) -> None:
         if logistic.branches[link.branch].bifurcations[link.bifurcation].kind == "PD"
     }
     assert led == {("P(1)", "P(2)"), ("P(2)", "P(4)"), ("P(4)", "P(8)"), ("P(3)", "P(6)")}
+    doubled = [link for link in logistic.links if logistic.branches[link.branch].label == "P(4)"]
+    # the P(4) that is born in a pair doubles, too
+    assert len({link.to for link in doubled if logistic.branches[link.to].label == "P(8)"}) == 2
 
 
 def test_doubled_branches_lead_back_to_where_they_come_from(logistic: Network) -> None:
@@ -74,16 +83,49 @@ def test_doubled_branches_lead_back_to_where_they_come_from(logistic: Network) -
     assert back == {("P(2)", "P(1)"), ("P(4)", "P(2)"), ("P(8)", "P(4)"), ("P(6)", "P(3)")}
 
 
-def test_a_network_is_said_to_be_complete(logistic: Network) -> None:
+def test_a_network_says_what_was_searched_and_never_that_all_was_found(logistic: Network) -> None:
     assert logistic.finish is Finish.COMPLETE
     assert logistic.unexplored == ()
+    assert logistic.message == (
+        "the search went to its end; searched: P(1) to P(8) with states in [0, 1] at 6 values of "
+        "rate from 2.8 to 3.98, resolved up to P(8) at 6 of them"
+    )
+    assert "all" not in " ".join(finish.value for finish in Finish).split()
+
+
+def test_a_search_that_runs_out_of_calls_is_no_claim() -> None:
+    network = explore(
+        Logistic(rate=4.0), "rate", (3.9, 4.0), impacts=7, box=BOX, values=1, calls=4_400
+    )
+    assert "resolved up to P(" in network.message
+    assert "resolved up to P(7) at 3 of them" not in network.message
+
+
+def necklaces(period: int) -> int:
+    """Orbits of least period n of the logistic map at 4, as many as aperiodic binary necklaces."""
+    points = 2**period
+    return (
+        int(points - sum(k * necklaces(k) for k in range(1, period) if period % k == 0)) // period
+    )
+
+
+def test_all_orbits_of_the_logistic_map_at_four_are_reached() -> None:
+    # conjugate to the tent map: x = sin^2(pi k / (2^n - 1)) and sin^2(pi k / (2^n + 1))
+    network = explore(Logistic(rate=3.9), "rate", (3.5, 4.0), impacts=6, box=BOX)
+    counts = Counter(orbit.label for orbit in network.orbits(4.0))
+    assert counts == {f"P({n})": necklaces(n) for n in range(1, 7)}
+
+
+def places_on(branch: Branch) -> list[int]:
+    """Numbers of some points of a branch."""
+    places: list[int] = np.unique(np.linspace(0, len(branch) - 1, 7).astype(int)[1:-1]).tolist()
+    return places
 
 
 def on(branch: Branch, other: Branch) -> int:
-    """How many of some points of a branch lie on another one."""
+    """How many of these points lie on another branch."""
     trail = Trail(other)
-    places = np.unique(np.linspace(0, len(branch) - 1, 7).astype(int)[1:-1]).tolist()
-    return sum(trail.holds(branch.orbit(i)) for i in places)
+    return sum(trail.holds(branch.orbit(i)) for i in places_on(branch))
 
 
 def overlaps(network: Network) -> list[tuple[int, int]]:
@@ -101,7 +143,7 @@ def test_no_branch_of_the_logistic_map_is_found_twice(logistic: Network) -> None
 
 def test_every_point_lies_on_its_own_branch(logistic: Network) -> None:
     for branch in logistic.branches:
-        assert on(branch, branch) == 5
+        assert on(branch, branch) == len(places_on(branch))
 
 
 def test_the_same_arguments_give_the_same_network(logistic: Network) -> None:
@@ -159,7 +201,10 @@ def test_what_is_left_is_named() -> None:
     ((branch, bifurcation, why),) = network.unexplored
     assert (branch, bifurcation) == (0, 0)
     assert why == "the budget was used up"
-    assert network.message == "the budget was used up; left unexplored: 1 bifurcations"
+    assert network.message == (
+        "the budget was used up; left unexplored: 1 bifurcations; "
+        "searched: nothing beside the orbits given"
+    )
 
 
 @pytest.mark.parametrize(

@@ -100,6 +100,5 @@ def test_an_empty_network_is_refused() -> None:
 
 def test_an_empty_network_has_one_line() -> None:
     assert repr(NONE) == (
-        "<Network of 0 branches; 0 bifurcations, 0 links; "
-        "all was explored, up to the largest orbits asked for>"
+        "<Network of 0 branches; 0 bifurcations, 0 links; the search went to its end>"
     )
