@@ -80,7 +80,7 @@ def change_of(source: object) -> RegimeChange | None:
     if not isinstance(source, KnowsAverages | Attractor):
         return None
     states: Array = getattr(source, "states")  # noqa: B009  # attractors and records have them
-    return regime_change(states)
+    return regime_change(np.column_stack([states, states**2]))
 
 
 def averages_of(source: object, times: object = None) -> Callable[[], Averages]:

@@ -13,10 +13,9 @@ from dynkit.validation import Array
 _PARTS = 64
 """Parts of a run whose means are compared: the memory of a motion should be shorter than one."""
 
-_CRITICAL = 186.0
-"""Exceeded by `_statistic` with a chance of 1e-4 when nothing changes: in 600,000 draws of 64
-independent normal numbers, whose quantiles at 95 % (39.2) and 99 % (68.5) are those of Shao and
-Zhang's table 1 (40.1 and 68.6)."""
+_LEVEL, _CRITICAL = 5e-3, {1e-4: 185.3, 1e-3: 122.7, 1e-2: 68.5}
+"""Chance of a false alarm, and what `_statistic` exceeds with some chances when nothing changes: in
+600,000 draws of 64 independent normal numbers. Shao and Zhang's table 1 has 68.6 for 1e-2."""
 
 _TOLERANCE, _NEAR = 1e-6, 1e-2
 """Recurrence that counts as periodic, and that counts as on its way to it, relative to the column's
@@ -58,9 +57,9 @@ def regime_change(series: Array) -> RegimeChange | None:
     periods and a hundred values at least; from where it repeats itself to 1e-2. Otherwise the means
     of each column over 64 parts are tested for a change. The test normalises the difference of the
     means before and after a part by partial sums on both sides, and needs no estimate of how long
-    the motion remembers. The chance of a false alarm is 1e-4 for each column. A run that is chaotic
-    throughout shows nothing of the kind: a transient longer than the run looks like sustained
-    chaos.
+    the motion remembers. The chance of a false alarm is 0.5 % for up to 50 columns together. A run
+    that is chaotic throughout shows nothing of the kind: a transient longer than the run looks like
+    sustained chaos.
 
     Parameters
     ----------
@@ -99,7 +98,10 @@ def regime_change(series: Array) -> RegimeChange | None:
     means = np.add.reduceat(columns, edges, axis=0) / lengths[:, None]
     statistics, places = _statistic(means)
     worst = int(np.argmax(statistics))
-    if statistics[worst] <= _CRITICAL:
+    chances = np.log(list(_CRITICAL))
+    if statistics[worst] <= np.interp(
+        np.log(_LEVEL / columns.shape[1]), chances, list(_CRITICAL.values())
+    ):
         return None
     return RegimeChange(int(edges[places[worst]]), len(series), periodic=False)
 

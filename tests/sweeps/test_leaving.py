@@ -140,7 +140,8 @@ def test_a_symmetric_motion_of_an_oscillator_is_left_where_it_is_unstable() -> N
 
 
 def test_a_label_says_that_an_orbit_is_unstable() -> None:
-    fixed = MapAttractor(Logistic(rate=3.2), [1.0 - 1.0 / 3.2], transient=0, iterations=100)
+    start = np.array([1.0 - 1.0 / 3.2])
+    fixed = MapAttractor(Logistic(rate=3.2), start, transient=0, iterations=100)
     assert str(fixed.label) == "P(1) unstable"
     assert fixed.label.multiplier == pytest.approx(1.2, rel=1e-12)  # |2 - rate|
     assert "P(1) unstable" in repr(fixed)
@@ -206,7 +207,7 @@ def test_attractors_of_displaced_values_are_the_ones_that_were_swept(tmp_path: P
     values = np.linspace(1.8, 2.4, 6)
     ricker(tmp_path / "x.h5", values)
     found = Sweep.load(tmp_path / "x.h5", Ricker(2.0))
-    (place,) = np.flatnonzero(found.displaced)
+    (place,) = np.flatnonzero(found.displaced).tolist()
     assert (
         found.attractor(place).states.ravel().tobytes()
         == found.observable("state[0]")[place].tobytes()
