@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynkit import MapAttractor
-from dynkit.analysis import POD, CorrelationDimension, LyapunovSpectrum
+from dynkit.analysis import POD, CorrelationDimension, LyapunovSpectrum, PowerSpectrum
 from dynkit.analysis.regimes import regime_change
 from dynkit.attractors import Attractor
 from dynkit.labels import OrbitKind, OrbitLabel
@@ -167,3 +167,13 @@ def test_a_dimension_names_its_doubt() -> None:
     )
     assert switching.change is not None
     assert switching.error > 0.1
+
+
+def test_a_spectrum_names_its_doubt() -> None:
+    noise = np.random.default_rng(0).normal(size=4096)
+    steady = PowerSpectrum(noise, 1.0)
+    assert steady.change is None
+    switching = PowerSpectrum(np.where(np.arange(4096) < 2000, noise, 0.1 * noise), 1.0)
+    assert switching.change is not None
+    assert abs(switching.change.at - 2000) <= 4096 / 16
+    assert str(switching.change) in repr(switching)

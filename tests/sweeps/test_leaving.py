@@ -10,8 +10,9 @@ import pytest
 import dynkit.store
 from dynkit import MapAttractor, Sweep, sweep
 from dynkit.maps import Map
-from dynkit.systems import Henon, Logistic, PlayOscillator
-from dynkit.validation import Array
+from dynkit.sections import Hyperplane, PoincareMap
+from dynkit.systems import Henon, IntegratedFlow, Logistic, PlayOscillator
+from dynkit.validation import Array, finite_array
 from tests.sweeps.cases import CHAIN, FREQUENCIES, SHORT, assert_same_bits
 
 BRIEF: dict[str, Any] = {"transient": 200, "keep": 40, "progress": False}
@@ -213,3 +214,45 @@ def test_attractors_of_displaced_values_are_the_ones_that_were_swept(tmp_path: P
         == found.observable("state[0]")[place].tobytes()
     )
     assert found.to_xarray()["displaced"].values.tolist() == found.displaced.tolist()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circles(IntegratedFlow):
+    """A plane flow, r' = growth r (r - 1) (2 - r), phase' = 1: r = 1 repels for positive growth.
+
+    Its multiplier is exp(2 pi growth).
+    """
+
+    growth: float
+    dimension = 2
+
+    def velocity(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,))
+        rate = self._rate(float(np.hypot(x, y)))
+        return np.array([rate * x - y, rate * y + x])
+
+    def velocity_jacobian(self, state: Array) -> Array:
+        x, y = both = finite_array("state", state, (2,))
+        r = float(np.hypot(x, y))
+        slope = self.growth * (3.0 - 2.0 * r)
+        return np.array([[self._rate(r), -1.0], [1.0, self._rate(r)]]) + np.outer(
+            both, [slope * x / r, slope * y / r]
+        )
+
+    def _rate(self, r: float) -> float:
+        return self.growth * (r - 1.0) * (2.0 - r)
+
+
+def test_a_cycle_of_a_flow_is_left_where_it_becomes_unstable() -> None:
+    section = PoincareMap(
+        Circles(growth=-0.1), Hyperplane(np.array([0.0, 1.0]), 0.0, 1), time_limit=20.0
+    )
+    short: dict[str, Any] = {"transient": 15, "keep": 6, "progress": False}
+    found = sweep(section, "growth", [-0.1, 0.1], start=[1.0], **short)
+    last = abs(found.observable("state[0]")[:, -1])
+    assert last[0] == pytest.approx(1.0, abs=1e-9)
+    assert last[1] == pytest.approx(2.0, abs=0.1)
+    assert found.displaced.tolist() == [False, True]
+    still = MapAttractor(section.replace(growth=0.1), np.array([1.0]), 0, 6).label
+    assert str(still) == "P(1) unstable"
+    assert still.multiplier == pytest.approx(np.exp(0.2 * np.pi), rel=1e-6)
