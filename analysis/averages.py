@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from dynkit.analysis.regimes import regime_change
 from dynkit.validation import Array
 
 LEAST = 128
@@ -43,6 +44,9 @@ class TimeAverages:
     four quarters: they agree a hundred times better than the means of 32 blocks do. Their largest
     distance from that of the whole is the error then.
 
+    Where the run changes its regime (`change`) the averages of the whole belong to none, and the
+    errors are larger by the largest distance to those before and after the change.
+
     References
     ----------
     U. K. Müller, M. W. Watson, Low-frequency econometrics, in Advances in Economics and
@@ -69,6 +73,10 @@ class TimeAverages:
         slow, fast = squares[:_SLOWEST].mean(axis=0), squares[_SLOWEST:].mean(axis=0)
         self.resolved = self.regular or bool((slow <= _STEEP * fast).all())
         """Whether the motion remembers for less long than its slow waves: then the errors hold."""
+        self.change = None if self.regular else regime_change(series)
+        """Where the run changes its regime: see `dynkit.analysis.regimes.regime_change`."""
+        at = 0 if self.change is None else self.change.at
+        self._regimes = [series[:at].mean(axis=0), series[at:].mean(axis=0)] if at else []
 
     def estimate(self, function: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Return a function (m,) of the averages (k,), and its errors (m,).
@@ -84,7 +92,9 @@ class TimeAverages:
             0.5 * (function(self._mean + wave) - function(self._mean - wave))
             for wave in self._amplitudes
         ]
-        return function(self._mean), standard_errors(np.array(changes))
+        value, error = function(self._mean), standard_errors(np.array(changes))
+        apart = [abs(function(regime) - value) for regime in self._regimes]
+        return value, error + np.max(apart, axis=0, initial=0.0)
 
 
 def amplitudes(deviations: Array, weights: Array, count: int = _WAVES) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynkit.analysis.averages import LEAST, TimeAverages
 from dynkit.analysis.motions import attractor_of, going_on_for
+from dynkit.analysis.regimes import RegimeChange
 from dynkit.attractors import Attractor
 from dynkit.figures import ink, print_style, shown_axes
 from dynkit.flows import Flow
@@ -41,8 +42,10 @@ class LyapunovSpectrum:
     half-width of a 95 % interval (Student's t), from the slow waves in the logarithms, and the
     accuracy of a single iterate besides; for periodic and quasi-periodic motions, which are told by
     the much faster convergence of weighted averages, it is the largest distance between these over
-    parts of the motion. They hold when the motion is `resolved`, and for that attractor: chaos that
-    ends after all is not told from chaos that lasts.
+    parts of the motion. They hold when the motion is `resolved`, and for the attractor that it is
+    on. Where the run changes its regime, as transient chaos that ends, the errors cover the
+    exponents before and after, and `change` and the repr say where. A transient longer than the run
+    looks like sustained chaos: `settled_label` of the attractor looks at more of the motion.
 
     An exponent is minus infinity, with the error zero, where a direction is lost for good: its
     length was zero once, and no later stretching makes it longer. A sticking contact of an impact
@@ -308,6 +311,15 @@ class LyapunovSpectrum:
         return self._averages[0].resolved
 
     @property
+    def change(self) -> RegimeChange | None:
+        """Where the iterates that count change their regime; None where nothing shows a change.
+
+        Both the logarithms and the return times are looked at: see
+        `dynkit.analysis.regimes.regime_change`.
+        """
+        return self._averages[0].change
+
+    @property
     def cost(self) -> Cost:
         """Seconds, and iterates that were followed."""
         return self._run[2]
@@ -319,6 +331,8 @@ class LyapunovSpectrum:
         values, errors = self._exponents
         shown = ", ".join(f"{v:.4g}" for v in values[:3]) + (", ..." if len(values) > 3 else "")
         short = "" if self.resolved else "; too short for its errors"
+        if self.change is not None:
+            short = f"; {self.change}"
         return (
             f"<LyapunovSpectrum of {name}: {shown}; largest +- {errors[0]:.1g}, "
             f"dimension {self.dimension:.4g}{short}>"
@@ -342,6 +356,9 @@ class LyapunovSpectrum:
         if np.isfinite(self.exponents[0]):
             low, high = self.exponents[0] + self.error[0] * np.array([-1.0, 1.0])
             axes.axhspan(float(low), float(high), color=ink(0.8), zorder=0)
+        if self.change is not None:
+            axes.axvline(self.change.at, color=ink(), linestyle="dotted")
+            axes.set_title(str(self.change), fontsize="small")
         axes.set_xscale("log")
         axes.set_xlabel("iterates $n$")
         axes.set_ylabel(r"Lyapunov exponents $\lambda_i$")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
 
 from dynkit.analysis.averages import amplitudes, standard_errors
-from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of
+from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, change_of
+from dynkit.analysis.regimes import RegimeChange
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array, in_interval, positive, positive_integer
 
@@ -74,6 +75,7 @@ class POD:
         self.about = about
         self._normal_modes = getattr(getattr(source, "system", None), "modal_matrix", None)
         self._averages_of = averages_of(source, times)
+        self._change_of = partial(change_of, source)
         if not isinstance(source, KnowsAverages):  # bad samples are refused at once
             self.matrix  # noqa: B018
 
@@ -81,7 +83,8 @@ class POD:
         if "_averages" not in vars(self):
             return f"<POD about the {self.about}, when asked for>"
         share, rank = f"{100.0 * _SHARE:g} % of the power", self.rank(_SHARE)
-        return f"<POD about the {self.about}: {share} in {rank} of {len(self.power)} modes>"
+        doubt = "" if self.change is None else f"; {self.change}"
+        return f"<POD about the {self.about}: {share} in {rank} of {len(self.power)} modes{doubt}>"
 
     @cached_property
     def _averages(self) -> Averages:
@@ -190,6 +193,15 @@ class POD:
         return len(self._averages.durations)
 
     @cached_property
+    def change(self) -> RegimeChange | None:
+        """Where the kept states change their regime; None where nothing shows it, and for samples.
+
+        The standard errors cover the powers before and after. A transient longer than the run looks
+        like sustained chaos: see `dynkit.analysis.regimes.regime_change`.
+        """
+        return self._change_of()
+
+    @cached_property
     def _deviations(self) -> Array:
         """Share (b, N) of each batch in the deviations of the powers from their means."""
         squares = np.einsum("ij,bik,kj->bj", self.modes, self._products, self.modes, optimize=True)
@@ -205,7 +217,8 @@ class POD:
         `dynkit.analysis.averages`. The motion is divided into at most 32 batches of successive
         impacts or samples; with fewer than two the errors are infinite. They are too small where
         the motion remembers for longer than a sixth of its length, or has not yet reached its
-        attractor, and too large for a periodic one, where they tell where periods are cut.
+        attractor, and too large for a periodic one, where they tell where periods are cut. Where
+        the motion changes its regime (`change`) they cover the powers before and after.
         """
         return self._errors(self._deviations)
 
@@ -218,7 +231,20 @@ class POD:
 
     def _errors(self, deviations: Array) -> Array:
         durations = self._averages.durations
-        return standard_errors(amplitudes(deviations, durations / durations.sum()))
+        shares = durations / durations.sum()
+        errors = standard_errors(amplitudes(deviations, shares))
+        if self.change is None:
+            return errors
+        # the batch that holds the change belongs to neither side
+        cut = np.array_split(np.arange(self.change.states), len(shares))
+        last = next(b for b, part in enumerate(cut) if self.change.at <= part[-1])
+        sides = [slice(None, last), slice(last + 1, None)]
+        apart = [
+            abs(deviations[side].sum(axis=0)) / shares[side].sum()
+            for side in sides
+            if shares[side].sum() > 0.0
+        ]
+        return np.asarray(errors + np.max(apart, axis=0, initial=0.0))
 
     # --- normal modes -----------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ from typing import Protocol, final, runtime_checkable
 
 import numpy as np
 
+from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.attractors import Attractor
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_array
@@ -72,6 +73,14 @@ class SampleAverages:
     error: float
     mean_error: float
     cost: Cost
+
+
+def change_of(source: object) -> RegimeChange | None:
+    """Return where the states of a motion change their regime; None for samples of anything."""
+    if not isinstance(source, KnowsAverages | Attractor):
+        return None
+    states: Array = getattr(source, "states")  # noqa: B009  # attractors and records have them
+    return regime_change(np.column_stack([states, states**2]))
 
 
 def averages_of(source: object, times: object = None) -> Callable[[], Averages]:

@@ -43,6 +43,8 @@ def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: s
         _mark_share(axes, share)
     axes.set_xlabel("number of modes")
     axes.set_ylabel("cumulative power")
+    if pod.change is not None:
+        axes.set_title(str(pod.change), fontsize="small")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     return axes
 

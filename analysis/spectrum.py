@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.analysis.motions import source_of
+from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.analysis.series import (
     TWO_PI,
     checked_coordinate,
@@ -143,7 +144,20 @@ class PowerSpectrum:
 
     def __repr__(self) -> str:
         samples = f"{self._count} samples {self.interval:.6g} apart in {self.segments} segments"
-        return f"<PowerSpectrum: {samples}, resolution {self.resolution:.3g}>"
+        known = "_samples" in vars(self)
+        doubt = f"; {self.change}" if known and self.change is not None else ""
+        return f"<PowerSpectrum: {samples}, resolution {self.resolution:.3g}{doubt}>"
+
+    @cached_property
+    def change(self) -> RegimeChange | None:
+        """Where the samples, or their squares, change their regime; None where nothing shows it.
+
+        The spectrum is then that of no regime, and `error` does not cover the change. A transient
+        longer than the run looks like sustained chaos: see
+        `dynkit.analysis.regimes.regime_change`.
+        """
+        values = self._samples[0][:: self._finer]
+        return regime_change(np.column_stack([values, values**2]))
 
     @cached_property
     def _window(self) -> Array:

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.labels import OrbitKind, OrbitLabel, Window, label_orbit, settled_label
+from dynkit.labels import (
+    OrbitKind,
+    OrbitLabel,
+    Window,
+    label_orbit,
+    settled_label,
+    with_multiplier,
+)
 from dynkit.maps import Map
 from dynkit.no_motion import NoMotion
 from dynkit.results import Cost
@@ -215,12 +222,13 @@ class MapAttractor(Attractor):
 
     @cached_property
     def _label(self) -> OrbitLabel:
-        return label_orbit(_MapOrbit(self._system, self._states), kept=len(self._states))
+        orbit = _MapOrbit(self._system, self._states)
+        return orbit.judged(label_orbit(orbit, kept=len(self._states)))
 
     def label_within(self, budget: int) -> OrbitLabel:
         """Return the label as far as so many states tell; the kept ones are always looked at."""
         orbit = _MapOrbit(self._system, self._states)
-        return label_orbit(orbit, kept=len(self._states), budget=budget)
+        return orbit.judged(label_orbit(orbit, kept=len(self._states), budget=budget))
 
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
         """Return the label of what the motion settles on, chaos before that included.
@@ -228,7 +236,7 @@ class MapAttractor(Attractor):
         See `dynkit.labels.settled_label`; at most so many states are looked at besides those kept.
         """
         orbit = _MapOrbit(self._system, self._states)
-        return settled_label(orbit, kept=len(self._states), budget=budget)
+        return orbit.judged(settled_label(orbit, kept=len(self._states), budget=budget))
 
     @property
     def cost(self) -> Cost:
@@ -365,18 +373,32 @@ class _MapOrbit:
     def __init__(self, system: Map, kept: Array) -> None:
         self.system = system
         self.kept = kept
-        self.last: Array | None = None
+        self.window: Array | None = None
 
     def more(self, count: int) -> Window:
-        states = self.kept if self.last is None else self.system.iterate(self.last, count)[1:]
-        self.last = states[-1]
-        return Window(states)
+        if self.window is None:
+            self.window = self.kept
+        else:
+            self.window = self.system.iterate(self.window[-1], count)[1:]
+        return Window(self.window)
+
+    def judged(self, label: OrbitLabel) -> OrbitLabel:
+        """Return the label of what was looked at so far, with its multiplier if it is periodic."""
+        if label.impacts is None or self.window is None:
+            return label
+        n = label.impacts
+        try:
+            jacobians = [self.system.jacobian(state) for state in self.window[-1 - 2 * n : -1]]
+        except NoMotion:  # the orbit touches the section: no derivative
+            return label
+        factors = np.array(jacobians)
+        return with_multiplier(label, factors[n:], factors[:n], self.system.accuracy)
 
     def difference(self, a: Array, b: Array) -> Array:
         return self.system.difference(a, b)
 
     def growth(self, steps: int) -> Array:
-        state = self.kept[-1] if self.last is None else self.last
+        state = (self.kept if self.window is None else self.window)[-1]
         # a fixed direction without symmetry: it is in no subspace that a map is likely to keep
         direction = np.sqrt(np.arange(2.0, 2.0 + state.size))
         logs = np.empty(steps)

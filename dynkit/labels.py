@@ -9,6 +9,7 @@ from typing import Protocol, final
 
 import numpy as np
 
+from dynkit.multipliers import product_eigenvalues
 from dynkit.recurrences import REPETITIONS, Recurrences
 from dynkit.results import Cost
 from dynkit.validation import Array, positive, positive_integer
@@ -19,6 +20,9 @@ _NEAR, _NEAR_AT_LAST = 100.0, 1e-2
 # Growth is asked for only when so many states did not decide; and is averaged over batches.
 _CHAOS_AFTER, _BATCHES = 800, 16
 _BUDGET = 20_000
+# A derivative of a map may be wrong by so many times its accuracy: in flows it is integrated beside
+# the motion, with an accuracy of its own; in maps rounding grows along a period.
+_DERIVATIVES = 1e3
 
 
 class OrbitKind(Enum):
@@ -58,6 +62,10 @@ class OrbitLabel:
     chance : float
         Of chaos the chance that disturbances grow as much, block by block, in a motion in which
         they do not grow on average; see `label_orbit`.
+    multiplier, multiplier_error : float
+        Largest modulus of the multipliers over the last period, and an estimate of its distance to
+        that of the orbit itself; NaN where the motion is not periodic or has no derivative. See
+        `stable`.
     seconds : float
         Wall-clock time of the decision; the states that were kept before are not in it.
     count_harmonics : callable, optional
@@ -71,6 +79,11 @@ class OrbitLabel:
     'P(4)'
     >>> str(OrbitLabel(OrbitKind.PERIODIC, 39, 15, 1e-6, 3e-14, 30000, transient_chaos=20000))
     'P(39,15) after transient chaos'
+    >>> label = OrbitLabel(
+    ...     OrbitKind.PERIODIC, 1, None, 1e-6, 0.0, 100, multiplier=1.5, multiplier_error=1e-12
+    ... )
+    >>> str(label), label.stable
+    ('P(1) unstable', False)
     """
 
     kind: OrbitKind
@@ -81,6 +94,8 @@ class OrbitLabel:
     simulated: int
     transient_chaos: int = 0
     chance: float = np.inf
+    multiplier: float = field(default=np.nan, repr=False, compare=False)
+    multiplier_error: float = field(default=np.nan, repr=False, compare=False)
     seconds: float = field(default=0.0, repr=False, compare=False)
     count_harmonics: Callable[[], int] | None = field(default=None, repr=False, compare=False)
 
@@ -98,6 +113,18 @@ class OrbitLabel:
         if self.kind is OrbitKind.CHAOTIC:
             return self.chance
         return 0.0 if self.kind is OrbitKind.AT_REST else np.inf
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether the periodic orbit attracts; None where that is not certain.
+
+        A state that lies on an unstable orbit to rounding stays there for as long as anybody
+        simulates, as may a motion that is as symmetric as its system: it recurs, and is no
+        attractor. Certain is what the `multiplier` says by more than its error.
+        """
+        if self.multiplier + self.multiplier_error < 1.0:
+            return True
+        return False if self.multiplier - self.multiplier_error > 1.0 else None
 
     @property
     def cost(self) -> Cost:
@@ -124,6 +151,8 @@ class OrbitLabel:
         if self.kind is OrbitKind.PERIODIC:
             numbers = (self.impacts, self.periods)
             name = f"P({','.join(str(n) for n in numbers if n is not None)})"
+        if self.stable is False:
+            name += " unstable"
         return f"{name} after transient chaos" if self.transient_chaos else name
 
 
@@ -262,6 +291,29 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
             return _periodic_label(orbit, period, window, tolerance, spent)
         if ends:
             return OrbitLabel(OrbitKind.UNSETTLED, None, None, tolerance, nearest, spent)
+
+
+def with_multiplier(label: OrbitLabel, last: Array, before: Array, accuracy: float) -> OrbitLabel:
+    """Return the label of a periodic orbit with its `multiplier`.
+
+    Parameters
+    ----------
+    label : OrbitLabel
+    last, before : (n, d, d) arrays
+        Derivatives of the map at the states of the last period, and of the one before it, in the
+        order of time. The difference of their multipliers is the error, summed up over all periods
+        to come when it falls by as much in each as disturbances do.
+    accuracy : float
+        Of the map, relative.
+    """
+    if not (np.isfinite(last).all() and np.isfinite(before).all()):
+        return label
+    found, earlier = (float(abs(product_eigenvalues(factors)[0])) for factors in (last, before))
+    apart = abs(1.0 - found)
+    change = abs(found - earlier)
+    series = change * max(1.0, found / apart) if apart else np.inf
+    error = series + _DERIVATIVES * len(last) * accuracy * max(1.0, found)
+    return replace(label, multiplier=found, multiplier_error=error)
 
 
 def settled_label(

@@ -82,6 +82,7 @@ NO_RESULTS = {
     "FoundImpacts": VALUE,
     "LocalSlopes": VALUE,
     "Measurement": VALUE,
+    "RegimeChange": VALUE,
     "ScalingRegion": VALUE,
     "Unexplored": VALUE,
     "Crossing": STATE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, inf, nan
 from types import MappingProxyType
@@ -34,6 +34,7 @@ from dynkit.analysis.dimension.sums import (
     correlation_sums,
 )
 from dynkit.analysis.motions import source_of
+from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.attractors import Attractor
 from dynkit.results import Cost
 from dynkit.validation import Array, finite_scalar, positive
@@ -221,9 +222,30 @@ class CorrelationDimension:
         It covers about 68 %, and is no bound: twice it covers about 95 %.
         It is made of the slope's statistical error, from bootstrap over blocks of time, which
         covers that neighbouring radii and successive states share pairs, and of the scatter of the
-        slopes of the region's quarters beyond that.
+        slopes of the region's quarters beyond that. Where the motion changes its regime it covers
+        the dimension of the last regime, too.
         """
-        return inf if self.region is None else self.region.error
+        return inf if self.region is None else self.region.error + self._apart
+
+    @cached_property
+    def change(self) -> RegimeChange | None:
+        """Where the attractor's states change their regime; None where nothing shows it.
+
+        A transient longer than the run looks like sustained chaos: see
+        `dynkit.analysis.regimes.regime_change`. None for an array, whose order is not looked at.
+        """
+        return regime_change(self.states) if isinstance(self.source, Attractor) else None
+
+    @cached_property
+    def _apart(self) -> float:
+        """How far the dimension of the last regime is from that of all states."""
+        if self.change is None:
+            return 0.0
+        last = self.states[self.change.at :]
+        if len(last) < BLOCKS:
+            return inf
+        other = replace(self, source=last, angles=self.turns)
+        return inf if other.region is None else abs(other.value - self.value) + other.error
 
     @cached_property
     def takens(self) -> Estimate:
@@ -274,7 +296,8 @@ class CorrelationDimension:
         found = f"{Estimate(self.value, self.error)}, r from {self.region.low:.3g} to "
         found += f"{self.region.high:.3g}, {self.region.ratio:.3g}:1"
         count = "" if self.points is None else f"; finite, {self.points} points or so"
-        return f"CorrelationDimension({found}{count}; {used})"
+        doubt = "" if self.change is None else f"; {self.change}"
+        return f"CorrelationDimension({found}{count}; {used}{doubt})"
 
     def plot(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
         """Draw the correlation sum against the radius, and the scaling region with its line.

@@ -38,7 +38,7 @@ equals sign because of the minus.
 _SIMULATE_EXAMPLES = """\
 examples:
   dynkit simulate --frequency 0.87
-  dynkit simulate --frequency 0.35 --transient 0 --impacts 2000 --out chaos.csv
+  dynkit simulate --frequency 1.346 --transient 0 --impacts 2000 --out chaos.csv
   dynkit simulate --masses 1,1,2 --frequency 0.9 --observable time,position --out motion.npz
   dynkit simulate motion.toml --restitution 0.7 --out section.png
 

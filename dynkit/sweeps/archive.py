@@ -85,6 +85,7 @@ def archived(plan: Plan, entries: Mapping[str, str], findings: Findings) -> stor
     progress = {
         "dynkit": __version__,
         "endings": json.dumps(findings.endings),
+        "displaced": json.dumps(np.flatnonzero(findings.displaced[:n]).tolist()),
         "seconds": repr(findings.seconds),
         "work": json.dumps(findings.work),
     }
@@ -151,6 +152,8 @@ def findings_of(plan: Plan, archive: store.Archive) -> Findings:
     findings.finals[:n] = finals
     findings.counts[:n] = archive.arrays["count"]
     findings.ending_codes[:n] = archive.arrays["ending"]
+    # sweeps of older versions did not leave unstable orbits
+    findings.displaced[json.loads(archive.entries.get("displaced", "[]"))] = True
     findings.endings = list(json.loads(archive.entries["endings"]))
     findings.seconds = float(archive.entries["seconds"])
     findings.work = dict(json.loads(archive.entries["work"]))

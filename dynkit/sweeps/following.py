@@ -1,5 +1,6 @@
 """The iteration of a following sweep: what is to be done, its points, and what was found so far."""
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -8,9 +9,17 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.attractors import Attractor
+from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
 from dynkit.no_motion import located
-from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, sweepable
+from dynkit.sweeps.sweepable import (
+    Sweepable,
+    SweptAttractor,
+    SweptMap,
+    as_attractor,
+    sweepable,
+)
 from dynkit.validation import (
     Array,
     boolean,
@@ -19,6 +28,10 @@ from dynkit.validation import (
     positive_integer,
     within_memory,
 )
+
+_MOST_RUNS = 16
+"""Runs in which a displaced motion may leave an orbit: it does so where the largest multiplier, per
+state, exceeds 1.0014 after the default 800 states."""
 
 
 @final
@@ -65,6 +78,38 @@ class Plan:
     def motion(self, system: Sweepable, start: Any) -> SweptAttractor:
         """Simulate at the value that the system has."""
         return system.attractor(transient=self.transient, impacts=self.keep, start=start)
+
+    def following(self, system: Sweepable, start: Any) -> "tuple[SweptAttractor, bool]":
+        """Simulate, and leave an unstable orbit; say whether the state was displaced.
+
+        Only the kept states are looked at. Where they recur, and the multipliers do not prove that
+        the orbit attracts, the last of them is displaced and the motion simulated again from there,
+        until disturbances of this size have had the time to grow to that of the motion. Where the
+        multipliers prove nothing either way, and the displaced motion comes back or stays, the
+        orbit is not unstable: the motion that was not displaced is returned.
+        """
+        motion = self.motion(system, start)
+        label = motion.label_within(self.keep)
+        if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING) or label.stable:
+            return motion, False
+        attractor = as_attractor(motion)
+        # The geometric mean of rounding, or the error of one iterate, and of the motion: as far
+        # above the one as below the other.
+        size = math.sqrt(attractor.system.accuracy)
+        away = system.displaced(motion, size)
+        for _ in range(self._runs_to_leave(label, size)):
+            away = self.motion(system, away).final
+        left = self.motion(system, away)
+        if label.stable is None and _near(attractor, as_attractor(left), size):
+            return motion, False
+        return left, True
+
+    def _runs_to_leave(self, label: OrbitLabel, size: float) -> int:
+        """Runs, one of transient and keep each, in which a disturbance grows to one."""
+        if label.stable is None:
+            return 0
+        states = (label.impacts or 1) * -math.log(size) / math.log(label.multiplier)
+        return min(math.ceil(states / (self.transient + self.keep)), _MOST_RUNS)
 
     def start_at(self, place: int, finals: Array) -> Any:
         """Return the state from which a value starts, from the packed final ones."""
@@ -143,12 +188,16 @@ def known_names(known: Sequence[str], asked: object) -> tuple[str, ...]:
 @final
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The motion at one value of a sweep, its packed final state, and the seconds it took."""
+    """The motion at one value of a sweep, its packed final state, and the seconds it took.
+
+    `displaced` says whether a state was displaced for it to leave an unstable orbit.
+    """
 
     place: int
     motion: SweptAttractor
     packed: Array
     seconds: float
+    displaced: bool
 
 
 @final
@@ -163,6 +212,7 @@ class Findings:
     finals: Array
     counts: NDArray[np.int64]
     ending_codes: NDArray[np.int64]
+    displaced: NDArray[np.bool_]
     endings: list[str] = field(default_factory=list)
     finished: int = 0
     seconds: float = 0.0
@@ -177,6 +227,7 @@ class Findings:
             np.empty((k, 0)),
             np.zeros(k, dtype=np.int64),
             np.zeros(k, dtype=np.int64),
+            np.zeros(k, dtype=np.bool_),
         )
 
     def add(self, point: Point) -> None:
@@ -184,7 +235,7 @@ class Findings:
         row, motion = point.place, point.motion
         if not self.finals.size:
             self.finals = np.empty((len(self.counts), len(point.packed)))
-        self.finals[row] = point.packed
+        self.finals[row], self.displaced[row] = point.packed, point.displaced
         for name, rows in self.observables.items():
             found = motion.observable(name)
             rows[row, : len(found)] = found
@@ -197,6 +248,13 @@ class Findings:
         for name, count in motion.cost.counts.items():
             work[name] = work.get(name, 0) + count
         self.work, self.seconds, self.finished = work, self.seconds + point.seconds, row + 1
+
+
+def _near(orbit: Attractor, other: Attractor, size: float) -> bool:
+    """Whether the last state of another motion is this near to an orbit, relative to its size."""
+    gaps = orbit.system.difference(orbit.states, other.states[-1])
+    nearest = float(np.linalg.norm(gaps, axis=1).min())
+    return nearest <= size * (float(np.linalg.norm(orbit.states, axis=1).max()) or 1.0)
 
 
 def follow(plan: Plan, findings: Findings) -> Iterator[Point]:
@@ -214,9 +272,9 @@ def follow(plan: Plan, findings: Findings) -> Iterator[Point]:
     for place in range(first, len(plan.values)):
         with located(f"at {plan.parameter} {float(plan.values[place])}"):
             system = plan.system(place)
-            motion = plan.motion(system, start)
+            motion, displaced = plan.following(system, start)
         start = motion.final
         packed = system.pack_state(start)
         ended = time.perf_counter()
-        yield Point(place, motion, packed, ended - began)
+        yield Point(place, motion, packed, ended - began, displaced)
         began = time.perf_counter()

@@ -76,6 +76,7 @@ def _findings(plan: Plan, rows: Rows) -> Findings:
         rows.arrays["final"],
         rows.arrays["count"],
         np.array([endings.index(text) for text in rows.texts["ending"]], dtype=np.int64),
+        np.zeros(len(plan.values), dtype=np.bool_),
         endings,
         len(plan.values),
         rows.cost.seconds,

@@ -61,7 +61,12 @@ class Sweep:
         self._plan = plan
         self._findings = findings
         self._labels: dict[int, OrbitLabel] = {}
-        for array in (findings.finals, findings.counts, *findings.observables.values()):
+        for array in (
+            findings.finals,
+            findings.counts,
+            findings.displaced,
+            *findings.observables.values(),
+        ):
             array.setflags(write=False)
 
     @classmethod
@@ -132,6 +137,14 @@ class Sweep:
         """States kept at each value, (k,): fewer than `keep` where the motion ended early."""
         return self._findings.counts
 
+    @property
+    def displaced(self) -> NDArray[np.bool_]:
+        """Where a state lay on an unstable orbit and was displaced to leave it, (k,); see `sweep`.
+
+        None is in sweeps of independent starts, nor in stores that do not say where.
+        """
+        return self._findings.displaced
+
     @cached_property
     def endings(self) -> tuple[str, ...]:
         """Why the simulation ended at each value, k texts."""
@@ -157,6 +170,7 @@ class Sweep:
             ("states at each", f"{self.keep} kept after {self.transient}"),
             ("observables", ", ".join(self.observables)),
             ("motions that ended early", early),
+            ("displaced from unstable orbits", int(self.displaced.sum())),
         ]
         names = [str(label) for label in self._labels.values()]  # those that were decided
         if names:
@@ -249,6 +263,7 @@ class Sweep:
                 **{name: ((over, "state"), self.observable(name)) for name in self.observables},
                 "count": (over, self.counts),
                 "ending": (over, list(self.endings)),
+                "displaced": (over, self.displaced),
                 **({"label": (over, names)} if names else {}),
                 **known_error(self, over),
             },
@@ -278,5 +293,7 @@ class Sweep:
 
     def _motion(self, place: int) -> SweptAttractor:
         place = index_in("place", place, 0, len(self) - 1)
-        start = self._plan.start_at(place, self._findings.finals)
-        return self._plan.motion(self._plan.system(place), start)
+        start, system = self._plan.start_at(place, self._findings.finals), self._plan.system(place)
+        if self._findings.displaced[place]:
+            return self._plan.following(system, start)[0]
+        return self._plan.motion(system, start)

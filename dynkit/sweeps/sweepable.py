@@ -63,7 +63,7 @@ class SweptAttractor(Protocol):
 
 
 class Sweepable(Protocol):
-    """What a system owes to be swept; a plain `Map` needs nothing of it.
+    """What a system must implement to be swept; a plain `Map` needs nothing of it.
 
     1. `parameters`, its numbers by name, and ``replace(name=value)``, which refuses bad values with
        ValueError; it is called for all values before anything is simulated, so it must be cheap.
@@ -75,7 +75,9 @@ class Sweepable(Protocol):
        and ``unpack_state(packed)``, the same state again, from which `attractor` gives the same
        bits. What `pack_state` gets from another value of the parameter it makes a state of its own
        first.
-    5. `identity`, everything that the motion depends on, by name: numbers, strings, arrays, and
+    5. ``displaced(motion, size)``, the final state of a motion, moved by this part of the motion's
+       size: a fixed direction, the same at every call, which is in no symmetric subspace.
+    6. `identity`, everything that the motion depends on, by name: numbers, strings, arrays, and
        tuples of them. A store made with another identity is refused.
     """
 
@@ -109,6 +111,20 @@ class Sweepable(Protocol):
     def unpack_state(self, packed: Array) -> Any:
         """Return the state that the numbers stand for."""
         ...
+
+    def displaced(self, motion: Any, size: float) -> Any:
+        """Return the final state of a motion, moved by this part of the motion's size."""
+        ...
+
+
+def generic_direction(dimension: int) -> Array:
+    """Return a direction, (d,), of length one without symmetry, always the same.
+
+    It lies in no subspace that a symmetric system is likely to keep: square roots of different
+    integers.
+    """
+    roots = np.sqrt(np.arange(2.0, 2.0 + dimension))
+    return np.asarray(roots / np.linalg.norm(roots))
 
 
 def sweepable(system: object) -> Sweepable:
@@ -184,6 +200,12 @@ class SweptMap(Sweepable):
 
     def unpack_state(self, packed: Array) -> Array:
         return packed
+
+    def displaced(self, motion: Any, size: float) -> Array:
+        states = as_attractor(motion).states
+        # a coordinate that is zero throughout has no size of its own; nor has a state that is zero
+        largest = float(abs(states).max()) or 1.0
+        return np.asarray(states[-1] + size * largest * generic_direction(states.shape[1]))
 
 
 @final

@@ -6,20 +6,20 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from dynkit.attractors import Attractor
 from dynkit.drawing import PHASE, RELATIVE_VELOCITY, draw_points
 from dynkit.harmonics import harmonics_needed
-from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label
+from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label, with_multiplier
 from dynkit.results import Cost
 from dynkit.showing import Facts
 from dynkit.systems.impact.record import Ending, ImpactRecord, batch_size, twin_errors
 from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
 from dynkit.systems.impact.state import ImpactState
-from dynkit.systems.impact.tangents import growth
+from dynkit.systems.impact.tangents import growth, returned
 from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ _SAMPLES, _A_PERIOD = 512, 64
 
 MOST_NUMBERS = 1 << 27
 """Of a record that is simulated on for a late time: a gigabyte."""
+# Releases this near, in periods of the motion, to one period apart are one period apart: a label
+# that the end of the budget decided is near to its orbit by a hundredth.
+_RETURN = 1e-2
 
 
 @final
@@ -243,10 +246,7 @@ class _ImpactOrbit:
         record = self.record
         period = TWO_PI / self.system.frequency
         releases = release_times = release_error = None
-        ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
-        # The next impact after each release, which is a function of it, stands for it.
-        after = np.searchsorted(record.time, ends)
-        after = after[after < len(record)]
+        after = _after_releases(record)
         if len(after):
             releases = record.states[after, :-1]
             release_times = (self.clock + record.time[after]) / period
@@ -264,11 +264,39 @@ class _ImpactOrbit:
         return growth(self.system, self.record.final, steps)
 
     def named(self, label: OrbitLabel) -> OrbitLabel:
-        """Return the label of what was looked at so far, which can count its harmonics."""
+        """Return the label of what was looked at so far: can count harmonics, has a multiplier."""
         if label.periods is None:
             return label
         count = partial(_harmonics, self.system, self.record.final, label.periods)
-        return replace(label, count_harmonics=count)
+        label = replace(label, count_harmonics=count)
+        impacts = self._a_period_apart(label)
+        if impacts is None:
+            return label
+        before, last = returned(self.system, self.record._run, impacts)
+        return with_multiplier(label, last[None], before[None], self.system.accuracy)
+
+    def _a_period_apart(self, label: OrbitLabel) -> list[int] | None:
+        """Three impacts of the last window, a period apart; None where it has no such."""
+        record, n = self.record, label.impacts
+        if n is not None:
+            k = len(record) - 1
+            return [k - 2 * n, k - n, k]
+        after = _after_releases(record)
+        if not len(after):
+            return None
+        period = TWO_PI / self.system.frequency * (label.periods or 1)
+        ago = (record.time[after[-1]] - record.time[after]) / period
+        near = [int(np.argmin(abs(ago - periods))) for periods in (2.0, 1.0, 0.0)]
+        # how often it is released in a period is not known: another release may be nearer
+        there = np.max(abs(ago[near] - [2.0, 1.0, 0.0])) < _RETURN
+        return after[near].tolist() if there else None
+
+
+def _after_releases(record: ImpactRecord) -> Any:
+    """The next impact after each release, which is a function of it and stands for it."""
+    ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
+    after = np.searchsorted(record.time, ends)
+    return after[after < len(record)]
 
 
 def _harmonics(system: ImpactOscillator, start: ImpactState, periods: int) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dynkit.maps import Map, Stretching
 from dynkit.no_motion import NoCrossing
+from dynkit.sweeps.sweepable import generic_direction
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
 from dynkit.systems.impact.driven import DrivenStructure
@@ -203,6 +204,27 @@ class ImpactOscillator(DrivenStructure, Map):
             When they are not finite, or not as many as a state of this oscillator has.
         """
         return unpacked(self, packed)
+
+    def displaced(self, motion: ImpactAttractor, size: float) -> ImpactState:
+        """Return the final state of a motion, just after an impact, moved in all coordinates.
+
+        Positions and velocities move by this part of the largest in the kept states, the relative
+        velocity by this part of itself, and the phase by this part of a radian. Each has a factor
+        of its own, so that the direction has no symmetry.
+
+        Parameters
+        ----------
+        motion : ImpactAttractor
+            With one impact at least.
+        size : float
+        """
+        states, others = abs(motion.states), self.degrees_of_freedom - 1
+        scale = np.ones(self.dimension)
+        scale[:others] = states[:, :others].max(initial=0.0)
+        scale[others:-2] = states[:, others:-2].max(initial=0.0)
+        scale[-2] = motion.states[-1, -2]
+        change = size * scale * generic_direction(self.dimension)
+        return self.impact_state(motion.states[-1] + change)
 
     # --- simulation -------------------------------------------------------------------------------
 

@@ -9,6 +9,8 @@ on average, while the volume changes by exactly r^2 exp(-trace(M^-1 C) t) in eac
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -73,6 +75,25 @@ def growth(oscillator: ImpactOscillator, start: ImpactState, n: int) -> Array:
     except NoCrossing:
         return np.full(n, -np.inf)
     return logs[:, 0]
+
+
+def returned(oscillator: ImpactOscillator, run: Run, impacts: Sequence[int]) -> Array:
+    """Derivatives (k, 2N, 2N) of free states at one time, from each of some impacts to the next.
+
+    The impacts (k + 1,) count from zero in the run and rise.
+    """
+    from dynkit.systems.impact.tangent_kernels import carry
+
+    steps, d = steps_of(oscillator, run), oscillator.dimension
+    first = np.append(steps.first, len(steps.which))
+    found = np.empty((len(impacts) - 1, d, d))
+    for part, (begin, end) in zip(found, pairwise(impacts), strict=True):
+        here = slice(first[begin + 1], first[end + 1])
+        frame = np.eye(d)
+        flown = steps.blocks[here], steps.which[here], steps.dense
+        carry(*flown, steps.vectors, steps.jumps[here], frame, np.empty(d))
+        part[:] = frame.T
+    return found
 
 
 def _follow(
