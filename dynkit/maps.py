@@ -346,12 +346,15 @@ def stretched(factors: Array, errors: Array, frame: Array) -> tuple[Array, Array
     length is zero, NaN where the length is less than a thousand errors of the factor's entries.
     """
     logs, off = np.zeros((2, frame.shape[1]))
-    for factor, error in zip(factors, errors, strict=True):
-        frame, triangle = np.linalg.qr(factor @ frame)
-        lengths = abs(triangle.diagonal())
-        with np.errstate(divide="ignore"):
-            logs += np.where((lengths > 0.0) & (lengths <= CLEAR * error), np.nan, np.log(lengths))
-        off += np.divide(error, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for factor, error in zip(factors, errors, strict=True):
+            frame, triangle = np.linalg.qr(factor @ frame)
+            lengths = abs(triangle.diagonal())
+            hidden = (lengths > 0.0) & (lengths <= CLEAR * error)
+            logs += np.where(hidden, np.nan, np.log(lengths))
+            off += error / lengths
+    # a direction that is lost for good has no error
+    off[np.isneginf(logs)] = 0.0
     return frame, logs, off
 
 
