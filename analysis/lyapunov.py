@@ -40,12 +40,12 @@ class LyapunovSpectrum:
 
     An error is one standard error, which covers about 68 %, and no bound: twice it is the
     half-width of a 95 % interval (Student's t), from the slow waves in the logarithms, and the
-    accuracy of a single iterate besides; for periodic and quasi-periodic motions, which are told by
-    the much faster convergence of weighted averages, it is the largest distance between these over
-    parts of the motion. They hold when the motion is `resolved`, and for the attractor that it is
-    on. Where the run changes its regime, as transient chaos that ends, the errors cover the
-    exponents before and after, and `change` and the repr say where. A transient longer than the run
-    looks like sustained chaos: `settled_label` of the attractor looks at more of the motion.
+    average error of a single logarithm besides; for periodic and quasi-periodic motions, which are
+    recognised by the much faster convergence of weighted averages, it is the largest distance
+    between these over parts of the motion. They hold when the motion is `resolved`, and for the
+    attractor that it is on. Where the run changes its regime, as transient chaos that ends, the
+    errors cover the exponents before and after, and `change` and the repr say where. A transient
+    longer than the run looks like sustained chaos: `settled_label` of the attractor examines more.
 
     An exponent is minus infinity, with the error zero, where a direction is lost for good: its
     length was zero once, and no later stretching makes it longer. A sticking contact of an impact
@@ -54,8 +54,9 @@ class LyapunovSpectrum:
     on the table, and do not part in these again. A run in which no contact fell has finite last
     exponents. The other exponents, and the dimension, are the same average either way.
 
-    An exponent is NaN where rounding hides it: a direction that shrinks in one iterate, relative to
-    others, to less than a thousand times the accuracy of the derivatives.
+    An exponent is NaN, not resolved, where errors hide it: a direction that shrinks to less than a
+    thousand errors of the derivatives. The derivatives of a Poincare map are followed in parts, and
+    a direction is hidden only where that happens within one part; see `Map.jacobian_factors`.
 
     Parameters
     ----------
@@ -130,8 +131,7 @@ class LyapunovSpectrum:
         flow : Flow
         start : (d,) array
         interval : float
-            Time of an iterate, from one QR decomposition to the next: short enough that what
-            shrinks fastest does not fall below the accuracy of the flow.
+            Time of an iterate. See `Flow.stretching`.
         iterations : int
             Intervals that count; at least 128.
 
@@ -157,23 +157,23 @@ class LyapunovSpectrum:
             raise ValueError(f"iterations must be at least {LEAST}; got {iterations}")
 
     @cached_property
-    def _run(self) -> tuple[Array, Array | None, Cost]:
-        """Logs (n, d) and times (n,) that count."""
+    def _run(self) -> tuple[Array, Array, Array | None, Cost]:
+        """Logs (n, d), their errors (n, d) and times (n,) that count."""
         began = time.perf_counter()
         total = self._iterations + self._iterations // _SETTLING
         with going_on_for(total):
             found = self._stretching(total)
-        logs = found.logs[-self._iterations :]
+        logs, errors = found.logs[-self._iterations :], found.errors[-self._iterations :]
         times = None if found.times is None else found.times[-self._iterations :]
         if isinstance(self._system, Flow) and times is not None:
-            logs = logs / times[:, None]
+            logs, errors = logs / times[:, None], errors / times[:, None]
         cost = Cost(time.perf_counter() - began, {"iterates": total})
-        return logs, times, cost
+        return logs, errors, times, cost
 
     @cached_property
     def _averages(self) -> tuple[TimeAverages, NDArray[np.intp]]:
         """Averages of the finite logs, and of the times, the last one; and the falling order."""
-        logs, times, _ = self._run
+        logs, _, times, _ = self._run
         last = np.ones(len(logs)) if times is None else times
         averages = TimeAverages(np.column_stack([logs[:, np.isfinite(logs).all(axis=0)], last]))
         values, _ = averages.estimate(lambda mean: mean[:-1])
@@ -194,7 +194,7 @@ class LyapunovSpectrum:
         return array
 
     def _exponents_of(
-        self, function: Callable[[Array, Array], Array], accuracy: float
+        self, function: Callable[[Array, Array], Array], accuracy: Array
     ) -> tuple[Array, Array]:
         values, errors = self._estimate(function)
         return (
@@ -203,12 +203,11 @@ class LyapunovSpectrum:
         )
 
     @cached_property
-    def _accuracy(self) -> float:
-        if isinstance(self._system, Map):
-            return self._system.accuracy
-        times = self._run[1]
-        assert times is not None  # flows have them
-        return self._system.accuracy / float(times[0])
+    def _accuracy(self) -> Array:
+        """Average errors of the logarithms of the finite exponents, in falling order."""
+        logs, errors, _, _ = self._run
+        _, order = self._averages
+        return np.asarray(errors[:, np.isfinite(logs).all(axis=0)].mean(axis=0)[order])
 
     @cached_property
     def _exponents(self) -> tuple[Array, Array]:
@@ -226,7 +225,7 @@ class LyapunovSpectrum:
 
     @cached_property
     def _per_time(self) -> tuple[Array, Array]:
-        if self._run[1] is None:
+        if self._run[2] is None:
             raise ValueError(f"system must have return times; got {self._system!r}")
         if isinstance(self._system, Flow):
             return self._exponents
@@ -258,7 +257,7 @@ class LyapunovSpectrum:
         if np.isnan(self.exponents).any():
             return np.nan, np.nan
         value, error = self._estimate(lambda exponents, _: exponents.sum(keepdims=True))
-        return float(value[0]), float(error[0]) + len(self.exponents) * self._accuracy
+        return float(value[0]), float(error[0] + self._accuracy.sum())
 
     @property
     def sum(self) -> float:
@@ -322,7 +321,7 @@ class LyapunovSpectrum:
     @property
     def cost(self) -> Cost:
         """Seconds, and iterates that were followed."""
-        return self._run[2]
+        return self._run[3]
 
     def __repr__(self) -> str:
         name = type(self._system).__name__

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, final
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
 import numpy as np
 
 from dynkit.differences import parameter_difference
-from dynkit.maps import Family, Stretching, stretched
+from dynkit.maps import CLEAR, Family, Stretching, stretched
 from dynkit.no_motion import Diverged, replaced
 from dynkit.validation import finite_array, finite_scalar, non_negative_integer, positive
 
@@ -19,14 +19,43 @@ if TYPE_CHECKING:
     from dynkit.validation import Array
 
 
-Seen: TypeAlias = "Callable[[Array, Array], Array]"
+Basis: TypeAlias = "Callable[[Array], Array]"
 
 _HALVINGS = 7
 """How often an interval is halved at most to follow a frame that it stretches unevenly."""
 
+_EVEN = 1.0 / 16.0
+"""How much less than the largest a disturbance may grow in a part of the way: its relative error is
+16 times as large. Two halves with the ratio 1/4 each have together half of that error."""
 
-def _all_of_it(_: Array, change: Array) -> Array:
-    return change
+
+def every_direction(state: Array) -> Array:
+    """Unit vectors, (d, d)."""
+    return np.eye(len(state))
+
+
+@final
+class Part(NamedTuple):
+    """A part of the way: the state at its end, and its derivative (d, d) by that at its start.
+
+    `size` is the largest norm of the derivative within the part, at least one. `error` estimates
+    how wrong an entry of the derivative may be; it is proportional to that size.
+    """
+
+    end: Array
+    derivative: Array
+    size: float
+    error: float
+
+    def even(self, begin: Array, end: Array) -> bool:
+        """Whether no direction of a frame (d, k) at the start, seen in one at the end, is hidden.
+
+        Beside the largest growth of any disturbance, and its error.
+        """
+        carried = end.T @ self.derivative @ begin
+        least = float(np.linalg.svd(carried, compute_uv=False)[-1])
+        # twice what `stretched` calls hidden, where the flow is so rough
+        return least >= max(_EVEN * self.size, min(2.0 * CLEAR * self.error, 0.5 * self.size))
 
 
 @final
@@ -129,9 +158,8 @@ class Flow(Family, ABC):
         ----------
         state : (d,) array
         interval : float
-            Time from one QR decomposition to the next; positive. Where a direction stretches so
-            much less than others that rounding hides it, the interval is halved, seven times at
-            most; what is hidden then is NaN.
+            Time whose stretching is added up; positive. Where a direction stretches by much less
+            than others the interval is followed in parts; what is hidden then is NaN.
         n : int
             How many intervals; zero or more.
 
@@ -150,33 +178,34 @@ class Flow(Family, ABC):
         duration = positive("interval", interval)
         here = finite_array("state", state, (self.dimension,))
         frame = np.eye(self.dimension)
-        logs = np.empty((count, self.dimension))
+        logs, errors = np.empty((2, count, self.dimension))
         for i in range(count):
-            here, frame, logs[i] = self._carried(here, frame, duration, _all_of_it)
-        return Stretching(logs, np.full(count, duration), here)
+            parts = list(self._parts(here, duration, every_direction))
+            derivatives = np.array([part.derivative for part in parts])
+            wrong = np.array([part.error for part in parts])
+            here, (frame, logs[i], errors[i]) = parts[-1].end, stretched(derivatives, wrong, frame)
+        return Stretching(logs, errors, np.full(count, duration), here)
 
-    def _carried(
-        self, state: Array, frame: Array, duration: float, seen: Seen, halvings: int = _HALVINGS
-    ) -> tuple[Array, Array, Array]:
-        """State and frame (d, k) a duration later, and logs (k,) of its stretching.
+    def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:
+        """Yield the way of a positive duration in parts, each `Part.even` for directions (d, k).
 
-        The frame is what is seen, (d, k), of the changes, (d, k), of a state.
+        The orthonormal directions that are looked at are the `basis` at a state.
         """
-        end, derivative = self._transport(state, duration)
+        return self._halved(state, duration, basis, _HALVINGS)
+
+    def _halved(self, state: Array, duration: float, basis: Basis, halvings: int) -> Iterator[Part]:
+        end, derivative = self.advance(state, duration), self.derivative(state, duration)
         if not np.isfinite(end).all():
             raise Diverged(f"the motion from {state.tolist()} runs away within {duration}")
-        carried, logs = stretched(seen(end, derivative @ frame), self.accuracy)
-        if halvings > 0 and np.isnan(logs).any():
-            # in shorter parts less is hidden by the direction that stretches most
-            half = 0.5 * duration
-            middle, carried, before = self._carried(state, frame, half, seen, halvings - 1)
-            end, carried, logs = self._carried(middle, carried, half, seen, halvings - 1)
-            logs = before + logs
-        return end, carried, logs
-
-    def _transport(self, state: Array, duration: float) -> tuple[Array, Array]:
-        """The state after a duration, and its derivative."""
-        return self.advance(state, duration), self.derivative(state, duration)
+        size = max(1.0, float(np.linalg.norm(derivative, 2)))
+        part = Part(end, derivative, size, self.accuracy * size)
+        if not halvings or part.even(basis(state), basis(end)):
+            yield part
+            return
+        for _ in range(2):
+            for part in self._halved(state, 0.5 * duration, basis, halvings - 1):
+                yield part
+                state = part.end
 
     @abstractmethod
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:

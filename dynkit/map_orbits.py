@@ -154,9 +154,10 @@ class MapOrbit(PeriodicOrbit):
         return MapOrbit, (self._system, self._x, self._history, self._cost)
 
     def __repr__(self) -> str:
-        return (
-            f"<{self.label} of {told(self.system, 6)}: {'stable' if self.stable else 'unstable'}>"
-        )
+        hidden = int((~self.multipliers_resolved).sum())
+        doubt = f"; {hidden} of {len(self.multipliers)} multipliers not resolved" if hidden else ""
+        kind = "stable" if self.stable else "unstable"
+        return f"<{self.label} of {told(self.system, 6)}: {kind}{doubt}>"
 
     @property
     def system(self) -> Map:
@@ -186,7 +187,11 @@ class MapOrbit(PeriodicOrbit):
 
     @cached_property
     def multipliers(self) -> Any:
-        """Floquet multipliers, (d,) complex, the largest modulus first; see `product_eigenvalues`.
+        """Floquet multipliers, (d,) complex, the largest modulus first.
+
+        They are the `product_eigenvalues` of the map's `jacobian_factors` at all states: small ones
+        are right too, relative to themselves, to the errors of these factors and of the states. See
+        `multipliers_error`, and `multipliers_resolved` for those of which nothing is known.
 
         Raises
         ------

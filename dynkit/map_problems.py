@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import partial, reduce
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
@@ -57,7 +57,8 @@ class MapProblem(Problem):
         self.units = self._sizes * max(1.0, system.accuracy / _NOISE)
         """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
         self._at: tuple[bytes, Map] = (self._values.tobytes(), system)
-        self._derivatives: tuple[bytes, Array] = (b"", np.empty(0))
+        self._derivatives: tuple[bytes, Array, tuple[Array, Array]]
+        self._derivatives = b"", np.empty(0), (np.empty(0), np.empty(0))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -110,10 +111,11 @@ class MapProblem(Problem):
         return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
 
     def multipliers(self, x: Array, p: Array) -> Any:
-        return product_eigenvalues(self.jacobians(x, p))
+        return product_eigenvalues(self.factors(x, p)[0])
 
-    def factors(self, x: Array, p: Array) -> tuple[Array, float]:
-        return self.jacobians(x, p), ROUNDINGS * self.at(p).accuracy
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
+        self.jacobians(x, p)
+        return self._derivatives[2]
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> MapOrbit:
         from dynkit.map_orbits import MapOrbit
@@ -177,10 +179,17 @@ class MapProblem(Problem):
         """
         key = np.asarray(x).tobytes() + np.asarray(p, dtype=np.float64).tobytes()
         if key != self._derivatives[0]:
-            system = self.at(p)
-            found = _defined(system.jacobian, self._rows(x))
+            system, factors, errors = self.at(p), list[Array](), list[Array]()
+
+            def jacobian(state: Array) -> Array:
+                matrices, off = system.jacobian_factors(state)
+                factors.append(matrices)
+                errors.append(ROUNDINGS * off)
+                return reduce(lambda product, factor: np.asarray(factor @ product), matrices)
+
+            found = _defined(jacobian, self._rows(x))
             found.setflags(write=False)
-            self._derivatives = (key, found)
+            self._derivatives = key, found, (np.concatenate(factors), np.concatenate(errors))
         return self._derivatives[1]
 
     def _rows(self, x: Array) -> Array:

@@ -20,8 +20,8 @@ from dynkit.validation import (
     within_memory,
 )
 
-_CLEAR = 1e3
-"""So many errors of single numbers long a direction must be, for a log that is right to 1e-3."""
+CLEAR = 1e3
+"""A direction shorter than this many of its errors is hidden: its log is not right to 1e-3."""
 
 
 class Family(Shown):
@@ -84,7 +84,9 @@ class Stretching:
     ----------
     logs : (n, d) array
         Logarithms of the diagonal of R in the QR decomposition after each step. Minus infinity
-        where a direction is lost for good; NaN where it is shorter than what rounding leaves.
+        where a direction is lost for good; NaN where its error hides it.
+    errors : (n, d) array
+        Estimates of the errors of the logarithms, to first order.
     times : (n,) array or None
         How long each step took; None for a map without a time.
     state : (d,) array
@@ -92,6 +94,7 @@ class Stretching:
     """
 
     logs: Array
+    errors: Array
     times: Array | None
     state: Array
 
@@ -121,7 +124,9 @@ class Map(Family, ABC):
     6. `accuracy`, when a call is wrong by more than rounding.
     7. ``parameter_derivative(state, name)``, the exact (d,) derivative of the call by a parameter;
        otherwise it is found by differences.
-    8. ``stretching(state, n)``, when it knows a faster way to what Lyapunov exponents are made of.
+    8. ``jacobian_factors(state)``, when the derivative is a product along the way, whose small
+       eigenvalues would be lost in the product itself.
+    9. ``stretching(state, n)``, when it knows a faster way to what Lyapunov exponents are made of.
 
     Instances are immutable. `dynkit.testing.check_map` runs any subclass through this contract.
 
@@ -192,6 +197,33 @@ class Map(Family, ABC):
         ValueError
             When the state is not finite, or not of that shape.
         """
+
+    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
+        """Return matrices whose product is the jacobian, and the errors of their entries.
+
+        Multipliers and Lyapunov exponents come from the factors. The factors of a map whose state
+        moves on the way belong to parts of the way, short enough that no part shrinks a disturbance
+        to the size of the errors of another disturbance. By default there is one factor.
+
+        Parameters
+        ----------
+        state : (d,) array
+
+        Returns
+        -------
+        factors : (n, d, d) array
+            In the order of time: the jacobian is ``factors[n - 1] @ ... @ factors[0]``.
+        errors : (n,) array
+            Estimate of the error of an entry of each factor: by default the `accuracy` times the
+            norm of the jacobian.
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite, or not of that shape.
+        """
+        factor = self.jacobian(state)
+        return factor[None], np.array([self.accuracy * np.linalg.norm(factor)])
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b; a map with angles wraps them to the shortest way.
@@ -279,15 +311,16 @@ class Map(Family, ABC):
         count = non_negative_integer("n", n)
         here = finite_array("state", state, (self.dimension,))
         frame = np.eye(self.dimension)
-        logs, times = np.empty((count, self.dimension)), np.empty(count)
+        logs, errors = np.empty((2, count, self.dimension))
+        times = np.empty(count)
         for i in range(count):
-            here, frame, logs[i], times[i] = self._carried(here, frame)
-        return Stretching(logs, None if np.isnan(times).any() else times, here)
+            here, factors, times[i] = self._followed(here)
+            frame, logs[i], errors[i] = stretched(*factors, frame)
+        return Stretching(logs, errors, None if np.isnan(times).any() else times, here)
 
-    def _carried(self, state: Array, frame: Array) -> tuple[Array, Array, Array, float]:
-        """The next state, the frame there, logs of its stretching, and the time; NaN for none."""
-        carried = stretched(self.jacobian(state) @ frame, self.accuracy)
-        return self.next_state(state), *carried, np.nan
+    def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
+        """The next state, the factors of the jacobian, and the time; NaN for none."""
+        return self.next_state(state), self.jacobian_factors(state), np.nan
 
     @final
     def iterate(self, state: Array, n: int) -> Array:
@@ -354,18 +387,24 @@ def refuse_infinite(state: Array, iterates: int) -> None:
     raise Diverged(f"the motion runs away: state[{i}] is {float(state[i])} after {after}")
 
 
-def stretched(frame: Array, accuracy: float) -> tuple[Array, Array]:
-    """Return the orthonormal frame of directions (d, k), columns, and logs (k,) of their lengths.
+def stretched(factors: Array, errors: Array, frame: Array) -> tuple[Array, Array, Array]:
+    """Return the frame (d, k) that factors (n, d, d) carry on, logs (k,) of lengths, their errors.
 
-    The length of what is left of a direction beside those before it: minus infinity for none, NaN
-    for less than a thousand errors of the size `accuracy`, relative to the largest.
+    The frame's columns are orthonormal, and are made so again after each factor. A length is that
+    of a direction's part beside the directions before it: its log is minus infinity where the
+    length is zero, NaN where the length is less than a thousand errors of the factor's entries.
     """
-    q, r = np.linalg.qr(frame)
-    left = abs(r.diagonal())
-    with np.errstate(divide="ignore"):
-        logs = np.log(left)
-    unknown = (left > 0.0) & (left <= _CLEAR * accuracy * left.max())
-    return q, np.where(unknown, np.nan, logs)
+    logs, off = np.zeros((2, frame.shape[1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for factor, error in zip(factors, errors, strict=True):
+            frame, triangle = np.linalg.qr(factor @ frame)
+            lengths = abs(triangle.diagonal())
+            hidden = (lengths > 0.0) & (lengths <= CLEAR * error)
+            logs += np.where(hidden, np.nan, np.log(lengths))
+            off += error / lengths
+    # a direction that is lost for good has no error
+    off[np.isneginf(logs)] = 0.0
+    return frame, logs, off
 
 
 def _field_names(instance: object) -> tuple[str, ...]:

@@ -24,7 +24,8 @@ class PeriodicOrbit(ABC):
     """
 
     def _repr_html_(self) -> str:
-        shown = ", ".join(written(complex(multiplier)) for multiplier in self.multipliers[:6])
+        rows = zip(self.multipliers[:6], self.multipliers_resolved, strict=False)
+        shown = ", ".join(written(complex(m)) if ok else "not resolved" for m, ok in rows)
         more = ", ..." if len(self.multipliers) > 6 else ""
         facts: Facts = [
             ("system", told(self.system, 6)),
@@ -67,7 +68,7 @@ class PeriodicOrbit(ABC):
         """Estimate of the error of each multiplier, (d,), read-only.
 
         Four times the largest change in some probes, which disturb the unknowns by their errors and
-        the matrices whose product it is by rounding. Infinite where nothing is known, as where an
+        the matrices whose product it is by theirs. Infinite where nothing is known, as where an
         impact only grazes. Whether a multiplier lies inside the unit circle is certain where its
         modulus is farther from one than that.
         """
@@ -77,10 +78,23 @@ class PeriodicOrbit(ABC):
         error.setflags(write=False)
         return error
 
+    @cached_property
+    def multipliers_resolved(self) -> Any:
+        """Whether each multiplier, (d,) of bool, is larger than its error, or zero without error.
+
+        Of a multiplier that is not resolved no digit is known, and not its sign: only that its
+        modulus is at most the sum of its error and of the value given. Where that is below one the
+        multiplier is certainly inside the unit circle.
+        """
+        error = self.multipliers_error
+        resolved = (error < abs(self.multipliers)) | (error == 0.0)
+        resolved.setflags(write=False)
+        return resolved
+
     @property
     @final
     def stable(self) -> bool:
-        """Whether all multipliers lie inside the unit circle."""
+        """Whether all multipliers lie inside the unit circle, those not resolved among them."""
         return bool(np.all(abs(self.multipliers) < 1.0))
 
     @property

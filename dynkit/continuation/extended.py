@@ -54,7 +54,11 @@ class CriticalMultiplier(Condition):
         """
         x, own, p, matrix = self._made_of
         mu, factors = self.multiplier(own), self._problem.factors(x, p)
-        off = 16.0 * ROUNDING if factors is None else len(factors[0]) * factors[1]
+        off = 16.0 * ROUNDING
+        if factors is not None:
+            sizes = np.linalg.norm(factors[0], axis=(1, 2))
+            # a factor that is zero has no critical multiplier
+            off = float((factors[1][sizes > 0.0] / sizes[sizes > 0.0]).sum())
         ends = [self._scaled(x, p, mu * (1.0 + s * _DISTURBED)) for s in (1.0, -1.0)]
         slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
         return 16.0 * ROUNDING * max(1.0, float(abs(matrix).max())) + off * float(abs(slope))

@@ -19,6 +19,8 @@ _PROBES = 4
 # A few probes seldom add up what a bound of every single unknown allows.
 _MARGIN = 4.0
 _ROUNDING = 2.0**-52
+# Of positive numbers: a multiplier, or its rounding, may be smaller and count as zero.
+_SMALLEST = 2.0**-1074
 
 
 def multiplier_errors_of(orbit: PeriodicOrbit) -> Array:
@@ -57,9 +59,9 @@ def _disturbed(problem: Problem, x: Array, p: Array, random: np.random.Generator
     known = problem.factors(x, p)
     if known is None:
         return problem.multipliers(x, p)
-    factors, part = known
-    sizes = np.sqrt((factors**2).sum(axis=(1, 2), keepdims=True))
-    return product_eigenvalues(factors + part * sizes * random.uniform(-1.0, 1.0, factors.shape))
+    factors, off = known
+    changes = random.uniform(-1.0, 1.0, factors.shape)
+    return product_eigenvalues(factors + off[:, None, None] * changes)
 
 
 def _changes(found: Any, there: Any) -> Array:
@@ -69,5 +71,5 @@ def _changes(found: Any, there: Any) -> Array:
     apart = abs(np.subtract.outer(found[: len(there)], there))
     out = np.zeros(len(found))
     rows, columns = linear_sum_assignment(apart)
-    out[rows] = apart[rows, columns]
+    out[rows] = np.maximum(apart[rows, columns], _SMALLEST)
     return out

@@ -120,11 +120,11 @@ class Problem(ABC):
     def multipliers(self, x: Array, p: Array) -> Any:
         """Return the Floquet multipliers of a solution, complex, the largest modulus first."""
 
-    def factors(self, x: Array, p: Array) -> tuple[Array, float] | None:
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
         """Return matrices (n, d, d) whose product, in the order of time, has these eigenvalues.
 
-        And how wrong their entries may be, as a part of the norm of each. Multipliers that are zero
-        by their nature need not be among them. None, unless a subclass tells.
+        And how wrong the entries of each may be, (n,). Multipliers that are zero by their nature
+        need not be among the eigenvalues. None, unless a subclass knows the matrices.
         """
         return None
 

@@ -8,7 +8,7 @@ from typing import Self, final
 import numpy as np
 
 from dynkit.flows import Crossing, Flow
-from dynkit.maps import Map, stretched
+from dynkit.maps import Map
 from dynkit.no_motion import TangentCrossing
 from dynkit.sections.surfaces import PoincareSection
 from dynkit.validation import Array, finite_array, positive
@@ -107,23 +107,45 @@ class PoincareMap(Map):
         NoCrossing, ValueError
             As the call itself.
         """
-        hit = self.crossing(state)
-        transport = self.flow.derivative(self.section.lift(state), hit.time)
-        return self._on_section(hit, transport @ self.section.lift_derivative(state))
+        product = np.eye(self.dimension)
+        for factor in self.jacobian_factors(state)[0]:
+            product = factor @ product
+        return product
 
-    def _carried(self, state: Array, frame: Array) -> tuple[Array, Array, Array, float]:
-        hit = self.crossing(state)
-        here = self.section.lift(state)
-        there = self._across(here, self.section.lift_derivative(state) @ frame)
-        _, there, logs = self.flow._carried(here, there, hit.time, self._across)
-        there, more = stretched(self._on_section(hit, there), self.accuracy)
-        return self.section.reduce(hit.state), there, logs + more, hit.time
+    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
+        """Return derivatives (n, d - 1, d - 1) over parts of the return, and errors of entries.
 
-    def _across(self, state: Array, change: Array) -> Array:
-        """Changes (d, k) less what is along the flow, which the section does not see."""
-        along = self.flow.velocity(state)
-        along = along / np.linalg.norm(along)
-        return np.asarray(change - np.outer(along, along @ change))
+        Where a part ends, a disturbance is what it is across the flow: a disturbance along the flow
+        changes the time of a return and not the state. No part shrinks a disturbance across the
+        flow to less than a sixteenth of the largest growth of any disturbance, those along the flow
+        among them. The errors are proportional to that growth, not to the factors: as a factor is
+        what the projection across the flow leaves, it may be small beside its error.
+
+        Raises
+        ------
+        TangentCrossing, NoCrossing, ValueError
+            As `jacobian`.
+        """
+        return self._factors(state, self.crossing(state))
+
+    def _factors(self, state: Array, hit: Crossing) -> tuple[Array, Array]:
+        parts = list(self.flow._parts(self.section.lift(state), hit.time, self._across))
+        frames = [self._across(part.end).T for part in parts[:-1]]
+        frames.append(self._on_section(hit, np.eye(self.flow.dimension)))
+        begin, factors, errors = self.section.lift_derivative(state), [], []
+        for part, end in zip(parts, frames, strict=True):
+            factors.append(end @ part.derivative @ begin)
+            errors.append(part.error * np.linalg.norm(begin, 2) * np.linalg.norm(end, 2))
+            begin = end.T
+        return np.array(factors), np.array(errors)
+
+    def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
+        hit = self.crossing(state)
+        return self.section.reduce(hit.state), self._factors(state, hit), hit.time
+
+    def _across(self, state: Array) -> Array:
+        """Orthonormal directions, (d, d - 1), across the flow at a state."""
+        return np.linalg.qr(self.flow.velocity(state)[:, None], mode="complete")[0][:, 1:]
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative, (d - 1,), by a parameter, the hit time's own change included.

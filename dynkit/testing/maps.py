@@ -34,6 +34,24 @@ def jacobian_has_the_shape(system: Map, states: Array) -> None:
         require_shape("the jacobian", system.jacobian(state), (system.dimension,) * 2)
 
 
+def jacobian_is_the_product_of_its_factors(system: Map, states: Array) -> None:
+    """The factors multiply to the jacobian, to rounding, and each has an error."""
+    d = system.dimension
+    for state in states:
+        factors, errors = system.jacobian_factors(state)
+        require_shape("the factors", factors, (len(factors), d, d))
+        require_shape("the errors of the factors", errors, (len(factors),))
+        product, size = np.eye(d), 1.0
+        for factor in factors:
+            product, size = factor @ product, size * float(np.linalg.norm(factor))
+        off = float(abs(product - system.jacobian(state)).max())
+        require(
+            off <= 4.0 * len(factors) * d * 2.0**-52 * size,
+            "the jacobian is the product of its factors",
+            f"at {state} they differ by {off}",
+        )
+
+
 def map_is_pure(system: Map, states: Array) -> None:
     """The same state gives the same bits, and stays as it was."""
     require_pure("the call", system, states)
@@ -124,6 +142,7 @@ def replace_changes_what_is_named(system: Map, states: Array) -> None:
 map_checks: tuple[MapCheck, ...] = (
     next_state_has_the_shape,
     jacobian_has_the_shape,
+    jacobian_is_the_product_of_its_factors,
     map_is_pure,
     map_refuses_bad_states,
     jacobian_is_the_derivative,

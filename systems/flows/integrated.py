@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from dynkit.differences import parameter_difference
-from dynkit.flows import Crossing, Flow
+from dynkit.flows import Basis, Crossing, Flow, Part, every_direction
 from dynkit.no_motion import CannotFollow, replaced
 from dynkit.systems.flows.crossings import Search
-from dynkit.systems.flows.integration import Velocity, integrate
+from dynkit.systems.flows.integration import Velocity, steps
 from dynkit.validation import Array, finite_array, in_interval, non_negative, positive
 
 if TYPE_CHECKING:
+    from scipy.integrate import DOP853
+
     from dynkit.sections import PoincareSection
 
 
@@ -184,18 +186,35 @@ class IntegratedFlow(Flow):
         ValueError, CannotFollow
             As `advance`.
         """
-        return self._transport(state, duration)[1]
+        product = np.eye(self.dimension)
+        for part in self._parts(self._checked(state), duration, every_direction):
+            product = part.derivative @ product
+        return product
 
-    def _transport(self, state: Array, duration: float) -> tuple[Array, Array]:
+    def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:
+        # The parts end where steps of the integrator do: looked at after every step, growth that is
+        # undone within a part is seen too, and no part is integrated twice.
         d = self.dimension
-        start = np.concatenate([self._checked(state), np.eye(d).ravel()])
+        left, step = non_negative("duration", duration), None
 
         def velocity(both: Array) -> Array:
             change = self.velocity_jacobian(both[:d]) @ both[d:].reshape(d, d)
             return np.concatenate([self.velocity(both[:d]), change.ravel()])
 
-        end = self._integrated(velocity, start, duration, self.tolerance)
-        return end[:d], end[d:].reshape(d, d)
+        while left > 0.0:
+            begin, start, size = basis(state), np.concatenate([state, np.eye(d).ravel()]), 1.0
+            way = self._steps(velocity, start, left, self.tolerance, step)
+            for count, solver in enumerate(way, 1):
+                end, derivative = solver.y[:d].copy(), solver.y[d:].reshape(d, d).copy()
+                size = max(size, float(np.linalg.norm(derivative, 2)))
+                # errors of single steps, as long as these are few
+                error = min(count * self.tolerance * (1.0 + size), self.accuracy * size)
+                part = Part(end, derivative, size, error)
+                if not part.even(begin, basis(end)):
+                    break
+            yield part
+            left = left - float(solver.t) if solver.status == "running" else 0.0
+            state, step = part.end, min(float(solver.h_abs), left)
 
     def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
         """Return the derivative, (d,), of the advanced state with respect to a parameter.
@@ -231,8 +250,22 @@ class IntegratedFlow(Flow):
     def _integrated(
         self, velocity: Velocity, start: Array, duration: float, tolerance: float
     ) -> Array:
+        end = start.copy()
+        if non_negative("duration", duration) > 0.0:
+            for solver in self._steps(velocity, start, duration, tolerance):
+                end = np.array(solver.y)
+        return end
+
+    def _steps(
+        self,
+        velocity: Velocity,
+        start: Array,
+        duration: float,
+        tolerance: float,
+        first_step: float | None = None,
+    ) -> Iterator[DOP853[np.float64]]:
         try:
-            return integrate(velocity, start, non_negative("duration", duration), tolerance)
+            yield from steps(velocity, start, duration, tolerance, first_step)
         except CannotFollow as end:
             raise CannotFollow(
                 f"the motion from {start[: self.dimension].tolist()} cannot be followed for "

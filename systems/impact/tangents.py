@@ -59,7 +59,8 @@ def stretching(oscillator: ImpactOscillator, state: Array, n: int) -> Stretching
     logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
     start = oscillator.impact_state(state)
     final = _follow(oscillator, start, np.eye(oscillator.dimension), logs, times)
-    return Stretching(logs, times, oscillator.section_state(final))
+    errors = np.full(logs.shape, oscillator.accuracy)
+    return Stretching(logs, errors, times, oscillator.section_state(final))
 
 
 def growth(oscillator: ImpactOscillator, start: ImpactState, n: int) -> Array:

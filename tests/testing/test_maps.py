@@ -38,6 +38,12 @@ class TransposedJacobian(Henon):
         return super().jacobian(state)[:1]
 
 
+class OtherFactors(Henon):
+    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
+        factors, errors = super().jacobian_factors(state)
+        return 1.001 * factors, errors
+
+
 class InPlaceHenon(Henon):
     def __call__(self, state: Array) -> Array:
         result = super().__call__(state)
@@ -115,6 +121,11 @@ setattr(OtherIterate, "iterate", other_iterate)  # noqa: B010
 BROKEN_MAPS: list[tuple[Map, testing.MapCheck, str]] = [
     (LongHenon(), testing.next_state_has_the_shape, r"the next state has shape \(2,\)"),
     (TransposedJacobian(), testing.jacobian_has_the_shape, r"the jacobian has shape \(2, 2\)"),
+    (
+        OtherFactors(),
+        testing.jacobian_is_the_product_of_its_factors,
+        "the jacobian is the product of its factors",
+    ),
     (InPlaceHenon(), testing.map_is_pure, "the call leaves its argument"),
     (ForgetfulHenon(), testing.map_is_pure, "the call is pure"),
     (CarelessHenon(), testing.map_refuses_bad_states, "the call refuses nan with ValueError"),

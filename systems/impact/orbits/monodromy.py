@@ -39,7 +39,7 @@ def multipliers(solution: Solution) -> Any:
     return product_eigenvalues(_jumped(flights.matrices(slots), slots, jumps))
 
 
-def factors(solution: Solution) -> tuple[Array, float] | None:
+def factors(solution: Solution) -> tuple[Array, Array] | None:
     """Matrices (n, 2N, 2N) from each impact to the next, and their rounding; see `Problem.factors`.
 
     None where an impact only grazes. Entries are rounded, and flights, of which they are functions,
@@ -55,7 +55,7 @@ def factors(solution: Solution) -> tuple[Array, float] | None:
     rates = solution.motion.rate(states)[..., slots].reshape(matrices.shape).transpose(0, 2, 1)
     found, changed = (_jumped(part, slots, jumps) for part in (matrices, rates))
     late = LATE * solution.period * (_norms(changed) / _norms(found)).max()
-    return found, ROUNDING + float(late)
+    return found, (ROUNDING + float(late)) * _norms(found)
 
 
 def _norms(matrices: Array) -> Array:

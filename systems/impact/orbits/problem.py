@@ -259,7 +259,7 @@ class ImpactProblem(Problem):
     def multipliers(self, x: Array, p: Array) -> Any:
         return multipliers(self.at(x, p))
 
-    def factors(self, x: Array, p: Array) -> tuple[Array, float] | None:
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
         return factors(self.at(x, p))
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:

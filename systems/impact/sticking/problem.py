@@ -232,11 +232,12 @@ class StickingProblem(Problem):
             found[:-2] = product_eigenvalues(self._matrices(passages))
         return found
 
-    def factors(self, x: Array, p: Array) -> tuple[Array, float] | None:
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
         passages = self.passages(x, p)
         if not self.half or not all(rate for passage in passages for rate in passage.rates):
             return None
-        return self._matrices(passages), PASSED * 2.0**-52
+        matrices = self._matrices(passages)
+        return matrices, PASSED * 2.0**-52 * np.linalg.norm(matrices, axis=(1, 2))
 
     def _matrices(self, passages: list[Passage]) -> Array:
         unit = np.repeat(self.sizes, self.half)
