@@ -34,7 +34,8 @@ class Drift(NamedTuple):
     shift : float
         One standard error of a slope for the limit of small radii.
     certain : bool
-        Whether a constant slope is excluded by three standard errors.
+        Whether a constant slope is excluded by three standard errors, and by two one that bends
+        towards the borders only.
     """
 
     shift: float
@@ -55,7 +56,8 @@ class _Slopes(NamedTuple):
         weighted = np.linalg.solve(covariance, regressors)
         coefficients = np.linalg.solve(regressors.T @ weighted, weighted.T @ self.values)
         apart = self.values - regressors @ coefficients
-        return float(apart @ np.linalg.solve(covariance, apart)), np.asarray(coefficients, float)
+        chi_square = float(apart @ np.linalg.solve(covariance, apart))
+        return chi_square, np.asarray(coefficients, dtype=np.float64)
 
     def wave(self, regressors: Array) -> float:
         """Variance of waves of ln C with which chi-square is the number of degrees of freedom."""
@@ -76,12 +78,12 @@ def drift_of(
     """Return how far the slope of a region may lie from the limit of small radii.
 
     Slopes over successive octaves, or sixths of the range where that is less, are fitted by a
-    constant D; by D (1 - 1 / (A + ln(R/r))), the slope of (r (A + ln(R/r)))^D; and by D + B r.
-    Their covariance is that of chance, from bootstrap over blocks of time, and that of waves of ln C
-    about the model, as self-similar sets have them. The shift is the larger of those of the two
-    models of the drift: each counts by Akaike's weight against the constant, and does not count
-    when the other fits better by two standard errors. No dimension exceeds the number of
-    coordinates: no shift leads beyond it.
+    constant D; by the slope of (r (A + ln(R/r)))^D; and by D + B r. Their covariance is that of
+    chance, from bootstrap over blocks of time, and that of waves of ln C about the model, as
+    self-similar sets have them. The shift is the larger of those of the two models of the drift:
+    each counts by Akaike's weight against the constant, and does not count when the other fits
+    better by two standard errors. No dimension exceeds the number of coordinates: no shift leads
+    beyond it.
 
     Parameters
     ----------
@@ -126,7 +128,9 @@ def drift_of(
         for misfit, shift in found
         if misfit <= least + _EXCLUDED
     ]
-    return Drift(float(np.sqrt(max(parts))), flat > least + _CERTAIN)
+    # slopes that only bend near the borders have a plateau below
+    logarithmic = found[1][0] + _EXCLUDED < found[0][0]
+    return Drift(float(np.sqrt(max(parts))), logarithmic and flat > least + _CERTAIN)
 
 
 def _slopes(radii: Array, pairs: Counts, shares: Counts, width: int) -> _Slopes:
