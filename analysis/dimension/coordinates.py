@@ -10,6 +10,9 @@ from dynkit.maps import Map
 from dynkit.validation import Array
 
 _DOUBLINGS = 64
+# Steps of a grid differ from one another by rounding only: this part of a step, and doubles a
+# thousand times finer. By chance 64 states or more do not lie so near to a grid.
+_ALIKE, _FINER = 1e-3, 2.0**10
 
 
 def angles_of(system: Map, states: Array) -> Mapping[int, float]:
@@ -68,6 +71,27 @@ def extents_of(states: Array, angles: Mapping[int, float]) -> Array:
             largest = max(largest, float(np.minimum(gap, turn - gap).max()))
         extents[k] = largest
     return np.asarray(extents)
+
+
+def grid_of(states: Array) -> float:
+    """Return the widest grid to which a coordinate was rounded; zero where none was.
+
+    A coordinate was rounded when it has three values or more, all of them whole multiples of the
+    least difference apart, within rounding: whatever its unit and its origin.
+    """
+    widest = 0.0
+    for column in states.T:
+        values = np.unique(column)
+        rounding = np.finfo(float).eps * float(abs(column).max())
+        gaps = np.diff(values)
+        gaps = gaps[gaps > 4.0 * rounding]  # the same point of the grid, computed in two ways
+        if len(gaps) < 2 or (least := float(gaps.min())) < _FINER * rounding / _ALIKE:
+            continue
+        steps = gaps / least
+        # the least difference has an error of rounding, which long gaps multiply
+        if (abs(steps - np.round(steps)) <= _ALIKE + 4.0 * rounding / least * steps).all():
+            widest = max(widest, least)
+    return widest
 
 
 def correlation_time(states: Array, angles: Mapping[int, float]) -> int:

@@ -60,6 +60,12 @@ class CorrelationDimension:
     meets a section in finitely many points: their dimension is 0 (and that of the orbit in time
     1). When no range of radii scales, that is the result, and `value` is NaN.
 
+    Local slopes may drift over all radii, as where the density has square-root singularities (the
+    logistic map at 4, most maps with a smooth hump). Then `outcome` and the printed form say that
+    there is no plateau: `value` is the slope of the straightest range, and `error` contains the
+    limit of small radii as far as the drift shows it. A drift that is too weak to be named enlarges
+    `error` too. Data rounded to a grid are only searched above 8 steps of the grid.
+
     Parameters
     ----------
     source : Attractor, ImpactRecord or (n, d) array_like
@@ -194,7 +200,7 @@ class CorrelationDimension:
     @cached_property
     def _timed_scaling(self) -> tuple[Scaling, float]:
         began = time.perf_counter()
-        found = find_scaling(self.sums, len(self.states), self.least_ratio)
+        found = find_scaling(self.sums, self.states, self.least_ratio)
         return found, time.perf_counter() - began
 
     @property
@@ -212,7 +218,10 @@ class CorrelationDimension:
 
     @property
     def value(self) -> float:
-        """The correlation dimension; NaN when there is no scaling region."""
+        """The correlation dimension; NaN when there is no scaling region.
+
+        The slope of the straightest range of radii when the outcome is a drift.
+        """
         return nan if self.region is None else self.region.slope
 
     @property
@@ -222,7 +231,9 @@ class CorrelationDimension:
         It covers about 68 %, and is no bound: twice it covers about 95 %.
         It is made of the slope's statistical error, from bootstrap over blocks of time, which
         covers that neighbouring radii and successive states share pairs, and of the scatter of the
-        slopes of the region's quarters beyond that. Where the motion changes its regime it covers
+        slopes of the region's quarters beyond that. Where the local slopes drift with the radius,
+        it contains how far the slope may lie from the limit of small radii: see
+        `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it covers
         the dimension of the last regime, too.
         """
         return inf if self.region is None else self.region.error + self._apart
@@ -295,6 +306,8 @@ class CorrelationDimension:
             return f"CorrelationDimension(none: {self.outcome.value} of {ratio}; {used})"
         found = f"{Estimate(self.value, self.error)}, r from {self.region.low:.3g} to "
         found += f"{self.region.high:.3g}, {self.region.ratio:.3g}:1"
+        if self.outcome is Outcome.DRIFT:
+            found += f"; {self.outcome.value}"
         count = "" if self.points is None else f"; finite, {self.points} points or so"
         doubt = "" if self.change is None else f"; {self.change}"
         return f"CorrelationDimension({found}{count}; {used}{doubt})"

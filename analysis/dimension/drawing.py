@@ -50,7 +50,7 @@ def draw_slopes(dimension: CorrelationDimension, ax: Axes | None, label: str | N
     if region is not None:
         ends = [region.low, region.high]
         axes.semilogx(ends, 2 * [region.slope], color=ink(), linestyle="--")
-        if dimension.outcome is Outcome.FOUND:
+        if dimension.outcome in (Outcome.FOUND, Outcome.DRIFT):
             axes.semilogx(ends, 2 * [dimension.takens.value], color=ink(), linestyle=":")
     axes.set_xlabel("radius $r$")
     axes.set_ylabel(r"local slope $d \ln C / d \ln r$")
@@ -66,4 +66,7 @@ def _describe(dimension: CorrelationDimension, axes: Axes) -> None:
     axes.axvspan(region.low, region.high, color=ink(0.93), linewidth=0.0, zorder=0)
     found = Estimate(dimension.value, dimension.error)
     value = f"{found.value:.3f} \\pm {found.error:.3f}"
-    axes.set_title(f"$d_c = {value}$, {region.ratio:.3g}:1")
+    title = f"$d_c = {value}$, {region.ratio:.3g}:1"
+    if dimension.outcome is Outcome.DRIFT:
+        title += f"\n{dimension.outcome.value}"
+    axes.set_title(title)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import final
 
 import numpy as np
 
+from dynkit.analysis.dimension.coordinates import grid_of
 from dynkit.analysis.dimension.counting import Counts
+from dynkit.analysis.dimension.drift import drift_of
 from dynkit.analysis.dimension.errors import counting_errors, standard_errors
 from dynkit.analysis.dimension.sums import CorrelationSums
 from dynkit.showing import span
@@ -26,12 +28,16 @@ _LOCAL = STEPS // 2
 _FEWEST_PAIRS = 30  # of which a logarithm has an error worth the name
 # a finite set: a factor of the radius, over which the sum may grow by a part, and visits of a point
 _FLAT_RATIO, _FLAT, _VISITS = 100.0, 0.01, 10
+# Rounding to a grid moves a distance by half a step. At 8 steps ln r moves by a 16th: the slope of
+# a region of 4:1, the shortest by default, moves by 1 / 16 / ln 4 = 4.5 %, less than TOLERANCE.
+_GRID_STEPS = 8
 
 
 class Outcome(Enum):
     """What the search for a scaling region came to; the value is the message."""
 
     FOUND = "there is a scaling region"
+    DRIFT = "the local slopes drift: there is no plateau"
     FINITE = "the states are finitely many points: as a set they have dimension 0"
     NONE = "there is no scaling region"
 
@@ -90,6 +96,9 @@ class ScalingRegion:
     systematic : float
         Scatter of the slopes of the region's quarters, beyond what chance explains: their mean
         variance, and the standard error that a variance of four has.
+    drift : float
+        One standard error for the limit of small radii, where the local slopes drift: see
+        `dynkit.analysis.dimension.drift.drift_of`.
     """
 
     low: float
@@ -97,6 +106,7 @@ class ScalingRegion:
     slope: float
     statistical: float
     systematic: float
+    drift: float
 
     @property
     def ratio(self) -> float:
@@ -105,7 +115,12 @@ class ScalingRegion:
 
     @property
     def error(self) -> float:
-        """One standard error, statistical and systematic together; no bound."""
+        """One standard error, statistical, systematic and of the drift together; no bound."""
+        return float(np.hypot(self.scatter, self.drift))
+
+    @property
+    def scatter(self) -> float:
+        """One standard error of the slope within the region, without the drift."""
         return float(np.hypot(self.statistical, self.systematic))
 
 
@@ -136,26 +151,41 @@ def local_slopes(sums: CorrelationSums) -> LocalSlopes:
     )
 
 
-def find_scaling(sums: CorrelationSums, states: int, least_ratio: float) -> Scaling:
-    """Find the scaling region of sums at radii of 8 to the octave.
+def find_scaling(sums: CorrelationSums, states: Array, least_ratio: float) -> Scaling:
+    """Find the scaling region of the sums of states, (n, d), at radii of 8 to the octave.
 
     It is the longest range of radii, `least_ratio` or more from end to end, whose quarters have
     slopes that agree with that of the whole within `TOLERANCE` and two standard errors, and are all
     known better than `TOLERANCE`. Among ranges of one length it is that of the smallest radii.
 
-    When the sum is flat over a factor of 100 the states are clusters of points there, and only what
-    is smaller is searched; when nothing there scales, the set is finite as far as can be seen.
+    The outcome is a drift when, over all radii that are resolved, a constant slope is excluded by
+    three standard errors and a slope that bends near the borders only by two, and the drift moves
+    the limit of small radii by more than two other errors.
+
+    Where a coordinate was rounded to a grid, radii below 8 of its steps are not searched. When the
+    sum is flat over a factor of 100 the states are clusters of points there, and only what is
+    smaller is searched, or what is larger than 8 steps of the grid; when nothing there scales, the
+    set is finite as far as can be seen.
     """
-    radii, pairs, shares = _populated(sums)
-    flat = _flat_range(radii, pairs, sums.total, states)
-    end = len(radii) if flat is None else flat[0] + 1
-    region = _longest_region(radii[:end], pairs[:end], shares[:, :end], least_ratio)
-    if region is not None:
-        return Scaling(Outcome.FOUND, region)
+    every, pairs, shares = _populated(sums)
+    flat = _flat_range(every, pairs, sums.total, len(states))
+    begin, end = int(np.searchsorted(every, _GRID_STEPS * grid_of(states))), len(every)
+    if flat is not None and begin <= flat[0]:
+        end = flat[0] + 1
+    part = slice(begin, end)
+    radii, pairs, shares = every[part], pairs[part], shares[:, part]
+    found = _longest_region(radii, pairs, shares, least_ratio)
+    if found is not None:
+        region, weights = found
+        extended = int((np.ptp(states, axis=0) > 0.0).sum())
+        drift = drift_of(radii, pairs, shares, weights, steps=STEPS, coordinates=extended)
+        drifts = drift.certain and drift.shift > 2.0 * region.scatter
+        outcome = Outcome.DRIFT if drifts else Outcome.FOUND
+        return Scaling(outcome, replace(region, drift=drift.shift))
     if flat is None:
         return Scaling(Outcome.NONE, None)
-    low, high = (float(radii[i]) for i in flat)
-    return Scaling(Outcome.FINITE, ScalingRegion(low, high, 0.0, 0.0, 0.0))
+    low, high = (float(every[i]) for i in flat)
+    return Scaling(Outcome.FINITE, ScalingRegion(low, high, 0.0, 0.0, 0.0, 0.0))
 
 
 def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
@@ -167,7 +197,7 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     when only pairs below a smaller radius are taken, down to the middle of the region in ln r: the
     pairs at the largest radii are the most, and a curve that bends there, or that waves about a
     line, shifts the estimate. It is enlarged by what a shift in proportion to the radius, as the
-    borders of a set cause it, has left at the middle.
+    borders of a set cause it, has left at the middle, and contains the drift of the region.
 
     References
     ----------
@@ -183,7 +213,8 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     expected = (1.0 + np.sqrt(2.0)) * np.square(errors)  # and the standard error of one square
     square = float(((values - values[-1]) ** 2 - expected).max())
     shift = np.sqrt(max(square, 0.0)) / (1.0 - region.ratio**-0.5)
-    return Estimate(float(values[-1]), float(np.hypot(statistical, shift)))
+    error = np.hypot(np.hypot(statistical, shift), region.drift)
+    return Estimate(float(values[-1]), float(error))
 
 
 def _likeliest(pairs: Counts, fewest: int) -> tuple[Array, Array]:
@@ -227,7 +258,8 @@ def _flat_range(radii: Array, pairs: Counts, total: int, states: int) -> tuple[i
 
 def _longest_region(
     radii: Array, pairs: Counts, shares: Counts, least_ratio: float
-) -> ScalingRegion | None:
+) -> tuple[ScalingRegion, Array] | None:
+    """The region and the weights of ln C in its slope, or None."""
     logs = np.log(pairs)
     shortest = int(np.ceil(np.log(least_ratio) / (_PARTS * _PITCH) - 1e-9))
     for width in range((len(radii) - 1) // _PARTS, max(shortest, 1) - 1, -1):
@@ -243,7 +275,8 @@ def _longest_region(
         errors = counting_errors(pairs, (quarters[: len(whole)] - whole)[likely])
         for i in likely[errors <= TOLERANCE * slopes[likely]].tolist():
             if _agree(pairs, shares, whole[i], quarters[begins[i]]):
-                return _region(radii, pairs, shares, whole[i], quarters[begins[i]])
+                region = _region(radii, pairs, shares, whole[i], quarters[begins[i]])
+                return region, whole[i]
     return None
 
 
@@ -269,4 +302,5 @@ def _region(
         float(whole @ logs),
         float(statistical),
         float(np.sqrt(max(scatter, 0.0))),
+        0.0,
     )

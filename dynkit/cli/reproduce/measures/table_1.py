@@ -137,7 +137,7 @@ def _slopes_of(line: Line) -> str:
     known = max(_KNOWN, float(relative.min()))
     first = int(np.flatnonzero(relative <= known)[0])
     last = int(np.searchsorted(slopes.radii, row.scaling * slopes.radii[first], side="right")) - 1
-    short = find_scaling(dimension.sums, len(dimension.states), row.scaling).region
+    short = find_scaling(dimension.sums, dimension.states, row.scaling).region
     return (
         f"{where}. The paper has "
         f"{row.dimension:g} ± {row.error:g} over {row.scaling:g}:1; a range as short as that "
