@@ -89,11 +89,26 @@ def random(clock: Array) -> float:
 
 
 @kernel()
-def perturb(slots: Indices, table: int, states: Array, clock: Array, noise: float) -> None:
-    """Change all numbers by noise * xi of themselves, xi pseudo-random in [-1, 1]."""
+def perturb(
+    generator: Array, slots: Indices, table: int, states: Array, clock: Array, noise: float
+) -> None:
+    """Change all numbers by noise * xi of their size, xi pseudo-random in [-1, 1].
+
+    A quarter of what they become in the flight is added to their size: a velocity v makes a
+    displacement of |v| / max(omega, 2 zeta omega), a displacement x a velocity of omega^2 times as
+    much. Where they are small again at the end, they keep the rounding of a few steps between.
+    """
     for m in range(slots.shape[0]):
-        for row in range(2):
-            states[START, row, slots[m]] += noise * states[START, row, slots[m]] * random(clock)
+        slot = slots[m]
+        a = abs(states[START, 0, slot])
+        b = abs(states[START, 1, slot])
+        rate = max(math.sqrt(abs(generator[5, slot])), abs(generator[4, slot]))
+        if rate > 0.0:
+            reached = a + 0.25 * abs(generator[1, slot]) / rate * b
+            b += 0.25 * abs(generator[2, slot]) / rate * a
+            a = reached
+        states[START, 0, slot] += noise * a * random(clock)
+        states[START, 1, slot] += noise * b * random(clock)
     if table >= 0:
         for row in range(2):
             states[START, row, table] *= 1.0 + noise * random(clock)
@@ -102,7 +117,13 @@ def perturb(slots: Indices, table: int, states: Array, clock: Array, noise: floa
 
 @kernel()
 def perturb_released(
-    to_free: Array, slots: Indices, table: int, states: Array, clock: Array, noise: float
+    to_free: Array,
+    generator: Array,
+    slots: Indices,
+    table: int,
+    states: Array,
+    clock: Array,
+    noise: float,
 ) -> None:
     """As `perturb` with noise, with the terms that the change of basis summed up."""
     width = states.shape[2]
@@ -110,7 +131,7 @@ def perturb_released(
         for row in range(2):
             place = abs(to_free[row * width + slots[m], to_free.shape[1] - 1])
             states[START, row, slots[m]] += noise * place * random(clock)
-    perturb(slots, table, states, clock, noise)
+    perturb(generator, slots, table, states, clock, noise)
 
 
 @kernel()

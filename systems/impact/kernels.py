@@ -207,7 +207,9 @@ def run(
                 transform(stop.to_free, contact.states, FOUND, y)
                 normalise(y, table)
                 if noise > 0.0:
-                    perturb_released(stop.to_free, slots, table, y, clock, noise)
+                    perturb_released(
+                        stop.to_free, stop.gap.generator, slots, table, y, clock, noise
+                    )
                 advance_clock(clock, n, stop.force.smallest, e, mechanics.clock_rate)
                 contacts[k, 2] = clock[TIME]
                 clock[SPEED] = 0.0
@@ -264,7 +266,7 @@ def run(
         clock[PHASE_OF_MOTION] = BOUNCED
         advance_clock(clock, n, smallest, e, mechanics.clock_rate)
         if noise > 0.0:
-            perturb(slots, table, y, clock, noise)
+            perturb(gap.generator, slots, table, y, clock, noise)
         if store:
             for i in range(modes):
                 states[done, i] = y[START, 0, slots[i]]

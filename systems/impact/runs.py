@@ -74,8 +74,8 @@ def run(
     """Simulate `count` impacts from a state of this oscillator.
 
     With noise every number of the start, and of the states after impacts, is changed by up to this
-    part of itself, pseudo-randomly, and the rest by this part of the terms of which it is the sum.
-    The search for an event gives up after `most_cells`.
+    part of itself and of a quarter of what it becomes, pseudo-randomly, and the rest by this part
+    of the terms of which it is the sum. The search for an event gives up after `most_cells`.
     """
     from dynkit.exponential.evaluation_kernels import START
     from dynkit.systems.impact import clock_kernels, kernels
@@ -92,15 +92,16 @@ def run(
         random = np.random.default_rng(seed)
         # What turning positions into coordinates rounds: half of the disturbance.
         x, v = 0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
-        q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
-        q += oscillator._structure.free.coordinates(x, v)
+        q = q + oscillator._structure.free.coordinates(x, v)
         turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
-        clock[clock_kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
         shifts = noise * random.uniform(-1.0, 1.0, (2, 2))
     clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
     slots = free.layout.slots
     flight = workspace(slots)
     flight.states[START] = free.states(q, *turn)
+    if noise > 0.0:
+        generator = oscillator._gaps[0].generator
+        clock_kernels.perturb(generator, free.layout.modes, -1, flight.states, clock, noise)
     states = np.empty((count if store else 0, 2 * n + 4))
     contacts = np.empty((0, 3))
     if "_contacts" in vars(oscillator):
