@@ -6,11 +6,19 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 OLDEST_PYTHON ?= $(shell command -v python3.11 || echo $(PYTHON))
 OLDEST := .venv-oldest
 
+# Processors that differ from this one in last digits: vector instructions and fused products of Numba's code, of
+# OpenBLAS, of NumPy and of the C library's sin, cos and exp; and the order of sums of two threads.
+GENERIC := NUMBA_CPU_NAME=generic OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4" \
+	GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA OMP_NUM_THREADS=1
+UNFUSED := NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES=+avx,+avx2 OPENBLAS_CORETYPE=Sandybridge OMP_NUM_THREADS=1
+HASWELL := NUMBA_CPU_NAME=haswell NUMBA_CPU_FEATURES= OPENBLAS_CORETYPE=Haswell NPY_DISABLE_CPU_FEATURES=X86_V4 OMP_NUM_THREADS=2
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
+
 # Processes that a target starts, one after the other, need not compile all modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-plain test-oldest check bench docs tutorials clean
+.PHONY: help run test test-generic test-processors test-plain test-oldest check bench docs tutorials clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
@@ -19,10 +27,17 @@ run: .venv/.ready  ## reproduce the paper's figures: results/report.html
 	$(BIN)/dynkit reproduce --out results
 
 test: .venv/.dev  ## run the tests
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal
+	OMP_NUM_THREADS=1 $(PYTEST)
+
+test-generic: .venv/.dev  ## run the tests as on a processor without AVX and fused products
+	$(GENERIC) $(PYTEST) $(TESTS)
+
+test-processors: test-generic  ## run the tests as on three other processors, one of them with two threads
+	$(UNFUSED) $(PYTEST) $(TESTS)
+	$(HASWELL) $(PYTEST) $(TESTS)
 
 test-plain: .venv/.dev  ## run tests of the kernels with the JIT switched off
-	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal -m plain tests
+	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(PYTEST) -m plain tests
 
 # What newer libraries warn of when older ones use them is not ours to mend: warnings are no errors.
 test-oldest: $(OLDEST)/.ready  ## run the tests on the oldest supported versions

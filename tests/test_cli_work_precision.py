@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,16 @@ def test_the_file_holds_the_starts_of_the_reference() -> None:
 def test_the_values_of_the_file_are_those_of_the_reference(place: int) -> None:
     start: Start = starts()[place]
     written: dict[str, Any] = read_starts()[place]
-    found = json.loads(json.dumps(values_of(start)))
+    # A dip's time and depth are sums of doubles, whose last digits differ from one processor to
+    # another: the exact values are those of the numbers in the file.
+    offset = written["system"]["offset"]
+    assert offset == pytest.approx(start.case.offset, rel=0.0, abs=1e-14)
+    if start.job == "grazing":
+        assert written["until"] == pytest.approx(start.until, rel=0.0, abs=1e-4)
+        start = replace(start, until=written["until"])
+    found = json.loads(
+        json.dumps(values_of(replace(start, case=replace(start.case, offset=offset))))
+    )
     assert found == {name: written[name] for name in found}
 
 

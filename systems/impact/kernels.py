@@ -45,6 +45,7 @@ from dynkit.systems.impact.clock_kernels import (
     normalise,
     perturb,
     perturb_cut,
+    perturb_reached,
     perturb_released,
     perturb_touch,
 )
@@ -249,6 +250,7 @@ def run(
             normalise(y, table)
             if noise > 0.0:
                 perturb_released(stop.to_free, slots, table, y, clock, noise)
+                perturb_reached(stop.gap.generator, slots, y, clock, noise)
             advance_clock(clock, n, stop.force.smallest, e, mechanics.clock_rate)
             contacts[k, 2] = clock[TIME]
             u = 0.0
@@ -326,6 +328,7 @@ def run(
         advance_clock(clock, n, smallest, e, mechanics.clock_rate)
         if noise > 0.0:
             perturb(slots, table, y, clock, noise)
+            perturb_reached(gap.generator, slots, y, clock, noise)
         if store:
             for i in range(modes):
                 states[done, i] = y[START, 0, slots[i]]

@@ -78,8 +78,8 @@ class Course:
     """A motion that is simulated on and on, in any pieces: the bits do not depend on them.
 
     With noise every number of the start, and of the states after impacts, is changed by up to this
-    part of itself, pseudo-randomly, and the rest by this part of the terms of which it is the sum.
-    The search for an event gives up after `most_cells`.
+    part of itself and of a quarter of what it becomes, pseudo-randomly, and the rest by this part
+    of the terms of which it is the sum. The search for an event gives up after `most_cells`.
 
     Attributes
     ----------
@@ -123,6 +123,10 @@ class Course:
         clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
         flight = workspace(free.layout.slots)
         flight.states[START] = free.states(q, *turn)
+        if noise > 0.0:
+            generator = oscillator._gaps[0].generator
+            slots = free.layout.modes
+            clock_kernels.perturb_reached(generator, slots, flight.states, clock, noise)
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
         self._clock, self._flight = clock, flight

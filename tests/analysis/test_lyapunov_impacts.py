@@ -114,8 +114,8 @@ def test_the_derivative_in_section_coordinates_has_the_same_exponents() -> None:
     attractor = chain(1.37)
     system = attractor.system
     assert isinstance(system, ImpactChain)
-    fast = LyapunovSpectrum(attractor, 400)
-    slow = LyapunovSpectrum.of_map(BySection(system), attractor.states[-1], iterations=400)
+    fast = LyapunovSpectrum(attractor, 1600)
+    slow = LyapunovSpectrum.of_map(BySection(system), attractor.states[-1], iterations=1600)
     gap = abs(fast.exponents - slow.exponents)
     assert (gap < 4.0 * np.hypot(fast.error, slow.error)).all()
     assert np.hypot(fast.error, slow.error).max() < 0.1

@@ -15,7 +15,7 @@ from dynkit.systems.impact.bases import Basis, CoupledModes, NormalModes
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Course
 from dynkit.validation import Array
 
@@ -131,11 +131,8 @@ def test_positions_and_energies_wait_until_they_are_asked_for() -> None:
     assert not {"position", "velocity", "energy", "error"} & set(vars(record))
 
 
-def test_a_twin_that_rests_within_rounding_of_the_table_does_not_hold_up_the_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # A body that nothing holds comes to rest on the lower stop: disturbed in the last digit it
-    # would leave it, or not, after a million cells of the search.
+def a_body_that_comes_to_rest_on_the_lower_stop() -> ImpactRecord:
+    """Nothing holds the body; where it rests, rounding decides whether it ever leaves again."""
     random = np.random.default_rng(25)
     links, mass = random.normal(size=(3, 2)), random.uniform(0.5, 4.0, 3)
     system = MatrixOscillator(
@@ -150,7 +147,13 @@ def test_a_twin_that_rests_within_rounding_of_the_table_does_not_hold_up_the_err
     )
     place, speed = random.uniform(-1.0, 1.0, (2, 3))
     place[-1] = -1.0
-    record = system.simulate(impacts=30, start=system.state(place, speed))
+    return system.simulate(impacts=30, start=system.state(place, speed))
+
+
+def test_twins_search_for_no_longer_than_the_run_whose_error_they_give(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    record = a_body_that_comes_to_rest_on_the_lower_stop()
     twins: list[Course] = []
 
     def counted(*given: Any, **choices: Any) -> Course:
@@ -158,9 +161,36 @@ def test_a_twin_that_rests_within_rounding_of_the_table_does_not_hold_up_the_err
         return twins[-1]
 
     monkeypatch.setattr("dynkit.systems.impact.record.Course", counted)
-    assert np.isinf(record.error[-1])
+    assert len(record.error) == len(record) > 0
     assert len(twins) == 3
+    # a search to its own end would take a million cells
     assert max(twin.cells for twin in twins) < 200_000
+
+
+@pytest.mark.parametrize("decided", [0, 2, 4])
+def test_the_error_is_infinite_from_the_impact_that_a_twin_cannot_decide(
+    decided: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Rounding decides how many impacts a twin of a body at rest has: here the second one is cut.
+    record = ImpactChain(masses=2, frequency=0.9).simulate(impacts=5)
+    seeds = []
+
+    def cut(*given: Any, seed: int, **choices: Any) -> Course:
+        seeds.append(seed)
+        course = Course(*given, seed=seed, **choices)
+        if seed == 2:
+            whole = course.advance
+            course.advance = (
+                lambda count, states: whole(  # type: ignore[method-assign]
+                    min(count, decided - course.impacts), states[: decided - course.impacts]
+                )
+            )
+        return course
+
+    monkeypatch.setattr("dynkit.systems.impact.record.Course", cut)
+    error = record.error
+    assert seeds == [1, 2, 3]
+    assert np.isinf(error).tolist() == [i >= decided for i in range(5)]
 
 
 def test_matrices_are_simulated_without_computer_algebra_plots_or_files() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynkit.compiled import kernel
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.validation import Array
@@ -27,6 +28,17 @@ def energy_jumps(record: ImpactRecord) -> Array:
     r, before = chain.restitution, -record.relative_velocity / chain.restitution
     jump = 2.0 * (1.0 + r) * abs(before) * table_velocity(record) + (r * r - 1.0) * before**2
     return np.asarray(0.5 * chain.mass[-1, -1] * jump)
+
+
+@kernel(fuse=True)
+def _square_less(a: float, b: float) -> float:
+    return a * a - b
+
+
+def products_are_fused() -> bool:
+    """Whether compiled sums take products with all their digits."""
+    a = 1.0 + 2.0**-30
+    return bool(_square_less(a, a * a) != 0.0)
 
 
 # --- energy --------------------------------------------------------------------------------------
@@ -71,7 +83,10 @@ def test_elastic_motion_on_a_table_at_rest_keeps_its_energy(more: dict[str, Any]
     chain = ImpactChain(damping=0.0, restitution=1.0, amplitude=0.0, frequency=1.0, **more)
     record = chain.simulate(impacts=1_000_000)
     assert record.ending is Ending.COUNT_REACHED
-    assert abs(record.energy / record.energy[0] - 1.0).max() < 1e-11
+    # Where a processor adds a product without rounding it first, the low parts of the propagators
+    # are not lost, and the energy does not drift. Elsewhere each impact may add half an ulp.
+    drift = 1e-11 if products_are_fused() else 2.0**-53 * len(record)
+    assert abs(record.energy / record.energy[0] - 1.0).max() < drift
 
 
 def test_the_energy_is_that_of_positions_and_velocities() -> None:
