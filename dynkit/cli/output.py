@@ -18,6 +18,10 @@ DATA = (".csv", ".npz", ".h5")
 PICTURES = (".png", ".svg")
 
 
+class CommandFailed(RuntimeError):
+    """The command ran to its end, and what it found is wrong."""
+
+
 def output_file(name: str, text: str) -> Path:
     """Return the path of a file to write, checked but not touched.
 

@@ -198,8 +198,9 @@ class ImpactRecord:
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
         for low in range(0, len(self), size):
             now = slice(low, low + size)
-            parts = (part[now] for part in self._coordinates)
-            energy[now] = system._free.forced.energies(*parts, system.mass, system.stiffness)
+            q, sine, cosine = (part[now] for part in self._coordinates)
+            forced = system._free.forced
+            energy[now] = forced.energies(q, sine, cosine, system.mass, system.stiffness)
         return energy
 
     @property

@@ -178,11 +178,11 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
     flat = part.starts.reshape(len(part.starts), 2 * part.regime.layout.slots)
     work, block = np.empty((4, m)), np.empty((2 * m, 2 * m))
     # Of whole blocks: sums do not depend on the size.
-    size = moment_kernels.BLOCK * max(_PRODUCTS_OF_A_CALL // (moment_kernels.BLOCK * m * m), 1)
+    step = moment_kernels.BLOCK * max(_PRODUCTS_OF_A_CALL // (moment_kernels.BLOCK * m * m), 1)
     for batch, now in enumerate(map(slice, places[:-1], places[1:])):
         gram, grown = np.zeros((2 * m, 2 * m)), np.zeros((2, len(listed)))
-        for begin in range(now.start, now.stop, size):
-            some = slice(begin, min(begin + size, now.stop))
+        for begin in range(now.start, now.stop, step):
+            some = slice(begin, min(begin + step, now.stop))
             moment_kernels.sum_products(
                 flat[some],
                 part.durations[some],

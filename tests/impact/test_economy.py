@@ -180,11 +180,12 @@ def test_the_error_is_infinite_from_the_impact_that_a_twin_cannot_decide(
         course = Course(*given, seed=seed, **choices)
         if seed == 2:
             whole = course.advance
-            course.advance = (
-                lambda count, states: whole(  # type: ignore[method-assign]
-                    min(count, decided - course.impacts), states[: decided - course.impacts]
-                )
-            )
+
+            def advance(count: int, states: Array) -> int:
+                left = min(count, decided - course.impacts)
+                return whole(left, states[:left])
+
+            monkeypatch.setattr(course, "advance", advance)
         return course
 
     monkeypatch.setattr("dynkit.systems.impact.record.Course", cut)

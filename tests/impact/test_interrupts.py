@@ -54,7 +54,13 @@ def in_pieces(pause: int, start: ImpactState, system: Any, **arguments: Any) -> 
 def test_a_run_in_pieces_is_the_same_run_bit_for_bit(
     begin: Begin, pause: int, noise: float
 ) -> None:
-    asked = {"count": 30, "store": True, "noise": noise, "seed": 3, "most_cells": 3000}
+    asked: dict[str, Any] = {
+        "count": 30,
+        "store": True,
+        "noise": noise,
+        "seed": 3,
+        "most_cells": 3000,
+    }
     whole = run(begin.system, begin.state, **asked)
     assert numbers(in_pieces(pause, begin.state, begin.system, **asked)) == numbers(whole)
 
@@ -63,7 +69,7 @@ def test_a_run_in_pieces_is_the_same_run_bit_for_bit(
 @pytest.mark.parametrize("pause", [1, 3, 64])
 def test_chatter_contact_and_release_in_pieces_are_the_same(frequency: float, pause: int) -> None:
     chain = ImpactChain(masses=2, frequency=frequency, restitution=0.6)
-    asked = {"count": 200, "store": True, "noise": 0.0, "seed": 1}
+    asked: dict[str, Any] = {"count": 200, "store": True, "noise": 0.0, "seed": 1}
     whole = run(chain, chain.state(), **asked)
     assert numbers(in_pieces(pause, chain.state(), chain, **asked)) == numbers(whole)
 
@@ -140,7 +146,7 @@ def test_what_is_computed_of_a_record_is_the_same_in_pieces(masses: int) -> None
             spread.times,
             spread.state,
         )
-        return [array.tobytes() for array in (*found, np.array([moments.error]))]
+        return [np.asarray(part).tobytes() for part in (*found, moments.error)]
 
     whole = computed()
     with (

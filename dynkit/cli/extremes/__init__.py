@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from dynkit.cli.extremes.cases import GROUPS, read_cases
-from dynkit.cli.output import writable_file, write_text
+from dynkit.cli.output import CommandFailed, writable_file, write_text
 
 
 def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: TextIO) -> None:
@@ -26,7 +26,7 @@ def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: 
     ------
     ValueError
         When a group is unknown or the file cannot be written.
-    RuntimeError
+    CommandFailed
         When a case is off by more than it claims, or ends otherwise than it should.
     """
     for name in only or ():
@@ -49,7 +49,7 @@ def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: 
         print(f"written: {file}", file=log)
     wrong = [outcome.case.name for outcome in outcomes if not outcome.right]
     if wrong:
-        raise RuntimeError(f"{len(wrong)} of {len(outcomes)} cases are wrong: {', '.join(wrong)}")
+        raise CommandFailed(f"{len(wrong)} of {len(outcomes)} cases are wrong: {', '.join(wrong)}")
 
 
 def _markdown(out: str) -> Path:
