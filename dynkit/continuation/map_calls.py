@@ -7,9 +7,8 @@ from typing import final
 
 import numpy as np
 
-from dynkit.flows import NoCrossing
 from dynkit.maps import Map
-from dynkit.sections import TangentCrossing
+from dynkit.no_motion import NoMotion
 from dynkit.validation import Array
 
 
@@ -52,6 +51,6 @@ class MapCalls:
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 found = np.asarray(function(state), dtype=np.float64)
-        except (NoCrossing, TangentCrossing):
+        except NoMotion:
             return np.full(shape, np.nan)
         return np.where(np.isfinite(found), found, np.nan)
