@@ -136,7 +136,7 @@ def _nothing_is_simulated(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         raise AssertionError("a table must not simulate")
 
     with monkeypatch.context() as patch:
-        patch.setattr(records, "run", refuse)
+        patch.setattr(records, "Course", refuse)
         patch.setattr(Sweep, "_motion", refuse)
         patch.setattr(ParameterMap, "attractor", refuse)
         yield

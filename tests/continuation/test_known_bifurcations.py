@@ -158,14 +158,15 @@ def exact_values() -> list[tuple[str, Bifurcation, float]]:
         "henon": (henon(), "a", (-0.2, 1.4), {"SN": -0.1225, "PD": 0.3675}),
         "delayed logistic": (delayed_logistic(), "r", (0.5, 2.5), {"BP": 1.0, "NS": 2.0}),
         "pitchfork": (flat("pitchfork", 0.0, 0.3, 0.1), "p", (-1.0, 1.0), {"BP": 0.1}),
-        "circle": (flat("circle", 0.0, 0.7, 0.49), "p", (-2.0, 0.7), {"SN": -0.7}),
+        "circle": (flat("circle", 0.0, 0.7, 0.49), "p", (-2.0, 0.7), {"SN": (-0.7, 0.7)}),
     }
     found = []
     for name, (orbit, parameter, bounds, values) in known.items():
         branch = continue_orbit(orbit, parameter, bounds=bounds, points=400)
-        found += [
-            (f"{name} {b.kind}", b, values[b.kind]) for b in branch.bifurcations if b.kind in values
-        ]
+        for b in branch.bifurcations:
+            known_values = np.atleast_1d(values.get(b.kind, np.nan))
+            nearest = float(known_values[abs(known_values - b.value).argmin()])
+            found += [(f"{name} {b.kind}", b, nearest)] if b.kind in values else []
     return found
 
 
