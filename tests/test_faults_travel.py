@@ -327,4 +327,4 @@ def test_an_orbit_beyond_the_bounds_of_an_exploration_is_left_and_said() -> None
     assert len(network) == 1
     (left,) = network.unexplored
     assert left.why == "continuing P(1) at 2 fails: rate must lie in [2.85, 2.95]; got 2.0"
-    assert network.message.endswith("left unexplored: 1 orbits to start from")
+    assert "; left unexplored: 1 orbits to start from; searched: " in network.message

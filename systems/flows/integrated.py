@@ -201,17 +201,25 @@ class IntegratedFlow(Flow):
             change = self.velocity_jacobian(both[:d]) @ both[d:].reshape(d, d)
             return np.concatenate([self.velocity(both[:d]), change.ravel()])
 
+        first = state
         while left > 0.0:
             begin, start, size = basis(state), np.concatenate([state, np.eye(d).ravel()]), 1.0
-            way = self._steps(velocity, start, left, self.tolerance, step)
-            for count, solver in enumerate(way, 1):
-                end, derivative = solver.y[:d].copy(), solver.y[d:].reshape(d, d).copy()
-                size = max(size, float(np.linalg.norm(derivative, 2)))
-                # errors of single steps, as long as these are few
-                error = min(count * self.tolerance * (1.0 + size), self.accuracy * size)
-                part = Part(end, derivative, size, error)
-                if not part.even(begin, basis(end)):
-                    break
+            try:
+                for count, solver in enumerate(
+                    steps(velocity, start, left, self.tolerance, step), 1
+                ):
+                    end, derivative = solver.y[:d].copy(), solver.y[d:].reshape(d, d).copy()
+                    size = max(size, float(np.linalg.norm(derivative, 2)))
+                    # errors of single steps, as long as these are few
+                    error = min(count * self.tolerance * (1.0 + size), self.accuracy * size)
+                    part = Part(end, derivative, size, error)
+                    if not part.even(begin, basis(end)):
+                        break
+            except CannotFollow as failure:
+                raise CannotFollow(
+                    f"the motion from {first.tolist()} cannot be followed for {duration}: "
+                    f"beyond time {duration - left:.6g} no step is short enough"
+                ) from failure
             yield part
             left = left - float(solver.t) if solver.status == "running" else 0.0
             state, step = part.end, min(float(solver.h_abs), left)

@@ -112,6 +112,8 @@ def perturb_reached(
     of omega^2 times as much. Where these are small again at the end of the flight, they keep the
     rounding of a step between: with a noise of 8 * 2^-52 half a last digit.
     """
+    seed = clock[SEED]
+    clock[SEED] = float(0x7FFFFFFF) - seed  # draws of its own: those of other disturbances stay
     for m in range(slots.shape[0]):
         slot = slots[m]
         a = abs(states[START, 0, slot])
@@ -121,6 +123,7 @@ def perturb_reached(
             part = noise / 16.0 / rate
             states[START, 0, slot] += part * abs(generator[1, slot]) * b * random(clock)
             states[START, 1, slot] += part * abs(generator[2, slot]) * a * random(clock)
+    clock[SEED] = seed
 
 
 @kernel()
