@@ -9,7 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.map_problems import TURN, MapProblem, angles, sizes
+from dynkit.map_problems import MapProblem, StatesProblem, sizes
 from dynkit.maps import Map
 from dynkit.no_motion import NoMotion
 from dynkit.orbits import PeriodicOrbit
@@ -67,7 +67,8 @@ def periodic_orbit(system: Map, guess: Any, *, period: int | None = None) -> Map
         x, more = shorter
         history += more[1:]
     cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
-    return MapOrbit(system, x, history, cost)
+    states = x.reshape(-1, system.dimension)
+    return MapOrbit(system._orbit_problem(states) or MapProblem(system, states), x, history, cost)
 
 
 def _guessed(system: Map, guess: Any, period: int | None) -> Array:
@@ -139,11 +140,14 @@ class MapOrbit(PeriodicOrbit):
     """P(n): n states that a map takes one into the next, and the last into the first.
 
     From `periodic_orbit`, from an attractor or from a branch. It is a motion of the map wherever
-    the map is defined: always admissible.
+    the map is defined: always admissible. Only of a `BouncingBall` there are orbits P(n,m), of n
+    impacts in m periods of the table, that are not admissible: flights pass through the table.
     """
 
-    def __init__(self, system: Map, x: Array, history: Sequence[float], cost: Cost) -> None:
-        self._system = system
+    def __init__(
+        self, problem: StatesProblem, x: Array, history: Sequence[float], cost: Cost
+    ) -> None:
+        self._problem = problem
         self._x = x.copy()
         self._x.setflags(write=False)
         self._history = tuple(history)
@@ -151,37 +155,34 @@ class MapOrbit(PeriodicOrbit):
 
     def __reduce__(self) -> tuple[type[MapOrbit], tuple[Any, ...]]:
         # copies are read-only too
-        return MapOrbit, (self._system, self._x, self._history, self._cost)
+        return MapOrbit, (self._problem, self._x, self._history, self._cost)
 
     def __repr__(self) -> str:
         hidden = int((~self.multipliers_resolved).sum())
         doubt = f"; {hidden} of {len(self.multipliers)} multipliers not resolved" if hidden else ""
         kind = "stable" if self.stable else "unstable"
+        if not self.admissible:
+            kind = f"inadmissible, {kind}"
         return f"<{self.label} of {told(self.system, 6)}: {kind}{doubt}>"
 
     @property
     def system(self) -> Map:
-        return self._system
+        return self._problem.system
 
     @property
     def period(self) -> int:
         """The number n of states."""
-        return self._x.size // self._system.dimension
+        return self._x.size // self.system.dimension
 
     @property
     def label(self) -> str:
-        """``P(n)``."""
-        return f"P({self.period})"
+        """``P(n)``; ``P(n,m)`` of a `BouncingBall`."""
+        return self._problem.label
 
     @cached_property
     def states(self) -> Array:
         """Its states, (n, d), one after the other, read-only; angles are where the map has them."""
-        states = self._x.reshape(self.period, -1).copy()
-        turning = angles(self._system)
-        if turning.any():
-            arrived = np.array([self._system(state) for state in np.roll(states, 1, axis=0)])
-            turns = np.rint((states - arrived) / TURN)
-            states[:, turning] -= TURN * turns[:, turning]
+        states = self._problem.states(self._x)
         states.setflags(write=False)
         return states
 
@@ -200,9 +201,9 @@ class MapOrbit(PeriodicOrbit):
         """
         return self.problem().multipliers(self._x, _NONE)
 
-    @property
+    @cached_property
     def admissible(self) -> bool:
-        return True
+        return self._problem.admissible(self._x, _NONE)
 
     @property
     def history(self) -> tuple[float, ...]:
@@ -224,7 +225,7 @@ class MapOrbit(PeriodicOrbit):
     def cost(self) -> Cost:
         return self._cost
 
-    def problem(self, *names: str) -> MapProblem:
+    def problem(self, *names: str) -> StatesProblem:
         """Return the equations that it solves, with the named parameters free.
 
         Raises
@@ -232,7 +233,7 @@ class MapOrbit(PeriodicOrbit):
         ValueError
             When the system has no such parameter.
         """
-        return MapProblem(self._system, self._x.reshape(self.period, -1), names)
+        return self._problem.free(*names)
 
     @property
     def unknowns(self) -> Array:
@@ -247,7 +248,7 @@ class MapOrbit(PeriodicOrbit):
         ValueError
             When there is no such coordinate.
         """
-        names = [f"state[{i}]" for i in range(self._system.dimension)]
+        names = [f"state[{i}]" for i in range(self.system.dimension)]
         if name not in names:
             raise ValueError(f"name must be one of: {', '.join(names)}; got {name!r}")
         return self.states[:, names.index(name)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from typing import TYPE_CHECKING, Any, Self, final
@@ -29,9 +30,10 @@ ROUNDINGS = 4.0
 _REPEATED = 1e-7
 
 
-@final
-class MapProblem(Problem):
-    """x_{i+1} = f(x_i), i modulo n: n d equations for the n states of a periodic orbit.
+class StatesProblem(Problem):
+    """Equations of a periodic orbit whose unknowns are its n states: n d numbers, state by state.
+
+    The equations of a state contain this state and the one after it.
 
     Parameters
     ----------
@@ -57,15 +59,42 @@ class MapProblem(Problem):
         self.units = self._sizes * max(1.0, system.accuracy / _NOISE)
         """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
         self._at: tuple[bytes, Map] = (self._values.tobytes(), system)
-        self._derivatives: tuple[bytes, Array, tuple[Array, Array]]
-        self._derivatives = b"", np.empty(0), (np.empty(0), np.empty(0))
+
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """Label of the orbits."""
+
+    @abstractmethod
+    def made_of(self, system: Map, states: Array, which: Any, names: Sequence[str]) -> Self:
+        """Return the problem of another system near these states (k, d).
+
+        `which`, (k,) of int, are the numbers of the states here that the new ones are near to.
+        """
+
+    @abstractmethod
+    def blocks(self, x: Array, p: Array) -> tuple[Array, Array]:
+        """Return derivatives of the equations of each state, (n, d, d), by it and by the next."""
+
+    @abstractmethod
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
+        """Return the derivatives along the orbit, (k, d, d) in all, and errors of entries, (k,)."""
+
+    @abstractmethod
+    def states(self, x: Array) -> Array:
+        """Return the states (n, d) of a solution; angles are where the map has them."""
+
+    @property
+    def system(self) -> Map:
+        """The map at whose parameters the others than the free ones stay."""
+        return self._system
 
     @property
     def names(self) -> tuple[str, ...]:
         return self._names
 
     def free(self, *names: str) -> Self:
-        return type(self)(self._system, self._like, names)
+        return self.made_of(self._system, self._like, np.arange(len(self._like)), names)
 
     @property
     def values(self) -> Array:
@@ -79,59 +108,37 @@ class MapProblem(Problem):
         # a branch through zero, too, goes on in steps of the size that it had
         return np.tile(np.maximum(sizes(self._rows(x)), self._sizes), len(self._like))
 
-    def residual(self, x: Array, p: Array) -> Array:
-        system, states = self.at(p), self._rows(x)
-        gap = system.difference(_defined(system, states), _next(states))
-        return np.asarray((gap / self.units).ravel())
-
-    def rounding(self, x: Array, p: Array) -> Array:
-        """Four times what a call may be wrong by, for states of the size of the largest."""
-        wrong = ROUNDINGS * self.at(p).accuracy * float(abs(x).max()) / self.units
-        return np.tile(wrong, len(self._like))
-
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
         n, d = self._like.shape
-        blocks = self.jacobians(x, p) / self.units[:, None]
+        by_state, by_next = self.blocks(x, p)
         complex_needed = isinstance(multiplier, complex | np.complexfloating)
         matrix = np.zeros((n, d, n, d), dtype=complex if complex_needed else float)
-        each, coordinates = np.arange(n), np.arange(d)
-        matrix[each, :, each] = blocks
-        returned = np.ones((n, 1), dtype=matrix.dtype)
+        each = np.arange(n)
+        matrix[each, :, each] = by_state
+        returned = np.ones((n, 1, 1), dtype=matrix.dtype)
         returned[-1] = multiplier
-        matrix[each[:, None], coordinates, _next(each)[:, None], coordinates] -= (
-            returned / self.units
-        )
+        matrix[each, :, _next(each)] += returned * by_next
         return matrix.reshape(n * d, n * d)
-
-    def parameter_derivative(self, x: Array, p: Array) -> Array:
-        system, columns = self.at(p), []
-        for name in self._names:
-            by_name = partial(system.parameter_derivative, name=name)
-            columns.append((_defined(by_name, self._rows(x)) / self.units).ravel())
-        return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
 
     def multipliers(self, x: Array, p: Array) -> Any:
         return product_eigenvalues(self.factors(x, p)[0])
-
-    def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
-        self.jacobians(x, p)
-        return self._derivatives[2]
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> MapOrbit:
         from dynkit.map_orbits import MapOrbit
 
         past = history or (float(abs(self.residual(x, p)).max()),)
-        return MapOrbit(self.at(p), x, past, Cost(0.0, {"newton steps": len(past) - 1}))
+        fixed = self.made_of(self.at(p), self._rows(x).copy(), np.arange(len(self._like)), ())
+        return MapOrbit(fixed, x, past, Cost(0.0, {"newton steps": len(past) - 1}))
 
     def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
-        states = np.concatenate([self._like, self._like])
-        problem = type(self)(self._system, states, self._names)
+        twice = np.tile(np.arange(len(self._like)), 2)
+        problem = self.made_of(self._system, self._like[twice], twice, self._names)
         return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
 
-    def shortest(self, x: Array) -> tuple[MapProblem, Array]:
+    def shortest(self, x: Array) -> tuple[Problem, Array]:
         for k in fractions(len(self._like)):
             if (abs(self._changes_over(k, x)) <= _REPEATED * self.units).all():
-                problem = type(self)(self._system, self._like[:k], self._names)
+                problem = self.made_of(self._system, self._like[:k], np.arange(k), self._names)
                 return problem, self._rows(x)[:k].ravel()
         return self, x
 
@@ -169,6 +176,63 @@ class MapProblem(Problem):
                 raise NoSolution(str(refusal)) from refusal
         return self._at[1]
 
+    def _rows(self, x: Array) -> Array:
+        return np.asarray(x).reshape(self._like.shape)
+
+
+@final
+class MapProblem(StatesProblem):
+    """x_{i+1} = f(x_i), i modulo n: n d equations for the n states of a periodic orbit.
+
+    See `StatesProblem`.
+    """
+
+    def __init__(self, system: Map, states: Array, names: Sequence[str] = ()) -> None:
+        super().__init__(system, states, names)
+        self._derivatives: tuple[bytes, Array, tuple[Array, Array]]
+        self._derivatives = b"", np.empty(0), (np.empty(0), np.empty(0))
+
+    @property
+    def label(self) -> str:
+        return f"P({len(self._like)})"
+
+    def made_of(self, system: Map, states: Array, which: Any, names: Sequence[str]) -> Self:  # noqa: ARG002
+        return type(self)(system, states, names)
+
+    def residual(self, x: Array, p: Array) -> Array:
+        system, states = self.at(p), self._rows(x)
+        gap = system.difference(_defined(system, states), _next(states))
+        return np.asarray((gap / self.units).ravel())
+
+    def rounding(self, x: Array, p: Array) -> Array:
+        """Four times what a call may be wrong by, for states of the size of the largest."""
+        wrong = ROUNDINGS * self.at(p).accuracy * float(abs(x).max()) / self.units
+        return np.tile(wrong, len(self._like))
+
+    def blocks(self, x: Array, p: Array) -> tuple[Array, Array]:
+        by_state = self.jacobians(x, p) / self.units[:, None]
+        return by_state, np.broadcast_to(-np.diag(1.0 / self.units), by_state.shape)
+
+    def parameter_derivative(self, x: Array, p: Array) -> Array:
+        system, columns = self.at(p), []
+        for name in self._names:
+            by_name = partial(system.parameter_derivative, name=name)
+            columns.append((_defined(by_name, self._rows(x)) / self.units).ravel())
+        return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
+
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
+        self.jacobians(x, p)
+        return self._derivatives[2]
+
+    def states(self, x: Array) -> Array:
+        states = self._rows(x).copy()
+        turning = angles(self._system)
+        if turning.any():
+            arrived = np.array([self._system(state) for state in np.roll(states, 1, axis=0)])
+            turns = np.rint((states - arrived) / TURN)
+            states[:, turning] -= TURN * turns[:, turning]
+        return states
+
     def jacobians(self, x: Array, p: Array) -> Array:
         """Return the map's derivatives, (n, d, d), at all states; read-only.
 
@@ -191,9 +255,6 @@ class MapProblem(Problem):
             found.setflags(write=False)
             self._derivatives = key, found, (np.concatenate(factors), np.concatenate(errors))
         return self._derivatives[1]
-
-    def _rows(self, x: Array) -> Array:
-        return np.asarray(x).reshape(self._like.shape)
 
 
 def _defined(function: Callable[[Array], Array], states: Array) -> Array:

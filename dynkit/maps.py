@@ -5,7 +5,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self, cast, final
+from typing import TYPE_CHECKING, Any, Self, cast, final
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from dynkit.validation import (
     non_negative_integer,
     within_memory,
 )
+
+if TYPE_CHECKING:
+    from dynkit.map_problems import StatesProblem
 
 CLEAR = 1e3
 """A direction shorter than this many of its errors is hidden: its log is not right to 1e-3."""
@@ -270,6 +273,10 @@ class Map(Family, ABC):
             accuracy=self.accuracy,
             difference=self.difference,
         )
+
+    def _orbit_problem(self, states: Array) -> "StatesProblem | None":  # noqa: ARG002
+        """Equations of periodic orbits near one with these states (n, d); None: `MapProblem`."""
+        return None
 
     @property
     def accuracy(self) -> float:

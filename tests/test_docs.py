@@ -48,7 +48,7 @@ def test_names_of_modules_in_the_reference_are_there(page: str) -> None:
 
 
 INSIDE = {
-    *("Condition", "Event", "ImpactProblem", "MapProblem", "Problem", "StickingProblem"),
+    *("Condition", "Event", "ImpactProblem", "Problem", "StatesProblem", "StickingProblem"),
     *("Flight", "FreeMotion", "Passage", "Scene", "SecondMoments", "Solution", "Terms"),
     "Transitions",
 }

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.validation import positive
+from dynkit.validation import Array, positive
 
 if TYPE_CHECKING:
     import sympy
+
+    from dynkit.systems.impact.orbits.ball import BallProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +31,9 @@ class BouncingBall(ImpactOscillator):
         b = pi n (1 - r) / (1 + r).
 
     They are born at Gamma = b. Those with sin(phase) > 0 are stable up to Gamma =
-    sqrt(b^2 + (2 (1 + r^2) / (1 + r)^2)^2), where they double their period.
+    sqrt(b^2 + (2 (1 + r^2) / (1 + r)^2)^2), where they double their period. Their periodic orbits
+    P(n,m), from `dynkit.periodic_orbit`, are n bounces in m table periods; branches of orbits
+    continue beyond grazing, where they are marked as inadmissible.
 
     Parameters
     ----------
@@ -78,6 +82,11 @@ class BouncingBall(ImpactOscillator):
         self._set("gravity", positive("gravity", self.gravity))
         self._set("constant_forces", (-self.gravity,))
         super().__post_init__()
+
+    def _orbit_problem(self, states: Array) -> BallProblem:
+        from dynkit.systems.impact.orbits.ball import BallProblem, whole_turns
+
+        return BallProblem(self, states, whole_turns(self, states))
 
     def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return v[0] ** 2 / 2

@@ -43,7 +43,7 @@ def test_bounces_of_n_periods(share: float, restitution: float, n: int, sign: in
     strength = born + share * (doubled - born)
     ball, state = bounce(strength, restitution, n, sign)
     orbit = periodic_orbit(ball, state + np.array([1e-3, -1e-3]))
-    assert orbit.label == "P(1)"
+    assert orbit.label == f"P(1,{n})"
     off = abs(ball.difference(orbit.states[0], state))
     assert off.max() <= orbit.error + 8.0 * ROUNDING * state.max()
     assert orbit.error < 1e-11
@@ -61,7 +61,7 @@ def test_beyond_the_doubling_there_is_a_stable_orbit_of_two_bounces() -> None:
     ball, state = bounce(doubled + 0.02 * (doubled - born), 0.5, 1, 1)
     motion = ball.iterate(state + np.array([1e-2, 0.0]), 400)
     orbit = periodic_orbit(ball, motion[-2:].round(2))
-    assert orbit.label == "P(2)"
+    assert orbit.label == "P(2,2)"
     assert orbit.stable
     gaps = abs(ball.difference(orbit.states[:, None], motion[-2:][None])).max(axis=2)
     assert gaps.min(axis=1).max() < 1e-9
