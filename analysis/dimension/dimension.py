@@ -64,7 +64,8 @@ class CorrelationDimension:
     logistic map at 4, most maps with a smooth hump). Then `outcome` and the printed form say that
     there is no plateau: `value` is the slope of the straightest range, and `error` contains the
     limit of small radii as far as the drift shows it. A drift that is too weak to be named enlarges
-    `error` too, and so does one that slopes over too few octaves do not exclude. Data rounded to a grid are only searched above 8 steps of the grid.
+    `error` too, and so does one that slopes over too few octaves do not exclude. Data rounded to a
+    grid are only searched above 8 steps of the grid.
 
     Parameters
     ----------
