@@ -170,4 +170,4 @@ def _slopes(radii: Array, pairs: Counts, shares: Counts, width: int) -> _Slopes:
     weights[np.arange(count), nodes[:-1]] = -1.0 / length
     # counts between successive radii are independent: so is their chance
     chance = np.diag(standard_errors(pairs, shares, weights) ** 2)
-    return _Slopes(np.log(radii[nodes]), weights @ np.log(pairs), weights, chance)
+    return _Slopes(np.log(radii[nodes] / radii[-1]), weights @ np.log(pairs), weights, chance)
