@@ -33,7 +33,7 @@ from dynkit.analysis.dimension.sums import (
     checked_theiler,
     correlation_sums,
 )
-from dynkit.analysis.motions import source_of
+from dynkit.analysis.motions import OffersAttractor, source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.attractors import Attractor
 from dynkit.results import Cost
@@ -64,13 +64,14 @@ class CorrelationDimension:
     logistic map at 4, most maps with a smooth hump). Then `outcome` and the printed form say that
     there is no plateau: `value` is the slope of the straightest range, and `error` contains the
     limit of small radii as far as the drift shows it. A drift that is too weak to be named enlarges
-    `error` too. Data rounded to a grid are only searched above 8 steps of the grid.
+    `error` too, and so does one that slopes over too few octaves do not exclude. Data rounded to a
+    grid are only searched above 8 steps of the grid.
 
     Parameters
     ----------
     source : Attractor, ImpactRecord or (n, d) array_like
         States, one after the other in time; 64 or more. They are taken in the units that they come
-        in.
+        in. A record is kept as its attractor.
     norm : {"maximum", "euclidean"}
     theiler : int, optional
         Theiler's window: states i and j count as a pair when abs(i - j) > theiler. By default 100,
@@ -111,7 +112,7 @@ class CorrelationDimension:
     (0.0, 'FINITE')
     """
 
-    source: Attractor | Array
+    source: Attractor | OffersAttractor | Array
     norm: Norm = "maximum"
     theiler: int | None = None
     angles: Mapping[int, float] | None = None
@@ -148,6 +149,7 @@ class CorrelationDimension:
             states = checked_states(self.source.states)
             _refuse_few(states)
             return states
+        assert isinstance(self.source, np.ndarray)
         return self.source
 
     @cached_property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 from tests.errors import (
@@ -11,6 +12,7 @@ from tests.errors import (
     branches,
     curves,
     cycles,
+    dimensions,
     flows,
     maps,
     multipliers,
@@ -59,3 +61,9 @@ QUANTITIES = {
     "`BifurcationCurve.error`, maps": Quantity(curves.points_of_maps, 103),
     "`BifurcationCurve.error`, P(n,m)": Quantity(curves.points_of_oscillators, 527),
 }
+
+STATISTICS = {
+    f"`CorrelationDimension.error`, {name}": partial(dimensions.coverage, name)
+    for name in dimensions.DRIFTING | dimensions.WITH_PLATEAU
+}
+"""The standard errors that are looked at: their coverage in so many runs."""
