@@ -7,9 +7,8 @@ from typing import final
 
 import numpy as np
 
-from dynkit.flows import NoCrossing
 from dynkit.maps import Map
-from dynkit.sections import TangentCrossing
+from dynkit.no_motion import NoMotion
 from dynkit.validation import Array
 
 
@@ -19,7 +18,7 @@ class Spent(Exception):
 
 @final
 class MapCalls:
-    """A map and its derivative, NaN where there is none.
+    """A map and its derivative; all NaN where there is no motion, or a number is not finite.
 
     Parameters
     ----------
@@ -35,7 +34,7 @@ class MapCalls:
 
     def next(self, state: Array) -> Array:
         """Return the next state, (d,)."""
-        return self._called(self.system, state, state.shape)
+        return self._called(self.system.next_state, state, state.shape)
 
     def derivative(self, state: Array) -> Array:
         """Return the derivative of the next state by the state, (d, d)."""
@@ -52,6 +51,6 @@ class MapCalls:
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 found = np.asarray(function(state), dtype=np.float64)
-        except (NoCrossing, TangentCrossing):
+        except NoMotion:
             return np.full(shape, np.nan)
-        return np.where(np.isfinite(found), found, np.nan)
+        return found if np.isfinite(found).all() else np.full(shape, np.nan)
