@@ -271,8 +271,8 @@ def test_a_motion_in_a_narrow_basin_is_followed_bit_for_bit_while_it_is_stable(s
     )
     assert str(wide.label) == str(narrow.label) == "P(2,3)"
     speeds = [sorted(motion.observable("relative_velocity")[-2:]) for motion in (wide, narrow)]
-    assert abs(np.subtract(*speeds)).max() > 1e-3
-    frequencies = 0.8 + step * np.arange(20)
+    assert abs(np.subtract(speeds[0], speeds[1])).max() > 1e-3
+    frequencies: Array = np.asarray(0.8 + step * np.arange(20), dtype=np.float64)
     found = sweep(
         chain, "frequency", frequencies, start=narrow.final, transient=60, keep=20, progress=False
     )
