@@ -50,6 +50,9 @@ def basins(
 
     Motions at rest are told apart by why they ended.
 
+    A start on an unstable orbit stays there, and is its own basin: the label says ``unstable``. A
+    start beside an unstable orbit leaves it: the motion is followed for 20,000 states more.
+
     Parameters
     ----------
     system : Map or Sweepable

@@ -9,6 +9,7 @@ from typing import Any, Protocol, cast, final, runtime_checkable
 
 import numpy as np
 
+from dynkit.label_columns import empty_columns, put_label
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
 from dynkit.no_motion import Diverged, NoCrossing, NoMotion, Refused
@@ -17,9 +18,6 @@ from dynkit.sweeps.archive import identity
 from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, as_attractor
 from dynkit.validation import Array
 from dynkit.workers.points import Anything, Points, Rows
-
-KINDS = tuple(OrbitKind)
-"""What the numbers of kinds stand for, where there is a motion."""
 
 UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE, NO_MOTION = -1, -2, -3, -4, -5
 
@@ -93,9 +91,18 @@ class Look:
 
     def motion(self, start: Array) -> SweptAttractor:
         """Simulate from a start."""
-        return self.family.attractor(
-            transient=self.transient, impacts=self.keep, start=self.state(start)
-        )
+        return self._moved(self.state(start), self.transient)
+
+    def _moved(self, state: Any, transient: int) -> SweptAttractor:
+        """Simulate from a state.
+
+        Beside an unstable orbit a motion leaves the orbit, if slowly. A motion that is still
+        there after so many more states as a motion may take to settle lies on the orbit.
+        """
+        motion = self.family.attractor(transient=transient, impacts=self.keep, start=state)
+        if motion.label.stable is not False:
+            return motion
+        return self.family.attractor(transient=_BUDGET, impacts=self.keep, start=motion.final)
 
     def states_after(self, state: Any, count: int) -> tuple[Array, Any]:
         """Return the states after one of the system, (count, d), and the last of them.
@@ -118,9 +125,7 @@ class Look:
     def _rows(self, seen: Sequence[SweptAttractor | int], began: float) -> Rows:
         n = len(seen)
         arrays: dict[str, Anything] = {
-            "kind": np.zeros(n, dtype=np.int64),
-            "numbers": np.zeros((n, 3), dtype=np.int64),  # n, m, simulated
-            "sizes": np.full((n, 3), np.nan),  # tolerance, recurrence, chance
+            **empty_columns(n, UNSETTLED),
             "rest": np.full(n, np.nan),
             "state": np.full((n, self.sizes[0]), np.nan),
             "final": np.full((n, self.sizes[1]), np.nan),
@@ -132,10 +137,9 @@ class Look:
                 endings.append(OTHER_ENDS[motion])
                 continue
             label = motion.label
-            arrays["numbers"][place] = label.impacts or 0, label.periods or 0, label.simulated
-            arrays["sizes"][place] = label.tolerance, label.recurrence, label.chance
-            kind = UNSETTLED if label.kind is OrbitKind.UNSETTLED else KINDS.index(label.kind)
-            arrays["kind"][place] = kind
+            put_label(arrays, place, label)
+            if label.kind is OrbitKind.UNSETTLED:
+                arrays["kind"][place] = UNSETTLED
             endings.append(str(motion.ending.value))
             cost = cost + Cost(0.0, motion.cost.counts)
             if label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
@@ -158,7 +162,7 @@ class Look:
     def _followed(self, state: Any, transient: int) -> SweptAttractor | int:
         """The motion from a state, labelled, or the number of what it comes to instead."""
         try:
-            motion = self.family.attractor(transient=transient, impacts=self.keep, start=state)
+            motion = self._moved(state, transient)
             _ = motion.label
         except NoCrossing:
             return NO_CROSSING
@@ -175,6 +179,9 @@ class Look:
         """
         difference, window = self.moving.difference, orbit_size(label)
         states, final, seen = as_attractor(motion).states, motion.final, 0
+        later = label.simulated - len(states)
+        if later > 0:  # the label is of states after those kept, which may lie beside another orbit
+            (_, final), states = self.states_after(final, later), states[:0]
         while True:
             if len(states) < 3 * window:
                 states, final = self.states_after(final, 3 * window)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.attraction.looking import KINDS, UNSETTLED, Look, orbit_size
+from dynkit.attraction.looking import UNSETTLED, Look, orbit_size
+from dynkit.label_columns import KINDS, label_in
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.sweeps.sweepable import as_attractor
 from dynkit.validation import Array
@@ -68,17 +69,8 @@ def _places(rows: Rows, *asked: OrbitKind) -> NDArray[np.intp]:
 def label_at(rows: Rows, place: int) -> OrbitLabel:
     """Return the label of a start that has a motion."""
     kind = int(rows.arrays["kind"][place])
-    n, m, simulated = rows.arrays["numbers"][place].tolist()
-    tolerance, recurrence, chance = rows.arrays["sizes"][place].tolist()
-    return OrbitLabel(
-        OrbitKind.UNSETTLED if kind == UNSETTLED else KINDS[kind],
-        n or None,
-        m or None,
-        tolerance,
-        recurrence,
-        simulated,
-        chance=chance,
-    )
+    kinds = OrbitKind.UNSETTLED if kind == UNSETTLED else KINDS[kind]
+    return label_in(rows.arrays, place, kinds)
 
 
 def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:

@@ -18,7 +18,7 @@ class Spent(Exception):
 
 @final
 class MapCalls:
-    """A map and its derivative, NaN where there is none.
+    """A map and its derivative; all NaN where there is no motion, or a number is not finite.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class MapCalls:
 
     def next(self, state: Array) -> Array:
         """Return the next state, (d,)."""
-        return self._called(self.system, state, state.shape)
+        return self._called(self.system.next_state, state, state.shape)
 
     def derivative(self, state: Array) -> Array:
         """Return the derivative of the next state by the state, (d, d)."""
@@ -53,4 +53,4 @@ class MapCalls:
                 found = np.asarray(function(state), dtype=np.float64)
         except NoMotion:
             return np.full(shape, np.nan)
-        return np.where(np.isfinite(found), found, np.nan)
+        return found if np.isfinite(found).all() else np.full(shape, np.nan)

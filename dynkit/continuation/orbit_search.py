@@ -15,6 +15,7 @@ from dynkit.continuation.newton import NoConvergence
 from dynkit.continuation.problem import NoSolution
 from dynkit.map_problems import angles, sizes
 from dynkit.maps import Map
+from dynkit.no_motion import NoMotion
 from dynkit.results import Cost
 from dynkit.showing import told
 from dynkit.validation import Array, finite_array, positive_integer
@@ -321,7 +322,11 @@ def _by_returns(calls: MapCalls, found: _Found, box: Array) -> tuple[int, Array,
 
 
 def _iterates(system: Map, state: Array, period: int) -> Array:
+    """The states of an orbit from one of them on, (n, d); all NaN where the motion ends."""
     states = [state]
-    for _ in range(period - 1):
-        states.append(system(states[-1]))
+    try:
+        for _ in range(period - 1):
+            states.append(system.next_state(states[-1]))
+    except NoMotion:
+        return np.full((period, len(state)), np.nan)
     return np.array(states)

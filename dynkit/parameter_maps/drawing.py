@@ -46,7 +46,8 @@ def draw_map(found: ParameterMap, ax: Axes | None) -> Axes:
     return draw_regions(ax, (first, second), found.parameters, cells, regions)
 
 
-def _numbers(name: str) -> tuple[list[int], int]:
-    """Order of labels: by table periods, then by impacts."""
-    numbers = [int(part) for part in name[2:-1].split(",")]
-    return numbers[1:], numbers[0]
+def _numbers(name: str) -> tuple[list[int], int, str]:
+    """Order of labels: by table periods, then by impacts; the unstable orbit after the stable."""
+    numbers, _, stability = name.removeprefix("P(").partition(")")
+    impacts, *periods = (int(part) for part in numbers.split(","))
+    return periods, impacts, stability

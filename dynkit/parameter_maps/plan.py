@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.attractors import Attractor
-from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.label_columns import empty_columns, put_label
 from dynkit.maps import Map
 from dynkit.no_motion import NoMotion, Refused, replaced
 from dynkit.results import Cost
@@ -34,9 +34,6 @@ from dynkit.validation import (
 from dynkit.workers.points import MOST_POINTS, Anything, Points, Rows
 
 KIND = "map of two parameters"
-
-KINDS = tuple(OrbitKind)
-"""What the numbers of kinds stand for, where there is a motion."""
 
 NO_MOTION, REFUSED = -1, -2
 
@@ -98,9 +95,7 @@ class Plan:
     def __call__(self, pairs: Array) -> Rows:
         """Return what is found at pairs of values, (n, 2)."""
         n, began = len(pairs), time.perf_counter()
-        kinds = np.full(n, NO_MOTION, dtype=np.int64)
-        numbers = np.zeros((n, 3), dtype=np.int64)  # n, m, simulated
-        sizes = np.full((n, 3), np.nan)  # tolerance, recurrence, chance
+        labels = empty_columns(n, NO_MOTION)
         largest = np.full((n, len(self.observables)), np.nan)
         exponents = np.full(n if self.exponents else 0, np.nan)
         endings, cost = [], Cost(0.0)
@@ -114,20 +109,14 @@ class Plan:
                 if self.exponents:
                     exponents[row] = largest_exponent(as_attractor(motion), self.exponents)
             except NoMotion as end:
-                kinds[row] = REFUSED if isinstance(end, Refused) else NO_MOTION
-                endings.append(f"{OTHER_ENDS[int(kinds[row])]}: {end}")
+                kind = REFUSED if isinstance(end, Refused) else NO_MOTION
+                labels["kind"][row] = kind
+                endings.append(f"{OTHER_ENDS[kind]}: {end}")
                 continue
-            kinds[row] = KINDS.index(label.kind)
-            numbers[row] = label.impacts or 0, label.periods or 0, label.simulated
-            sizes[row] = label.tolerance, label.recurrence, label.chance
+            put_label(labels, row, label)
             endings.append(str(motion.ending.value))
             cost = cost + Cost(0.0, motion.cost.counts)
-        arrays: dict[str, Anything] = {
-            "kind": kinds,
-            "numbers": numbers,
-            "sizes": sizes,
-            "largest": largest,
-        }
+        arrays: dict[str, Anything] = {**labels, "largest": largest}
         if self.exponents:
             arrays["exponent"] = exponents
         return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
@@ -227,23 +216,6 @@ def _axis(name: str, values: Any) -> Array:
         raise ValueError(f"values[{name!r}] must hold at least one number; got none")
     axis.setflags(write=False)
     return axis
-
-
-def label_of(kind: int, numbers: Sequence[int], sizes: Sequence[float]) -> OrbitLabel | None:
-    """Return the label that the numbers of a point stand for; None where there is no motion."""
-    if kind in OTHER_ENDS:
-        return None
-    impacts, periods, simulated = numbers
-    tolerance, recurrence, chance = sizes
-    return OrbitLabel(
-        KINDS[kind],
-        impacts or None,
-        periods or None,
-        tolerance,
-        recurrence,
-        simulated,
-        chance=chance,
-    )
 
 
 @final

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from dynkit import store
 from dynkit.attractors import Attractor
+from dynkit.label_columns import KINDS, label_in
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
-from dynkit.parameter_maps.plan import KIND, KINDS, OTHER_ENDS, Grid, Plan, label_of
+from dynkit.parameter_maps.plan import KIND, OTHER_ENDS, Grid, Plan
 from dynkit.results import Cost
 from dynkit.showing import Facts, costing, span, table
 from dynkit.sweeps.following import kind_of
@@ -160,6 +161,8 @@ class ParameterMap:
     def names(self) -> NDArray[np.str_]:
         """The labels in words, (k1, k2): P(1,3), chaotic, ``no motion`` or ``refused``.
 
+        ``P(1,3) unstable`` is a state that lies on an unstable orbit, and stays there: it shows no
+        attractor of the pair, and another start does. See `OrbitLabel.stable`.
         Why there is no motion, or what was refused, is in `endings`.
         """
         kinds = self._rows.arrays["kind"].tolist()
@@ -345,8 +348,5 @@ class ParameterMap:
 
     def _label(self, place: int) -> OrbitLabel | None:
         arrays = self._rows.arrays
-        return label_of(
-            int(arrays["kind"][place]),
-            arrays["numbers"][place].tolist(),
-            arrays["sizes"][place].tolist(),
-        )
+        kind = int(arrays["kind"][place])
+        return None if kind in OTHER_ENDS else label_in(arrays, place, KINDS[kind])

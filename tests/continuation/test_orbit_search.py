@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynkit import Map, NoConvergence, find_orbits, periodic_orbit
+from dynkit import Diverged, Map, NoConvergence, Refused, find_orbits, periodic_orbit
 from dynkit.continuation.orbit_search import OrbitSearch
 from dynkit.systems import Henon, HighBounce, Logistic
 from dynkit.validation import Array, finite_array
@@ -340,13 +340,77 @@ def test_orbits_come_by_rising_periods_each_with_its_error() -> None:
     assert repr(search).startswith("<8 orbits of Logistic(); P(1) to P(4) with states in [0, 1]: ")
 
 
-def test_a_fault_of_a_map_reaches_the_user() -> None:
-    class Faulty(Logistic):
-        def jacobian(self, state: Array) -> Array:
-            raise ValueError("a fault")
+FAULTS = (ValueError, ZeroDivisionError, RuntimeError, TypeError, np.linalg.LinAlgError)
 
-    with pytest.raises(ValueError, match="a fault"):
-        find_orbits(Faulty(), 1, [(0.0, 1.0)])
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("where", ["call", "jacobian"])
+@pytest.mark.parametrize("plain", [Logistic, Henon])
+def test_a_fault_of_a_map_reaches_the_user(
+    plain: type[Logistic | Henon], where: str, fault: type[Exception]
+) -> None:
+    class Faulty(plain):  # type: ignore[misc, valid-type]
+        def __call__(self, state: Array) -> Array:
+            if where == "call":
+                raise fault("a fault")
+            return np.asarray(super().__call__(state))
+
+        def jacobian(self, state: Array) -> Array:
+            if where == "jacobian":
+                raise fault("a fault")
+            return np.asarray(super().jacobian(state))
+
+    with pytest.raises(fault, match="a fault"):
+        find_orbits(Faulty(), 1, BOX[: Faulty().dimension])
+
+
+# --- maps that have no next state in a part of the box --------------------------------------------
+
+
+def _infinite(state: Array) -> Array:
+    return np.asarray([*state[:-1], np.inf])
+
+
+def _not_a_number(state: Array) -> Array:
+    return np.asarray(np.nan * state)
+
+
+def _diverged(state: Array) -> Array:
+    raise Diverged(f"the motion runs away from {state.tolist()}")
+
+
+def _refused(state: Array) -> Array:
+    raise Refused(f"state must be outside of the gap; got {state.tolist()}")
+
+
+ENDS = (_infinite, _not_a_number, _diverged, _refused)
+
+
+@pytest.mark.parametrize("seed", range(24 * MORE))
+def test_orbits_that_avoid_where_a_map_has_no_next_state_are_found(seed: int) -> None:
+    """All orbits of the same map without the gap that have no state in the gap, and no others."""
+    random = np.random.default_rng(seed)
+    end, box = ENDS[seed % 4], [(0.0, 1.0)] if seed % 3 else BOX
+    plain: Map = Logistic(rate=4.0) if seed % 3 else Henon()
+    low = float(random.uniform(*box[0]))
+    high = low + float(random.uniform(0.02, 0.3))
+    if not seed % 3:
+        high = np.inf  # the right part of the attractor is missing
+
+    class Gap(type(plain)):  # type: ignore[misc]
+        def __call__(self, state: Array) -> Array:
+            if low < state[0] < high:
+                return end(state)
+            return np.asarray(super().__call__(state))
+
+    whole = find_orbits(plain, 4, box)
+    left = [o for o in whole if not ((o.states[:, 0] > low) & (o.states[:, 0] < high)).any()]
+    found = find_orbits(Gap(**plain.parameters), 4, box)
+    assert found.resolved == whole.resolved
+    assert [o.period for o in found] == [o.period for o in left]
+    for orbit, same in zip(found, left, strict=True):
+        gap = abs(orbit.states[:, None] - same.states).max(axis=2).min(axis=1)
+        assert (gap <= orbit.error + same.error).all()
 
 
 def test_the_same_search_finds_the_same_bits() -> None:

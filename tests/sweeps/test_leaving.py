@@ -11,7 +11,7 @@ import dynkit.store
 from dynkit import MapAttractor, Sweep, sweep
 from dynkit.maps import Map
 from dynkit.sections import Hyperplane, PoincareMap
-from dynkit.systems import Henon, IntegratedFlow, Logistic, PlayOscillator
+from dynkit.systems import Henon, ImpactChain, IntegratedFlow, Logistic, PlayOscillator
 from dynkit.validation import Array, finite_array
 from tests.sweeps.cases import CHAIN, FREQUENCIES, SHORT, assert_same_bits
 
@@ -256,3 +256,32 @@ def test_a_cycle_of_a_flow_is_left_where_it_becomes_unstable() -> None:
     still = MapAttractor(section.replace(growth=0.1), np.array([1.0]), 0, 6).label
     assert str(still) == "P(1) unstable"
     assert still.multiplier == pytest.approx(np.exp(0.2 * np.pi), rel=1e-6)
+
+
+@pytest.mark.parametrize("step", [-5e-4, 3e-4])
+def test_a_motion_in_a_narrow_basin_is_followed_bit_for_bit_while_it_is_stable(step: float) -> None:
+    """Two stable orbits P(2,3) coexist at 0.8; an eighth of the phases leads to this one."""
+    chain = ImpactChain(frequency=0.8)
+    rest = chain.state()
+    starts = np.tile([*rest.position, *rest.velocity, 0.0], (2, 1))
+    starts[1, -1] = np.pi / 3.0
+    wide, narrow = (
+        chain.attractor(transient=300, impacts=40, start=chain.state_from(start))
+        for start in starts
+    )
+    assert str(wide.label) == str(narrow.label) == "P(2,3)"
+    speeds = [sorted(motion.observable("relative_velocity")[-2:]) for motion in (wide, narrow)]
+    assert abs(np.subtract(speeds[0], speeds[1])).max() > 1e-3
+    frequencies: Array = np.asarray(0.8 + step * np.arange(20), dtype=np.float64)
+    found = sweep(
+        chain, "frequency", frequencies, start=narrow.final, transient=60, keep=20, progress=False
+    )
+    assert not found.displaced.any()
+    last = narrow.final
+    for place, frequency in enumerate(frequencies.tolist()):
+        alone = chain.replace(frequency=frequency).attractor(transient=60, impacts=20, start=last)
+        last = alone.final
+        assert str(alone.label) == "P(2,3)"
+        assert alone.label.stable
+        for name in found.observables:
+            assert found.observable(name)[place].tobytes() == alone.observable(name).tobytes()
