@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -152,7 +154,7 @@ def test_a_multiplier_that_passes_infinity_is_no_bifurcation() -> None:
 
 
 def exact_values() -> list[tuple[str, Bifurcation, float]]:
-    known = {
+    known: dict[str, tuple[Any, str, tuple[float, float], dict[str, Any]]] = {
         "logistic": (logistic(), "r", (0.5, 4.0), {"BP": 1.0, "PD": 3.0}),
         "period three": (iterated(Logistic(3.835), [0.5], 3), "r", (3.8, 3.84), {"SN": 8**0.5 + 1}),
         "henon": (henon(), "a", (-0.2, 1.4), {"SN": -0.1225, "PD": 0.3675}),
