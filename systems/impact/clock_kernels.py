@@ -106,11 +106,11 @@ def perturb(slots: Indices, table: int, states: Array, clock: Array, noise: floa
 def perturb_reached(
     generator: Array, slots: Indices, states: Array, clock: Array, noise: float
 ) -> None:
-    """Change all numbers by noise / 16 * xi of what they become in the flight that begins.
+    """Change all numbers by noise / 32 * xi of what they become in the flight that begins.
 
     A velocity v makes a displacement of |v| / max(omega, 2 zeta omega), a displacement x a velocity
     of omega^2 times as much. Where these are small again at the end of the flight, they keep the
-    rounding of a step between: with a noise of 8 * 2^-52 half a last digit.
+    rounding of a step between: with a noise of 8 * 2^-52 a quarter of a last digit.
     """
     seed = clock[SEED]
     clock[SEED] = float(0x7FFFFFFF) - seed  # draws of its own: those of other disturbances stay
@@ -120,7 +120,7 @@ def perturb_reached(
         b = abs(states[START, 1, slot])
         rate = max(math.sqrt(abs(generator[5, slot])), abs(generator[4, slot]))
         if rate > 0.0:
-            part = noise / 16.0 / rate
+            part = noise / 32.0 / rate
             states[START, 0, slot] += part * abs(generator[1, slot]) * b * random(clock)
             states[START, 1, slot] += part * abs(generator[2, slot]) * a * random(clock)
     clock[SEED] = seed

@@ -244,8 +244,8 @@ class ImpactRecord:
         """Estimate of the largest error of the section coordinates of each impact, (n,).
 
         The run is repeated three times with pseudo-random disturbances at the start and after every
-        impact, and of what cut chatters leave out. They are 8 * 2^-52 of every number, and half a
-        last digit of what it becomes in the flight: many times what rounding does. The estimate is
+        impact, and of what cut chatters leave out. They are 8 * 2^-52 of every number, and a
+        quarter of a last digit of what it becomes in the flight: many times what rounding does. The estimate is
         four times the largest distance reached so far, or the rounding of the largest coordinate.
         On a stable motion it stays near 1e-14; in chaos it grows to the
         size of the attractor, and says when single states have become meaningless.

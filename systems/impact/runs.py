@@ -78,7 +78,7 @@ class Course:
     """A motion that is simulated on and on, in any pieces: the bits do not depend on them.
 
     With noise every number of the start, and of the states after impacts, is changed by up to this
-    part of itself and a 16th of it of what it becomes, pseudo-randomly, and the rest by this part
+    part of itself and a 32nd of it of what it becomes, pseudo-randomly, and the rest by this part
     of the terms of which it is the sum. The search for an event gives up after `most_cells`.
 
     Attributes
