@@ -245,8 +245,9 @@ class ImpactRecord:
 
         The run is repeated three times with pseudo-random disturbances at the start and after every
         impact, and of what cut chatters leave out. They are 8 * 2^-52 of every number, and a
-        quarter of a last digit of what it becomes in the flight: many times what rounding does. The estimate is
-        four times the largest distance reached so far, or the rounding of the largest coordinate.
+        quarter of a last digit of what it becomes in the flight: many times what rounding does. The
+        estimate is four times the largest distance reached so far, or the rounding of the largest
+        coordinate.
         On a stable motion it stays near 1e-14; in chaos it grows to the
         size of the attractor, and says when single states have become meaningless.
         Where a twin has fewer impacts, or cannot be told to leave the table or not, it is infinite.
