@@ -33,7 +33,7 @@ from dynkit.analysis.dimension.sums import (
     checked_theiler,
     correlation_sums,
 )
-from dynkit.analysis.motions import OffersAttractor, source_of
+from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.attractors import Attractor
 from dynkit.results import Cost
@@ -112,7 +112,7 @@ class CorrelationDimension:
     (0.0, 'FINITE')
     """
 
-    source: Attractor | OffersAttractor | Array
+    source: Attractor | Array
     norm: Norm = "maximum"
     theiler: int | None = None
     angles: Mapping[int, float] | None = None
