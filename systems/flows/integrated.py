@@ -270,10 +270,9 @@ class IntegratedFlow(Flow):
         start: Array,
         duration: float,
         tolerance: float,
-        first_step: float | None = None,
     ) -> Iterator[DOP853[np.float64]]:
         try:
-            yield from steps(velocity, start, duration, tolerance, first_step)
+            yield from steps(velocity, start, duration, tolerance)
         except CannotFollow as end:
             raise CannotFollow(
                 f"the motion from {start[: self.dimension].tolist()} cannot be followed for "
