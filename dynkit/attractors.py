@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from dynkit.labels import (
     settled_label,
     with_multiplier,
 )
-from dynkit.maps import Map
+from dynkit.maps import Map, checked_map
 from dynkit.no_motion import NoMotion
 from dynkit.results import Cost
 from dynkit.sections import PoincareSection
@@ -44,6 +45,10 @@ _TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
 _MOST_NUMBERS = 1 << 27
 
 
+class _Ending(Enum):
+    COUNT_REACHED = "the number of states was reached"
+
+
 class Attractor(ABC):
     """What is left of a motion after its transient.
 
@@ -58,6 +63,13 @@ class Attractor(ABC):
        says; they may lie beyond the states that were kept, and the same times give the same bits.
     5. `cost`, a `Cost`: what the states cost; and `error`, a float >= 0 that estimates how wrong
        the states may be, in a sense that the subclass says.
+
+    and may offer, where the map's starts are more than its states, or its motions can end:
+
+    6. `final`, the start from which the motion goes on, and `ending`, a member of an enumeration
+       whose value says in words why the simulation ended.
+    7. ``observable(name)``, (n,): one of the map's `observables` at the states kept.
+    8. ``label_within(budget)``, the label as far as so many states tell.
 
     Instances are immutable: what is worked out when asked for depends on nothing else.
     `dynkit.testing.check_attractor` runs any subclass through this contract.
@@ -96,6 +108,33 @@ class Attractor(ABC):
     @abstractmethod
     def time_series(self, times: Array) -> Array:
         """Return the motion, (k, ...), at the given times, (k,)."""
+
+    @property
+    def final(self) -> Any:
+        """The state after the last one kept, from which the motion goes on."""
+        return np.asarray(self.states[-1])
+
+    @property
+    def ending(self) -> Enum:
+        """Why the simulation ended: its value says it in words."""
+        return _Ending.COUNT_REACHED
+
+    def observable(self, name: str) -> Array:
+        """Return one of the map's `observables` at the states kept, (n,).
+
+        Raises
+        ------
+        ValueError
+            When there is none of this name.
+        """
+        names = list(self.system.observables)
+        if name not in names:
+            raise ValueError(f"name must be one of: {', '.join(names)}; got {name!r}")
+        return self.states[:, names.index(name)]
+
+    def label_within(self, budget: int) -> OrbitLabel:  # noqa: ARG002
+        """Return the label as far as so many states tell; the kept ones are always looked at."""
+        return self.label
 
     @property
     def _kept(self) -> int:
@@ -184,10 +223,8 @@ class MapAttractor(Attractor):
     """
 
     def __init__(self, system: Map, start: Array, transient: int, iterations: int) -> None:
-        if not isinstance(system, Map):
-            raise ValueError(f"system must be a Map; got {system!r}")
         began = time.perf_counter()
-        self._system = system
+        self._system = checked_map(system)
         self._start = finite_array("start", start, (system.dimension,)).copy()
         self._transient = non_negative_integer("transient", transient)
         kept = positive_integer("iterations", iterations)

@@ -9,6 +9,10 @@ import numpy as np
 
 from dynkit.labels import OrbitKind, OrbitLabel
 
+COLUMNS: dict[str, tuple[str, tuple[int | None, ...]]]
+COLUMNS = {"kind": ("i", ()), "numbers": ("i", (3,)), "sizes": ("f", (5,))}
+"""What `empty_columns` returns: kinds of numbers, and the shape of a row."""
+
 KINDS = tuple(OrbitKind)
 """What the numbers of kinds mean, where there is a motion."""
 
@@ -34,9 +38,8 @@ def put_label(columns: Mapping[str, Any], place: int, label: OrbitLabel) -> None
 def label_in(columns: Mapping[str, Any], place: int, kind: OrbitKind) -> OrbitLabel:
     """Return the label of a kind that a place of the columns holds, with its stability."""
     n, m, simulated = columns["numbers"][place].tolist()
-    # stores of older versions hold no multipliers: there the stability is not known
-    tolerance, recurrence, chance, *known = columns["sizes"][place].tolist()
-    multiplier, multiplier_error = known or (np.nan, np.nan)
+    tolerance, recurrence, chance, *stability = columns["sizes"][place].tolist()
+    multiplier, multiplier_error = stability
     return OrbitLabel(
         kind,
         n or None,

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, cast, final
 
@@ -21,6 +21,7 @@ from dynkit.validation import (
 )
 
 if TYPE_CHECKING:
+    from dynkit.attractors import Attractor
     from dynkit.map_problems import StatesProblem
 
 CLEAR = 1e3
@@ -130,6 +131,21 @@ class Map(Family, ABC):
     8. ``jacobian_factors(state)``, when the derivative is a product along the way, whose small
        eigenvalues would be lost in the product itself.
     9. ``stretching(state, n)``, when it knows a faster way to what Lyapunov exponents are made of.
+
+    What sweeps, parameter planes and basins use has a default, and belongs together where the
+    motion starts from states of another kind than the map's own, as impact oscillators do:
+
+    10. `observables`, the names of what can be kept of a state, and ``attractor(start=...,
+        transient=..., keep=...)``, an `Attractor` that knows them.
+    11. `default_start`, where a motion starts when no start is given; `start_size` and
+        ``state_from(numbers)``, the start that plain numbers make.
+    12. ``pack_state(state)``, one array of finite floats, of one length at all values of the
+        parameters, and ``unpack_state(packed)``, the same state again, from which `attractor` gives
+        the same bits. A state from another value of a parameter is made one of this map first.
+    13. ``displaced(motion, size)``, the last state of a motion, moved out of all symmetries.
+
+    Stores and executors ask for more: the fields are numbers, strings, arrays, or tuples of them
+    (`identity`), the class can be imported from a file, and instances can be pickled.
 
     Instances are immutable. `dynkit.testing.check_map` runs any subclass through this contract.
 
@@ -274,6 +290,101 @@ class Map(Family, ABC):
             difference=self.difference,
         )
 
+    # --- motions after a transient ----------------------------------------------------------------
+
+    @property
+    def observables(self) -> Sequence[str]:
+        """Names of what can be kept of a state, the first by default: its coordinates."""
+        return tuple(f"state[{i}]" for i in range(self.dimension))
+
+    @property
+    def identity(self) -> Mapping[str, object]:
+        """Everything that the motion depends on, by name: a store of another is refused."""
+        instance: Any = self  # is_dataclass tells the type checker too much
+        if not dataclasses.is_dataclass(instance):
+            return self.parameters
+        return {entry.name: getattr(instance, entry.name) for entry in dataclasses.fields(instance)}
+
+    def attractor(self, *, start: Any = None, transient: int = 700, keep: int = 100) -> "Attractor":
+        """Return what is left of the motion from a start after a number of states.
+
+        Parameters
+        ----------
+        start : (d,) array
+        transient, keep : int
+            How many states to skip, zero or more, and how many to keep, one or more.
+
+        Returns
+        -------
+        MapAttractor
+
+        Raises
+        ------
+        ValueError
+            When no start is given, it is not finite or not of that shape, or a number is no count.
+        NoMotion
+            When the motion runs away (`Diverged`), or has no next state.
+
+        Examples
+        --------
+        >>> from dynkit.systems import Logistic
+        >>> print(Logistic(rate=3.2).attractor(start=[0.3]).label)
+        P(2)
+        """
+        from dynkit.attractors import MapAttractor
+
+        if start is None:
+            raise ValueError(f"start must be a state of the map, ({self.dimension},); got None")
+        return MapAttractor(self, start, transient, keep)
+
+    @property
+    def default_start(self) -> Any:
+        """Where a motion starts when no start is given; None where one must be given."""
+        return None
+
+    @property
+    def start_size(self) -> int:
+        """How many numbers `state_from` takes."""
+        return self.dimension
+
+    def state_from(self, numbers: Array) -> Any:
+        """Return the start that plain numbers, (`start_size`,), make.
+
+        Raises
+        ------
+        ValueError
+            When they are not finite, or not of that shape.
+        Refused
+            When no state has them.
+        """
+        return finite_array("numbers", numbers, (self.start_size,))
+
+    def pack_state(self, state: Any) -> Array:
+        """Return a start as one array of finite numbers."""
+        return finite_array("start", state, (self.dimension,))
+
+    def unpack_state(self, packed: Array) -> Any:
+        """Return the start that `pack_state` turned into numbers."""
+        return packed
+
+    def displaced(self, motion: Any, size: float) -> Any:
+        """Return the last state of a motion, moved by this part of the motion's size.
+
+        The direction is always the same, and lies in no subspace that a symmetric map keeps.
+
+        Parameters
+        ----------
+        motion : Attractor
+            Of this map, with one state at least.
+        size : float
+        """
+        states: Array = motion.states
+        # a coordinate that is zero throughout has no size of its own; nor has a state that is zero
+        largest = float(abs(states).max()) or 1.0
+        return np.asarray(states[-1] + size * largest * generic_direction(self.dimension))
+
+    # --- orbits and exponents ---------------------------------------------------------------------
+
     def _orbit_problem(self, states: Array) -> "StatesProblem | None":  # noqa: ARG002
         """Equations of periodic orbits near one with these states (n, d); None: `MapProblem`."""
         return None
@@ -376,6 +487,32 @@ class Map(Family, ABC):
             found = np.asarray(self(state), dtype=np.float64)
         refuse_infinite(found, 1)
         return found
+
+
+def checked_map(system: object) -> Map:
+    """Return the system, which is a map.
+
+    Raises
+    ------
+    ValueError
+        When it is none.
+    """
+    if isinstance(system, Map):
+        return system
+    if isinstance(system, type):
+        name = system.__name__
+        raise ValueError(f"system must be an instance, such as {name}(...); got the class {name}")
+    raise ValueError(f"system must be a Map; got {system!r}")
+
+
+def generic_direction(dimension: int) -> Array:
+    """Return a direction, (d,), of length one without symmetry, always the same.
+
+    It lies in no subspace that a symmetric system is likely to keep: square roots of different
+    integers.
+    """
+    roots = np.sqrt(np.arange(2.0, 2.0 + dimension))
+    return np.asarray(roots / np.linalg.norm(roots))
 
 
 def refuse_infinite(state: Array, iterates: int) -> None:

@@ -75,6 +75,14 @@ def told(system: object, digits: int | None = None, without: Collection[str] = (
     return f"{type(system).__name__}({', '.join(shown)})"
 
 
+def line_of(system: object, kind: str, swept: Collection[str] = ()) -> str:
+    """Return a system in one line, without the parameters that were swept.
+
+    Where it was not given, the name of its class alone, the last part of ``kind``.
+    """
+    return kind.rpartition(".")[2] if system is None else told(system, 6, swept)
+
+
 def _arguments(system: Any) -> list[tuple[str, object, object]]:
     """Names, values and defaults of what a system is made from."""
     if not dataclasses.is_dataclass(system):

@@ -12,8 +12,9 @@ import os
 from collections.abc import Generator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from dynkit import files
 FORMAT = 1
 """Version of the layout; other versions are refused."""
 
+# Longer texts are cut, and told apart by their hash: HDF5 attributes are limited.
+_LONGEST = 1000
 # The least size of a user block, which HDF5 leaves to the application.
 _BLOCK = 512
 _TITLE = b"dynkit store, format "
@@ -185,6 +188,58 @@ def same(made: str, asked: str) -> bool:
         return float(made) == float(asked)
     except ValueError:
         return False
+
+
+# --- what a result was made with ------------------------------------------------------------------
+
+
+class HasIdentity(Protocol):
+    """A system that says everything that its motion depends on, by name."""
+
+    @property
+    def identity(self) -> Mapping[str, object]:
+        """Numbers, strings, arrays, and tuples of them."""
+        ...
+
+
+def kind_of(system: object) -> str:
+    """Return the full name of the system's class."""
+    return f"{type(system).__module__}.{type(system).__qualname__}"
+
+
+def identity_of(system: HasIdentity) -> dict[str, str]:
+    """Return everything that the system's motion depends on, as plain text by name.
+
+    Raises
+    ------
+    ValueError
+        When something is neither a number, a string, an array, nor a tuple of them.
+    """
+    return {f"system.{name}": _text(name, value) for name, value in system.identity.items()}
+
+
+def _text(name: str, value: object) -> str:
+    text = _plain(name, value)
+    if len(text) <= _LONGEST:
+        return text
+    return f"{text[:40]}... (sha256 {hashlib.sha256(text.encode()).hexdigest()})"
+
+
+def _plain(name: str, value: object) -> str:
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+        return f"{value.dtype} array {value.shape} (sha256 {digest})"
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, tuple | list):
+        return f"({', '.join(_plain(name, part) for part in value)})"
+    if isinstance(value, Enum):
+        return value.name
+    if value is None or isinstance(value, bool | int | float | complex | str):
+        return repr(value)
+    raise ValueError(
+        f"store must be None for a system whose {name} is no number, string or array; got {value!r}"
+    )
 
 
 @contextmanager

@@ -59,9 +59,6 @@ def dataset(
         ) from missing
     attributes: dict[str, str | float] = {"title": title, "dynkit_version": __version__}
     if system is not None:
-        from dynkit.sweeps.sweepable import SweptMap
-
-        system = system.map if isinstance(system, SweptMap) else system
         fixed = {name: v for name, v in system.parameters.items() if name not in coordinates}
         attributes["system"] = told(system, without=coordinates)
         attributes |= {f"parameter_{name}": v for name, v in fixed.items()}

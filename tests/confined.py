@@ -25,7 +25,7 @@ from dynkit.cli.output import output_file, write_arrays, write_picture, write_ta
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
 from dynkit.figures import new_figure, save_figure
-from dynkit.sweeps import archive
+from dynkit.workers import collecting
 from tests.continuation.starts import henon
 from tests.example_systems import Logistic
 
@@ -153,7 +153,7 @@ def full(
     writing: Callable[[Path], dict[str, Callable[[], object]]],
 ) -> dict[str, Any]:
     """Everything is written elsewhere, then over small old files where there is no room."""
-    archive._LEAST_INTERVAL, archive._SHARE = 0.0, np.inf
+    collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
     (folder / "free").mkdir()
     for work in writing(folder / "free").values():
         work()
@@ -167,7 +167,7 @@ def full(
         if not store:
             file.write_text("the old one")
         said = said_by(work)
-        kept = len(dynkit.store.read(file).arrays["count"]) if store else file.read_text()
+        kept = len(dynkit.store.read(file).arrays["done"]) if store else file.read_text()
         outcomes[name] = {
             "said": said.replace(str(small), "SMALL"),
             "left": sorted(path.name for path in small.iterdir()),
@@ -181,14 +181,13 @@ def full(
 
 def forbidden(folder: Path) -> dict[str, Any]:
     """Nothing can be written in the folder, by somebody who is not root."""
-    archive._LEAST_INTERVAL, archive._SHARE = 0.0, np.inf
+    collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
     work_there = writers(folder)
     for work in work_there.values():
         work()
     half = dynkit.store.read(folder / "sweep.h5")
     rows = {
-        name: rows if name in ("values", "start") else rows[:7]
-        for name, rows in half.arrays.items()
+        name: rows if name.startswith("given/") else rows[:7] for name, rows in half.arrays.items()
     }
     swept(folder / "finished.h5")
     dynkit.store.write(folder / "sweep.h5", dynkit.store.Archive(half.entries, rows))

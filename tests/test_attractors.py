@@ -9,6 +9,7 @@ from dynkit.labels import OrbitKind
 from dynkit.maps import Map
 from dynkit.no_motion import Diverged, NoCrossing, Refused
 from dynkit.sections import Hyperplane, PoincareMap
+from dynkit.systems import ImpactChain
 from dynkit.validation import Array
 from tests.example_systems import CircleRotation, DampedRotation, DelayedLogistic, Henon, Logistic
 
@@ -211,3 +212,25 @@ def test_a_motion_that_runs_away_is_refused() -> None:
 
 def test_the_cost_counts_iterates() -> None:
     assert henon(20, 10).cost.counts == {"iterates": 29}
+
+
+def test_a_map_gives_its_attractors_as_an_impact_oscillator_does() -> None:
+    found = Henon().attractor(start=[0.1, 0.1], transient=20, keep=30)
+    assert np.array_equal(found.states, MapAttractor(Henon(), np.array([0.1, 0.1]), 20, 30).states)
+    assert np.array_equal(found.observable("state[1]"), found.states[:, 1])
+    later = Henon().attractor(start=found.final, transient=0, keep=5).states
+    assert np.array_equal(later, found.time_series(np.arange(29.0, 34.0)))
+    chain = ImpactChain(masses=2, frequency=0.9)
+    kept, named = chain.attractor(transient=5, keep=7), chain.attractor(transient=5, impacts=7)
+    assert kept.states.tobytes() == named.states.tobytes()
+
+
+def test_a_map_needs_a_start_and_a_number_is_given_once() -> None:
+    with pytest.raises(ValueError, match=r"start must be a state of the map, \(2,\); got None"):
+        Henon().attractor()
+    with pytest.raises(ValueError, match="keep must not be given beside impacts; got 7"):
+        ImpactChain(frequency=0.9).attractor(keep=7, impacts=7)
+    with pytest.raises(ValueError, match="keep must be a positive integer; got 0"):
+        ImpactChain(frequency=0.9).attractor(keep=0)
+    with pytest.raises(ValueError, match=r"name must be one of: state\[0\], state\[1\]; got 'x'"):
+        Henon().attractor(start=[0.1, 0.1]).observable("x")

@@ -7,13 +7,11 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from dynkit.attraction.looking import Look, OffersStarts, Starts
+from dynkit.attraction.looking import Look, Starts
 from dynkit.attraction.result import Basins
 from dynkit.attraction.telling import told_apart
-from dynkit.maps import Map
+from dynkit.maps import Map, checked_map
 from dynkit.no_motion import Refused
-from dynkit.sweeps.following import kind_of
-from dynkit.sweeps.sweepable import Sweepable, SweptMap, sweepable
 from dynkit.validation import (
     Array,
     finite_array,
@@ -26,7 +24,7 @@ from dynkit.workers.points import MOST_POINTS
 
 
 def basins(
-    system: Sweepable | Map,
+    system: Map,
     starts: object,
     *,
     transient: int = 700,
@@ -55,7 +53,7 @@ def basins(
 
     Parameters
     ----------
-    system : Map or Sweepable
+    system : Map
         An impact oscillator, or a map such as a Poincare map.
     starts : (k1, k2, s) or (k, s) array_like
         Numbers that make a state: the coordinates of a map, s = d; of an impact oscillator its N
@@ -100,10 +98,7 @@ def basins(
     >>> [str(basin.label) for basin in found.basins]
     ['P(2,3)', 'P(2,3)']
     """
-    family = sweepable(system)
-    if not isinstance(system, Map):
-        raise ValueError(f"system must be a Map; got {system!r}")
-    size = _start_size(family)
+    size = checked_map(system).start_size
     given = np.asarray(starts)
     if given.ndim not in (2, 3) or not given.size:
         raise ValueError(
@@ -116,32 +111,21 @@ def basins(
     rows.setflags(write=False)
     kept = positive_integer("keep", keep)
     look = Look(
-        family,
+        system,
         non_negative_integer("transient", transient),
         within_memory("keep", kept, 8.0 * kept * system.dimension),
         float(abs(rows).max()) or 1.0,
-        (system.dimension, _packed_size(family, rows)),
+        (system.dimension, _packed_size(system, rows)),
     )
-    points = Starts(look, kind_of(system), rows)
-    found = collect(points, executor=executor, store=store, progress=progress)
+    found = collect(Starts(look, rows), executor=executor, store=store, progress=progress)
     numbers, attractors = told_apart(look, found, executor)
     return Basins(look, rows.reshape(given.shape), numbers, attractors, found)
 
 
-def _start_size(family: Sweepable) -> int:
-    if isinstance(family, SweptMap):
-        return family.map.dimension
-    offers: object = family
-    if not isinstance(offers, OffersStarts):
-        raise ValueError(f"system must make states from numbers, by state_from; got {family!r}")
-    return offers.start_size
-
-
-def _packed_size(family: Sweepable, rows: Array) -> int:
-    look = Look(family, 0, 1, 1.0, (0, 0))
+def _packed_size(system: Map, rows: Array) -> int:
     for row in rows:
         try:
-            return len(family.pack_state(look.state(row)))
+            return len(system.pack_state(system.state_from(row)))
         except Refused as refusal:
             last = refusal
     raise ValueError(f"starts must hold a state of the system; got none ({last})")

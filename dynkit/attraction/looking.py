@@ -5,19 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, cast, final, runtime_checkable
+from typing import Any, final
 
 import numpy as np
 
-from dynkit.label_columns import empty_columns, put_label
+from dynkit.attractors import Attractor
+from dynkit.label_columns import COLUMNS, empty_columns, put_label
 from dynkit.labels import OrbitKind, OrbitLabel
 from dynkit.maps import Map
 from dynkit.no_motion import Diverged, NoCrossing, NoMotion, Refused
 from dynkit.results import Cost
-from dynkit.sweeps.archive import identity
-from dynkit.sweeps.sweepable import Sweepable, SweptAttractor, SweptMap, as_attractor
+from dynkit.store import identity_of, kind_of
 from dynkit.validation import Array
-from dynkit.workers.points import Anything, Points, Rows
+from dynkit.workers.points import Anything, Columns, Findings, Points, Rows
 
 UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE, NO_MOTION = -1, -2, -3, -4, -5
 
@@ -39,24 +39,6 @@ _BUDGET = 20_000
 _SLOWEST, _ROUNDING = 0.9999, 1e-13
 
 
-@runtime_checkable
-class OffersStarts(Protocol):
-    """A system that makes its states from plain numbers.
-
-    ``state_from(numbers)`` returns what ``attractor(start=)`` takes, and refuses numbers that no
-    state has with `Refused`; ``start_size`` says how many there are.
-    """
-
-    @property
-    def start_size(self) -> int:
-        """How many numbers make a state."""
-        ...
-
-    def state_from(self, numbers: Array) -> Any:
-        """Return the state that they stand for."""
-        ...
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class Look:
@@ -64,7 +46,7 @@ class Look:
 
     Parameters
     ----------
-    family : Sweepable
+    system : Map
     transient, keep : int
     scale : float
         The largest number of all starts.
@@ -72,45 +54,34 @@ class Look:
         How many numbers a section state has, and a packed state.
     """
 
-    family: Sweepable
+    system: Map
     transient: int
     keep: int
     scale: float
     sizes: tuple[int, int]
 
-    @property
-    def moving(self) -> Map:
-        """The map that moves."""
-        return self.family.map if isinstance(self.family, SweptMap) else cast("Map", self.family)
-
-    def state(self, start: Array) -> Any:
-        """Return the state that the numbers of a start stand for."""
-        if isinstance(self.family, SweptMap):
-            return start
-        return cast("OffersStarts", self.family).state_from(start)
-
-    def motion(self, start: Array) -> SweptAttractor:
+    def motion(self, start: Array) -> Attractor:
         """Simulate from a start."""
-        return self._moved(self.state(start), self.transient)
+        return self._moved(self.system.state_from(start), self.transient)
 
-    def _moved(self, state: Any, transient: int) -> SweptAttractor:
+    def _moved(self, state: Any, transient: int) -> Attractor:
         """Simulate from a state.
 
         Beside an unstable orbit a motion leaves the orbit, if slowly. A motion that is still
         there after so many more states as a motion may take to settle lies on the orbit.
         """
-        motion = self.family.attractor(transient=transient, impacts=self.keep, start=state)
+        motion = self.system.attractor(start=state, transient=transient, keep=self.keep)
         if motion.label.stable is not False:
             return motion
-        return self.family.attractor(transient=_BUDGET, impacts=self.keep, start=motion.final)
+        return self.system.attractor(start=motion.final, transient=_BUDGET, keep=self.keep)
 
     def states_after(self, state: Any, count: int) -> tuple[Array, Any]:
         """Return the states after one of the system, (count, d), and the last of them.
 
         Fewer when the motion comes to rest.
         """
-        motion = self.family.attractor(transient=1, impacts=count, start=state)
-        return as_attractor(motion).states, motion.final
+        motion = self.system.attractor(start=state, transient=1, keep=count)
+        return motion.states, motion.final
 
     def __call__(self, starts: Array) -> Rows:
         """Return what is found at some starts."""
@@ -122,7 +93,7 @@ class Look:
         began = time.perf_counter()
         return self._rows([self._followed(state, 0) for state in states], began)
 
-    def _rows(self, seen: Sequence[SweptAttractor | int], began: float) -> Rows:
+    def _rows(self, seen: Sequence[Attractor | int], began: float) -> Rows:
         n = len(seen)
         arrays: dict[str, Anything] = {
             **empty_columns(n, UNSETTLED),
@@ -145,21 +116,21 @@ class Look:
             if label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
                 state, final, rest = self._settled(motion, label)
             elif label.kind is OrbitKind.CHAOTIC:
-                state, final, rest = as_attractor(motion).states[-1], motion.final, np.nan
+                state, final, rest = motion.states[-1], motion.final, np.nan
             else:
                 continue
             arrays["state"][place], arrays["rest"][place] = state, rest
-            arrays["final"][place] = self.family.pack_state(final)
+            arrays["final"][place] = self.system.pack_state(final)
         return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
 
-    def _seen(self, start: Array) -> SweptAttractor | int:
+    def _seen(self, start: Array) -> Attractor | int:
         try:
-            state = self.state(start)
+            state = self.system.state_from(start)
         except Refused:
             return NO_STATE
         return self._followed(state, self.transient)
 
-    def _followed(self, state: Any, transient: int) -> SweptAttractor | int:
+    def _followed(self, state: Any, transient: int) -> Attractor | int:
         """The motion from a state, labelled, or the number of what it comes to instead."""
         try:
             motion = self._moved(state, transient)
@@ -172,13 +143,13 @@ class Look:
             return NO_MOTION
         return motion
 
-    def _settled(self, motion: SweptAttractor, label: OrbitLabel) -> tuple[Array, Any, float]:
+    def _settled(self, motion: Attractor, label: OrbitLabel) -> tuple[Array, Any, float]:
         """A state of a periodic motion once it has settled, the last one, and what is still to go.
 
         What is still to go is told from how much better it recurs from one time to the next.
         """
-        difference, window = self.moving.difference, orbit_size(label)
-        states, final, seen = as_attractor(motion).states, motion.final, 0
+        difference, window = self.system.difference, orbit_size(label)
+        states, final, seen = motion.states, motion.final, 0
         later = label.simulated - len(states)
         if later > 0:  # the label is of states after those kept, which may lie beside another orbit
             (_, final), states = self.states_after(final, later), states[:0]
@@ -214,9 +185,8 @@ def orbit_size(label: OrbitLabel) -> int:
 class Starts(Points):
     """All starts, (n, s)."""
 
-    def __init__(self, look: Look, kind: str, starts: Array) -> None:
+    def __init__(self, look: Look, starts: Array) -> None:
         self._look = look
-        self._kind = kind
         self._starts = starts
 
     def __len__(self) -> int:
@@ -226,18 +196,23 @@ class Starts(Points):
     def work(self) -> Callable[[Array], Rows]:
         return self._look
 
-    def task(self, first: int, last: int) -> Array:
+    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
         return self._starts[first:last]
 
     @property
     def entries(self) -> Mapping[str, str]:
         return {
             "kind": "basins of attraction",
-            "system": self._kind,
-            **identity(self._look.family),
+            "system": kind_of(self._look.system),
+            **identity_of(self._look.system),
             "transient": str(self._look.transient),
             "keep": str(self._look.keep),
         }
+
+    @property
+    def columns(self) -> Columns:
+        state, packed = self._look.sizes
+        return {**COLUMNS, "rest": ("f", ()), "state": ("f", (state,)), "final": ("f", (packed,))}
 
     @property
     def inputs(self) -> Mapping[str, Anything]:

@@ -15,8 +15,7 @@ from dynkit.attraction.telling import Found
 from dynkit.attractors import Attractor
 from dynkit.labels import OrbitLabel
 from dynkit.results import Cost
-from dynkit.showing import Facts, costing, table
-from dynkit.sweeps.sweepable import as_attractor, line_of
+from dynkit.showing import Facts, costing, line_of, table
 from dynkit.validation import Array, index_in
 from dynkit.workers.points import Rows
 
@@ -155,7 +154,7 @@ class Basins:
 
     def _repr_html_(self) -> str:
         facts: Facts = [
-            ("system", line_of(self._look.family, "")),
+            ("system", line_of(self._look.system, "")),
             ("starts", " x ".join(map(str, self._numbers.shape))),
         ]
         facts += [
@@ -187,7 +186,7 @@ class Basins:
         ValueError
             When there is no such start, or it has no motion.
         """
-        return as_attractor(self._look.motion(self._starts[self._place(place)]))
+        return self._look.motion(self._starts[self._place(place)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the basins over the starts, and return the axes.
@@ -235,7 +234,7 @@ class Basins:
             },
             cost=self.cost,
             error="standard error of the fraction of starts that were drawn at random",
-            system=self._look.family,
+            system=self._look.system,
             facts={f"number_{number}": text for number, text in OTHER_ENDS.items()},
         )
 

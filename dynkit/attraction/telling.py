@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from dynkit.attraction.looking import UNSETTLED, Look, orbit_size
 from dynkit.label_columns import KINDS, label_in
 from dynkit.labels import OrbitKind, OrbitLabel
-from dynkit.sweeps.sweepable import as_attractor
 from dynkit.validation import Array
 from dynkit.workers.executing import finished
 from dynkit.workers.points import Rows, chunks_of
@@ -79,7 +78,7 @@ def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:
     while len(left):
         first = int(left[0])
         label = label_at(rows, first)
-        start = look.family.unpack_state(rows.arrays["final"][first])
+        start = look.system.unpack_state(rows.arrays["final"][first])
         orbit, _ = look.states_after(start, orbit_size(label))
         size = max(float(np.linalg.norm(orbit, axis=1).max()), look.scale)
         if not rests[first] <= _MOST * size:
@@ -94,7 +93,7 @@ def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:
 
 def _nearest(look: Look, reference: Array, states: Array) -> Array:
     """Distance of each state (k, d) to the nearest of the reference, (k,)."""
-    difference = look.moving.difference
+    difference = look.system.difference
     return np.array(
         [np.linalg.norm(difference(reference, state), axis=1).min() for state in states]
     )
@@ -106,14 +105,14 @@ def _chaos(look: Look, rows: Rows, executor: Executor | None) -> tuple[list[_Gro
     left = _places(rows, OrbitKind.CHAOTIC)
     while len(left):
         first = int(left[0])
-        start = look.family.unpack_state(finals[first])
-        motion = look.family.attractor(transient=1, impacts=_REFERENCE + _OWN, start=start)
+        start = look.system.unpack_state(finals[first])
+        motion = look.system.attractor(start=start, transient=1, keep=_REFERENCE + _OWN)
         later = look.rows_from([motion.final])
         if later.arrays["kind"][0] != KINDS.index(OrbitKind.CHAOTIC):
             ended[first] = later
             left = left[1:]
             continue
-        states = as_attractor(motion).states
+        states = motion.states
         reference, own = states[:_REFERENCE], states[_REFERENCE:]
         limit = _FACTOR * float(np.median(_nearest(look, reference, own)))
         same = _medians(look, reference, finals[left], executor) <= limit
@@ -156,7 +155,7 @@ class _Compared:
     def __call__(self, finals: Array) -> Array:
         medians = []
         for packed in finals:
-            states, _ = self.look.states_after(self.look.family.unpack_state(packed), _SAMPLE)
+            states, _ = self.look.states_after(self.look.system.unpack_state(packed), _SAMPLE)
             medians.append(float(np.median(_nearest(self.look, self.reference, states))))
         return np.array(medians)
 

@@ -18,8 +18,6 @@ from dynkit.continuation.curves import BifurcationCurve
 from dynkit.continuation.endings import Ending, Reason
 from dynkit.files import reason
 from dynkit.results import Cost
-from dynkit.sweeps.archive import identity
-from dynkit.sweeps.sweepable import sweepable
 
 if TYPE_CHECKING:
     from dynkit.maps import Map
@@ -197,7 +195,7 @@ def _rows(archive: store.Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[
 
 
 def _identity(system: Map, free: Mapping[str, float]) -> dict[str, str]:
-    return identity(sweepable(system.replace(**free)))
+    return store.identity_of(system.replace(**free))
 
 
 def _refuse_other(

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.sweeps.sweepable import sweepable
 from dynkit.xarrays import dataset
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ def branch_dataset(branch: Branch) -> xarray.Dataset:
     each, found = "point", branch.bifurcations
     drawn: Variables = {}
     if branch._problem is not None:
-        name = sweepable(branch.system).observables[0]
+        name = branch.system.observables[0]
         drawn = {name: ((each, "state"), branch.observable(name))}
     return dataset(
         f"Branch of {branch.label}",

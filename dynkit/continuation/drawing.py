@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.figures import circles, crosses, ink, print_style, shown_axes
-from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ _CLOSE = 0.04
 @print_style()
 def draw_branch(branch: Branch, ax: Axes | None, observable: str | None) -> Axes:
     """Draw a branch as `Branch.plot` says."""
-    name = observable or sweepable(branch.system).observables[0]
+    name = observable or branch.system.observables[0]
     axes = shown_axes(ax)
     values, parameter = branch.observable(name), branch.parameter
     marked = [(b, b.orbit.observable(name)) for b in branch.bifurcations]

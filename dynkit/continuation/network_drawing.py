@@ -12,7 +12,6 @@ import numpy as np
 from dynkit.continuation.drawing import LINES
 from dynkit.continuation.trails import Node, nodes_of
 from dynkit.figures import COLUMN_WIDTH, circles, crosses, ink, print_style, shown_axes
-from dynkit.sweeps.sweepable import sweepable
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
     """Draw branches as `Network.plot` says."""
     if not branches:
         raise ValueError("network must have a branch to be drawn; got none")
-    name = observable or sweepable(branches[0].system).observables[0]
+    name = observable or branches[0].system.observables[0]
     axes = shown_axes(ax, 2.0 * COLUMN_WIDTH, 4.2)
     drawn: set[str] = set()
     marks: list[tuple[float, float, str]] = []

@@ -9,13 +9,12 @@ from concurrent.futures import Executor
 from dynkit.maps import Map
 from dynkit.parameter_maps.plan import Grid, plan_of
 from dynkit.parameter_maps.result import ParameterMap
-from dynkit.sweeps.sweepable import Sweepable
 from dynkit.validation import Array
 from dynkit.workers.collecting import collect
 
 
 def parameter_map(
-    system: Sweepable | Map,
+    system: Map,
     values: Mapping[str, Array | Sequence[float]],
     *,
     transient: int = 700,
@@ -31,7 +30,7 @@ def parameter_map(
 
     Parameters
     ----------
-    system : Map or Sweepable
+    system : Map
         Its own values of the two parameters have no effect.
     values : mapping of str to array_like
         The values of two of the system's ``parameters``, (k1,) and (k2,), in any order.

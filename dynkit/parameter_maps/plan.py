@@ -11,19 +11,12 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.attractors import Attractor
-from dynkit.label_columns import empty_columns, put_label
-from dynkit.maps import Map
+from dynkit.label_columns import COLUMNS, empty_columns, put_label
+from dynkit.maps import Map, checked_map
 from dynkit.no_motion import NoMotion, Refused, replaced
 from dynkit.results import Cost
-from dynkit.sweeps.archive import identity
-from dynkit.sweeps.following import kind_of, known_names
-from dynkit.sweeps.sweepable import (
-    Sweepable,
-    SweptAttractor,
-    SweptMap,
-    as_attractor,
-    sweepable,
-)
+from dynkit.store import identity_of, kind_of
+from dynkit.sweeps.plan import known_names, packed_start, start_of
 from dynkit.validation import (
     Array,
     finite_array,
@@ -31,7 +24,7 @@ from dynkit.validation import (
     positive_integer,
     within_memory,
 )
-from dynkit.workers.points import MOST_POINTS, Anything, Points, Rows
+from dynkit.workers.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
 
 KIND = "map of two parameters"
 
@@ -48,7 +41,7 @@ class Plan:
 
     Parameters
     ----------
-    family : Sweepable or None
+    family : Map or None
         None for a map that was loaded without its system.
     kind : str
         The class of the system, as the user knows it.
@@ -64,7 +57,7 @@ class Plan:
         The values at which it was packed.
     """
 
-    family: Sweepable | None
+    family: Map | None
     kind: str
     names: tuple[str, str]
     transient: int
@@ -74,13 +67,13 @@ class Plan:
     start: Array
     origin: tuple[float, float]
 
-    def system(self, first: float, second: float) -> Sweepable:
+    def system(self, first: float, second: float) -> Map:
         """Return the system at a pair of values."""
         if self.family is None:
             raise ValueError("system must be given to load a map that is to simulate; got None")
         return replaced(self.family, **{self.names[0]: first, self.names[1]: second})
 
-    def motion(self, first: float, second: float) -> SweptAttractor:
+    def motion(self, first: float, second: float) -> Attractor:
         """Simulate at a pair of values.
 
         Raises
@@ -90,7 +83,7 @@ class Plan:
         """
         system = self.system(first, second)
         start = self.system(*self.origin).unpack_state(self.start) if len(self.start) else None
-        return system.attractor(transient=self.transient, impacts=self.keep, start=start)
+        return system.attractor(start=start, transient=self.transient, keep=self.keep)
 
     def __call__(self, pairs: Array) -> Rows:
         """Return what is found at pairs of values, (n, 2)."""
@@ -107,7 +100,7 @@ class Plan:
                     seen = motion.observable(name)
                     largest[row, column] = seen.max() if len(seen) else np.nan
                 if self.exponents:
-                    exponents[row] = largest_exponent(as_attractor(motion), self.exponents)
+                    exponents[row] = largest_exponent(motion, self.exponents)
             except NoMotion as end:
                 kind = REFUSED if isinstance(end, Refused) else NO_MOTION
                 labels["kind"][row] = kind
@@ -139,7 +132,7 @@ def largest_exponent(attractor: Attractor, count: int) -> float:
 
 
 def plan_of(
-    system: Sweepable | Map,
+    system: Map,
     values: object,
     *,
     transient: int,
@@ -155,7 +148,7 @@ def plan_of(
     ValueError
         Naming the argument, the limit and the value.
     """
-    family = sweepable(system)
+    family = checked_map(system)
     if not isinstance(values, Mapping) or len(values) != 2:
         raise ValueError(f"values must hold the values of two parameters by name; got {values!r}")
     first, second = values
@@ -178,11 +171,7 @@ def plan_of(
             except Refused as refusal:
                 at = _places_of(family, (name, value, place), (other, beside))
                 raise ValueError(f"{refusal} in {at}") from refusal
-    packed = np.empty(0)
-    if start is not None:
-        packed = family.replace(**dict(zip(values, origin, strict=True))).pack_state(start)
-    elif isinstance(family, SweptMap):
-        raise ValueError(f"start must be a state of the map, ({family.map.dimension},); got None")
+    packed = packed_start(family.replace(**dict(zip(values, origin, strict=True))), start)
     kept = positive_integer("keep", keep)
     plan = Plan(
         family,
@@ -198,7 +187,7 @@ def plan_of(
     return plan, axes
 
 
-def _places_of(family: Sweepable, one: tuple[str, float, int], other: tuple[str, float]) -> str:
+def _places_of(family: Map, one: tuple[str, float, int], other: tuple[str, float]) -> str:
     """Which of two values the system refuses; both where it refuses neither alone."""
     name, value, place = one
     own, beside = f"values[{name!r}][{place}]", f"values[{other[0]!r}][0]"
@@ -233,7 +222,7 @@ class Grid(Points):
     def work(self) -> Callable[[Array], Rows]:
         return self._plan
 
-    def task(self, first: int, last: int) -> Array:
+    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
         i, j = np.divmod(np.arange(first, last), len(self._values[1]))
         return np.stack([self._values[0][i], self._values[1][j]], axis=1)
 
@@ -244,12 +233,19 @@ class Grid(Points):
             "kind": KIND,
             "system": plan.kind,
             "parameters": json.dumps(plan.names),
-            **identity(plan.system(*plan.origin)),
+            "start": start_of(plan.start),
+            **identity_of(plan.system(*plan.origin)),
             "transient": str(plan.transient),
             "keep": str(plan.keep),
             "observables": json.dumps(plan.observables),
             "exponents": str(plan.exponents),
         }
+
+    @property
+    def columns(self) -> Columns:
+        plan = self._plan
+        found: Columns = {**COLUMNS, "largest": ("f", (len(plan.observables),))}
+        return {**found, "exponent": ("f", ())} if plan.exponents else found
 
     @property
     def inputs(self) -> Mapping[str, Anything]:

@@ -18,14 +18,12 @@ from dynkit import store
 from dynkit.attractors import Attractor
 from dynkit.label_columns import KINDS, label_in
 from dynkit.labels import OrbitKind, OrbitLabel
-from dynkit.maps import Map
+from dynkit.maps import Map, checked_map
 from dynkit.parameter_maps.plan import KIND, OTHER_ENDS, Grid, Plan
 from dynkit.results import Cost
-from dynkit.showing import Facts, costing, span, table
-from dynkit.sweeps.following import kind_of
-from dynkit.sweeps.sweepable import Sweepable, as_attractor, line_of, sweepable
+from dynkit.showing import Facts, costing, line_of, span, table
 from dynkit.validation import Array, index_in
-from dynkit.workers.collecting import read_rows, refuse_other
+from dynkit.workers.collecting import read_rows, refuse_misfits, refuse_other
 from dynkit.workers.points import Rows
 
 if TYPE_CHECKING:
@@ -66,15 +64,13 @@ class ParameterMap:
             array.setflags(write=False)
 
     @classmethod
-    def load(
-        cls, path: str | os.PathLike[str], system: Sweepable | Map | None = None
-    ) -> ParameterMap:
+    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> ParameterMap:
         """Open the store of a finished map; nothing is written, and nothing simulated.
 
         Parameters
         ----------
         path : path
-        system : Map or Sweepable, optional
+        system : Map, optional
             The system that was simulated, at any values of the parameters; needed for `attractor`.
 
         Raises
@@ -100,10 +96,11 @@ class ParameterMap:
                 arrays["given/start"],
                 (float(values[0][0]), float(values[1][0])),
             )
+            refuse_misfits(Grid(plan, values), found)
         if system is not None:
-            plan = dataclasses.replace(plan, family=sweepable(system), kind=kind_of(system))
-            grid = Grid(plan, values)
-            refuse_other(file, grid, grid.entries, archive)
+            kind = store.kind_of(checked_map(system))
+            plan = dataclasses.replace(plan, family=system, kind=kind)
+            refuse_other(file, Grid(plan, values), archive)
         if not found.done.all():
             raise ValueError(
                 f"store must hold a finished map; got {found.done.sum()} of {found.count} points "
@@ -289,7 +286,7 @@ class ParameterMap:
         """
         self._place(i, j)
         first, second = self._values
-        return as_attractor(self._plan.motion(float(first[i]), float(second[j])))
+        return self._plan.motion(float(first[i]), float(second[j]))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the kinds of motion over the plane of the two parameters, and return the axes.

@@ -1,7 +1,6 @@
 """Following sweeps: one parameter through many values, each starting where the last one ended."""
 
 from dynkit.sweeps.result import Sweep
-from dynkit.sweeps.sweepable import Sweepable, SweptAttractor
 from dynkit.sweeps.sweeping import sweep
 
-__all__ = ["Sweep", "Sweepable", "SweptAttractor", "sweep"]
+__all__ = ["Sweep", "sweep"]

@@ -1,6 +1,7 @@
 """The result of a sweep."""
 
 import dataclasses
+import json
 import os
 from functools import cached_property
 from typing import TYPE_CHECKING, final
@@ -11,20 +12,13 @@ from numpy.typing import NDArray
 from dynkit import store
 from dynkit.attractors import Attractor
 from dynkit.labels import OrbitLabel
-from dynkit.maps import Map
+from dynkit.maps import Map, checked_map
 from dynkit.results import Cost
-from dynkit.showing import Facts, costing, span, table
-from dynkit.sweeps.archive import entries_of, findings_of, outline_of, read_sweep, refuse_other
-from dynkit.sweeps.following import Findings, Plan, kind_of
-from dynkit.sweeps.independent import KIND, load_independent
-from dynkit.sweeps.sweepable import (
-    Sweepable,
-    SweptAttractor,
-    as_attractor,
-    line_of,
-    sweepable,
-)
+from dynkit.showing import Facts, costing, line_of, span, table
+from dynkit.sweeps.plan import KIND, Plan, Values
 from dynkit.validation import Array, index_in
+from dynkit.workers.collecting import read_rows, refuse_misfits, refuse_other
+from dynkit.workers.points import Rows
 
 if TYPE_CHECKING:
     import xarray
@@ -57,26 +51,21 @@ class Sweep:
     P(1,3) True
     """
 
-    def __init__(self, plan: Plan, findings: Findings) -> None:
+    def __init__(self, plan: Plan, rows: Rows) -> None:
         self._plan = plan
-        self._findings = findings
+        self._rows = rows
         self._labels: dict[int, OrbitLabel] = {}
-        for array in (
-            findings.finals,
-            findings.counts,
-            findings.displaced,
-            *findings.observables.values(),
-        ):
+        for array in rows.arrays.values():
             array.setflags(write=False)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], system: Sweepable | Map | None = None) -> "Sweep":
+    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> "Sweep":
         """Open the store of a finished sweep; nothing is written, and nothing simulated.
 
         Parameters
         ----------
         path : path
-        system : Map or Sweepable, optional
+        system : Map, optional
             The system that was swept, at any value of the parameter; needed for `attractor`,
             `label`, `labels` and `error`.
 
@@ -87,25 +76,38 @@ class Sweep:
             finished, or was made with another system.
         """
         file = store.place(path)
-        if store.read(file).entries.get("kind") == KIND:
-            return cls(*load_independent(file, system))
-        archive = read_sweep(file)
-        plan = outline_of(archive)
+        archive, found = read_rows(file, KIND)
+        with store.understood(file, KIND):
+            entries = archive.entries
+            given = {"given/values": ("f", 1), "given/start": ("f", 1)}
+            arrays = store.arrays_of(archive, given)
+            plan = Plan(
+                None,
+                entries["system"],
+                entries["parameter"],
+                arrays["given/values"],
+                int(entries["transient"]),
+                int(entries["keep"]),
+                tuple(json.loads(entries["observables"])),
+                arrays["given/start"],
+                {"True": True, "False": False}[entries["follow"]],
+            )
+            plan.values.setflags(write=False)
+            refuse_misfits(Values(plan), found)
         if system is not None:
-            plan = dataclasses.replace(plan, family=sweepable(system), kind=kind_of(system))
-            if plan.parameter not in sweepable(system).parameters:
+            if plan.parameter not in checked_map(system).parameters:
                 raise ValueError(
                     f"store {file} was made with parameter {plan.parameter}; "
                     "got a system without it"
                 )
-            refuse_other(file, plan, entries_of(plan), archive)
-        findings = findings_of(plan, archive)
-        if findings.finished < len(plan.values):
+            plan = dataclasses.replace(plan, system=system, kind=store.kind_of(system))
+            refuse_other(file, Values(plan), archive)
+        if not found.done.all():
             raise ValueError(
-                f"store must hold a finished sweep; got {findings.finished} of "
-                f"{len(plan.values)} values in {file}"
+                f"store must hold a finished sweep; got {found.done.sum()} of {found.count} values "
+                f"in {file}"
             )
-        return cls(plan, findings)
+        return cls(plan, found.rows())
 
     @property
     def parameter(self) -> str:
@@ -135,25 +137,25 @@ class Sweep:
     @property
     def counts(self) -> NDArray[np.int64]:
         """States kept at each value, (k,): fewer than `keep` where the motion ended early."""
-        return self._findings.counts
+        return np.asarray(self._rows.arrays["count"])
 
     @property
     def displaced(self) -> NDArray[np.bool_]:
         """Where a state lay on an unstable orbit and was displaced to leave it, (k,); see `sweep`.
 
-        None is in sweeps of independent starts, nor in stores that do not say where.
+        None is in sweeps of independent starts.
         """
-        return self._findings.displaced
+        return np.asarray(self._rows.arrays["displaced"])
 
     @cached_property
     def endings(self) -> tuple[str, ...]:
         """Why the simulation ended at each value, k texts."""
-        return tuple(self._findings.endings[code] for code in self._findings.ending_codes.tolist())
+        return tuple(self._rows.texts["ending"])
 
     @property
     def cost(self) -> Cost:
-        """Seconds of all sessions, storing left out, and counted work; labels are not in it."""
-        return Cost(self._findings.seconds, self._findings.work)
+        """Seconds of all workers, and counted work; labels are not in it."""
+        return self._rows.cost
 
     def __len__(self) -> int:
         return len(self.values)
@@ -165,7 +167,7 @@ class Sweep:
     def _repr_html_(self) -> str:
         early = int((self.counts < self.keep).sum())
         facts: Facts = [
-            ("system", line_of(self._plan.family, self._plan.kind, [self.parameter])),
+            ("system", line_of(self._plan.system, self._plan.kind, [self.parameter])),
             (self.parameter, f"{len(self)} values, {span(self.values)}"),
             ("states at each", f"{self.keep} kept after {self.transient}"),
             ("observables", ", ".join(self.observables)),
@@ -192,7 +194,7 @@ class Sweep:
         """
         if name not in self.observables:
             raise ValueError(f"name must be one of: {', '.join(self.observables)}; got {name!r}")
-        return self._findings.observables[name]
+        return np.asarray(self._rows.arrays[f"observables/{name}"])
 
     def attractor(self, place: int) -> Attractor:
         """Return the attractor at ``values[place]``: simulated again, the same bits.
@@ -202,7 +204,15 @@ class Sweep:
         ValueError
             When there is no such value, or the sweep was loaded without its system.
         """
-        return as_attractor(self._motion(place))
+        place = index_in("place", place, 0, len(self) - 1)
+        plan, values = self._plan, self.values.tolist()
+        system, start = plan.system_at(values[place]), plan.first_start()
+        if plan.follow and place:
+            before = plan.system_at(values[place - 1])
+            start = before.unpack_state(self._rows.arrays["final"][place - 1])
+        if self.displaced[place]:
+            return plan.following(system, start)[0]
+        return plan.motion(system, start)
 
     def label(self, place: int) -> OrbitLabel:
         """Return the label at ``values[place]``: `attractor`'s, kept from then on.
@@ -213,7 +223,7 @@ class Sweep:
             As `attractor`.
         """
         if place not in self._labels:
-            self._labels[place] = self._motion(place).label
+            self._labels[place] = self.attractor(place).label
         return self._labels[place]
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
@@ -269,7 +279,7 @@ class Sweep:
             },
             cost=self.cost,
             error="estimate of the largest error of the kept states, from where a value starts on",
-            system=self._plan.family,
+            system=self._plan.system,
             facts={"transient": float(self.transient), "keep": float(self.keep)},
         )
 
@@ -287,13 +297,6 @@ class Sweep:
         sense. A stable motion forgets what went before; in chaos the error is as large as the
         attractor, single states have no meaning, and the distribution of many has.
         """
-        errors = np.array([self._motion(place).error for place in range(len(self))])
+        errors = np.array([self.attractor(place).error for place in range(len(self))])
         errors.setflags(write=False)
         return errors
-
-    def _motion(self, place: int) -> SweptAttractor:
-        place = index_in("place", place, 0, len(self) - 1)
-        start, system = self._plan.start_at(place, self._findings.finals), self._plan.system(place)
-        if self._findings.displaced[place]:
-            return self._plan.following(system, start)[0]
-        return self._plan.motion(system, start)

@@ -1,26 +1,18 @@
 """`sweep`: the motion at values of a parameter."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
-from pathlib import Path
 
-from dynkit import __version__
-from dynkit import store as stores
 from dynkit.maps import Map
-from dynkit.sweeps.archive import Keeper, entries_of, findings_of, read_sweep, refuse_other
-from dynkit.sweeps.following import Findings, Plan, plan_of
-from dynkit.sweeps.following import follow as followed
-from dynkit.sweeps.independent import simulate_independently
-from dynkit.sweeps.progress import Progress
+from dynkit.sweeps.plan import Values, plan_of
 from dynkit.sweeps.result import Sweep
-from dynkit.sweeps.sweepable import Sweepable
-from dynkit.validation import Array, boolean
+from dynkit.validation import Array
+from dynkit.workers.collecting import collect
 
 
 def sweep(
-    system: Sweepable | Map,
+    system: Map,
     parameter: str,
     values: Array | Sequence[float],
     *,
@@ -47,9 +39,8 @@ def sweep(
 
     Parameters
     ----------
-    system : Map or Sweepable
-        What is swept; `Sweepable` says what it must implement. Its own value of the parameter has
-        no effect.
+    system : Map
+        What is swept. Its own value of the parameter has no effect.
     parameter : str
         One of the system's ``parameters``.
     values : (k,) array_like
@@ -113,55 +104,9 @@ def sweep(
         start=start,
         follow=follow,
     )
-    shown = boolean("progress", progress)
-    if not plan.follow:
-        path = None if store is None else stores.place(store)
-        return Sweep(plan, simulate_independently(plan, executor, path, progress=shown))
-    if executor is not None:
+    if plan.follow and executor is not None:
         raise ValueError(
             "executor must be None when each value starts where the last one ended "
             f"(follow=False starts all by themselves); got {executor!r}"
         )
-    if store is None:
-        findings = Findings.none_yet(plan)
-        with Progress(plan, 0, shown=shown) as bar:
-            for point in followed(plan, findings):
-                findings.add(point)
-                bar.reached(point)
-        return Sweep(plan, findings)
-    return Sweep(plan, _stored(plan, stores.place(store), shown=shown))
-
-
-def _stored(plan: Plan, path: Path, *, shown: bool) -> Findings:
-    entries = entries_of(plan)
-    findings = _found(plan, path, entries)
-    if findings.finished == len(plan.values):  # needs no lock, and no folder that can be written
-        return findings
-    with ExitStack() as stack:
-        stack.enter_context(stores.locked(path))
-        findings = _found(plan, path, entries)  # another writer may have gone on meanwhile
-        keeper = Keeper(path, plan, entries)
-        keeper.prepare(findings)
-        bar = stack.enter_context(Progress(plan, findings.finished, shown=shown))
-        try:
-            for point in followed(plan, findings):
-                findings.add(point)
-                keeper.write_when_due(findings)
-                bar.reached(point)
-        finally:
-            keeper.write(findings)
-    return findings
-
-
-def _found(plan: Plan, path: Path, entries: Mapping[str, str]) -> Findings:
-    if not path.exists():
-        return Findings.none_yet(plan)
-    archive = read_sweep(path)
-    refuse_other(path, plan, entries, archive)
-    findings = findings_of(plan, archive)
-    made = archive.entries["dynkit"]
-    if findings.finished < len(plan.values) and made != __version__:
-        raise ValueError(
-            f"store {path} was made with dynkit {made}, and is not finished; got {__version__}"
-        )
-    return findings
+    return Sweep(plan, collect(Values(plan), executor=executor, store=store, progress=progress))

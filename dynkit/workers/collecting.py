@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,12 +18,14 @@ from dynkit import __version__
 from dynkit import store as stores
 from dynkit.files import reason
 from dynkit.results import Cost
-from dynkit.validation import boolean
+from dynkit.validation import boolean, positive_integer
 from dynkit.workers.executing import finished
-from dynkit.workers.points import Findings, Points, Rows, Tasks, chunks_of
+from dynkit.workers.points import MOST_POINTS, Findings, Points, Rows, Tasks, chunks_of
 
 # A write may take this part of the time, and comes at most once in so many seconds.
 _SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
+# Notes of a bar may cost more than what they are of: only those that are seen are made.
+_INTERVAL = 0.1
 
 
 def collect(
@@ -61,12 +63,12 @@ def collect(
         return findings.rows()
     path = stores.place(store)
     entries = {**points.entries, "points": str(len(points))}
-    findings = _found(points, path, entries)
+    findings = _found(points, path)
     if findings.done.all():  # needs no lock, and no folder that can be written
         return findings.rows()
     with ExitStack() as stack:
         stack.enter_context(stores.locked(path))
-        findings = _found(points, path, entries)  # another writer may have gone on meanwhile
+        findings = _found(points, path)  # another writer may have gone on meanwhile
         keeper = _Keeper(path, points, entries)
         keeper.prepare(findings)
         bar = stack.enter_context(_Bar(findings, shown=shown))
@@ -84,12 +86,13 @@ def _go_on(
     keeper: _Keeper | None,
     bar: _Bar,
 ) -> None:
-    left = [chunk for chunk in chunks_of(len(points)) if not findings.done[slice(*chunk)].all()]
-    for number, rows in finished(points.work, Tasks(points, left), executor):
-        findings.add(slice(*left[number]), rows)
+    chunks = chunks_of(len(points), chained=points.chained)
+    left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
+    for number, rows in finished(points.work, Tasks(points, left, findings), executor):
+        findings.add(np.arange(*left[number]), rows)
         if keeper is not None:
             keeper.write_when_due(findings)
-        bar.show(findings)
+        bar.show(findings, rows)
 
 
 def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
@@ -104,12 +107,17 @@ def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
     if archive.entries.get("kind") != kind:
         raise ValueError(f"store must hold a {kind}; got {path}")
     with stores.understood(path, kind):
-        findings = Findings(int(archive.entries["points"]))
-        done = np.zeros(findings.count, dtype=np.bool_)
-        done[archive.arrays["done"]] = True
-        arrays = _group(archive.arrays, "found")
+        findings = Findings(positive_integer("points", int(archive.entries["points"])))
+        done = archive.arrays["done"]
+        if done.dtype.kind != "i" or done.ndim != 1 or findings.count > MOST_POINTS:
+            raise ValueError(f"done is {done.dtype} {done.shape} of {findings.count} points")
+        if len(done) and not (done[0] >= 0 and (np.diff(done) > 0).all()):
+            raise ValueError("done names a point twice")
+        arrays, codes = (_group(archive.arrays, name) for name in ("found", "texts"))
+        for name, column in [*arrays.items(), *codes.items()]:
+            if len(column) != len(done):
+                raise ValueError(f"{name} has {len(column)} rows of {len(done)}")
         known = json.loads(archive.entries["texts"])
-        codes = _group(archive.arrays, "texts")
         texts = {name: [known[code] for code in column.tolist()] for name, column in codes.items()}
         cost = Cost(float(archive.entries["seconds"]), json.loads(archive.entries["work"]))
         findings.add(done, Rows(arrays, texts, cost))
@@ -140,12 +148,14 @@ def _archived(points: Points, entries: Mapping[str, str], findings: Findings) ->
     return stores.Archive({**entries, **found}, arrays)
 
 
-def _found(points: Points, path: Path, entries: Mapping[str, str]) -> Findings:
+def _found(points: Points, path: Path) -> Findings:
     if not path.exists():
         return Findings(len(points))
-    archive, findings = read_rows(path, entries["kind"])
-    refuse_other(path, points, entries, archive)
-    made = archive.entries["dynkit"]
+    archive, findings = read_rows(path, points.entries["kind"])
+    refuse_other(path, points, archive)
+    with stores.understood(path, points.entries["kind"]):
+        made = archive.entries["dynkit"]
+        refuse_misfits(points, findings)
     if not findings.done.all() and made != __version__:
         raise ValueError(
             f"store {path} was made with dynkit {made}, and is not finished; got {__version__}"
@@ -153,30 +163,62 @@ def _found(points: Points, path: Path, entries: Mapping[str, str]) -> Findings:
     return findings
 
 
-def refuse_other(
-    path: Path, points: Points, entries: Mapping[str, str], archive: stores.Archive
-) -> None:
+def refuse_misfits(points: Points, findings: Findings) -> None:
+    """Refuse what a store holds and cannot be found at these points; for `dynkit.store.understood`.
+
+    Raises
+    ------
+    LookupError, ValueError
+        When something is missing, or does not fit.
+    """
+    if findings.count != len(points):
+        raise ValueError(f"{findings.count} of {len(points)} points")
+    if not findings.done.any():
+        return
+    for name, (letter, shape) in points.columns.items():
+        found = findings.arrays[name]
+        alike = [b in (None, a) for a, b in zip(found.shape[1:], shape, strict=False)]
+        if found.dtype.kind != letter or found.ndim != 1 + len(shape) or not all(alike):
+            raise ValueError(f"{name} is {found.dtype} {found.shape}")
+    _ = findings.texts["ending"]
+
+
+def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
     """Refuse the archive of other points.
 
     Raises
     ------
     ValueError
-        Naming the first thing that differs.
+        Naming the first thing that differs: what was asked for, then numbers, then the system.
     """
-    for name, asked in entries.items():
-        made = archive.entries.get(name, "none")
-        if not stores.same(made, asked):
-            short = name.removeprefix("system.")
-            raise ValueError(f"store {path} was made with {short} {made}; got {asked}")
-    for name, text in archive.entries.items():
-        if name.startswith("system.") and name not in entries:
-            short = name.removeprefix("system.")
-            raise ValueError(f"store {path} was made with {short} {text}; got none")
+    made, asked = archive.entries, {**points.entries, "points": str(len(points))}
+    names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
+    of_system = [name for name in names if name.startswith("system.")]
+    _refuse_other_entries(path, made, asked, [name for name in names if name not in of_system])
     given = _group(archive.arrays, "given")
     for name, array in points.inputs.items():
-        made_array = given.get(name)
-        if made_array is None or not np.array_equal(made_array, array):
-            raise ValueError(f"store {path} was made with other {name}")
+        _refuse_other_array(path, name, given.get(name), array)
+    _refuse_other_entries(path, made, asked, of_system)
+
+
+def _refuse_other_entries(
+    path: Path, made: Mapping[str, str], asked: Mapping[str, str], names: Sequence[str]
+) -> None:
+    for name in names:
+        was, now = made.get(name, "none"), asked.get(name, "none")
+        if not stores.same(was, now):
+            short = name.removeprefix("system.")
+            raise ValueError(f"store {path} was made with {short} {was}; got {now}")
+
+
+def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
+    if made is None or made.shape != asked.shape:
+        shape = None if made is None else made.shape
+        raise ValueError(f"store {path} was made with {name} of shape {shape}; got {asked.shape}")
+    for place in np.argwhere(made != asked)[:1]:
+        where, i = f"{name}{place.tolist()}", tuple(place)
+        was, now = made[i].item(), asked[i].item()
+        raise ValueError(f"store {path} was made with {where} {was!r}; got {now!r}")
 
 
 @final
@@ -217,6 +259,7 @@ class _Bar:
 
     def __init__(self, findings: Findings, *, shown: bool) -> None:
         self._bar: Any = None
+        self._due = time.monotonic()
         if shown:
             from tqdm import tqdm
 
@@ -234,6 +277,11 @@ class _Bar:
         if self._bar is not None:
             self._bar.close()
 
-    def show(self, findings: Findings) -> None:
-        if self._bar is not None:
-            self._bar.update(int(findings.done.sum()) - self._bar.n)
+    def show(self, findings: Findings, rows: Rows) -> None:
+        done = int(findings.done.sum())
+        if self._bar is None or (time.monotonic() < self._due and done < findings.count):
+            return
+        self._bar.update(done - self._bar.n)
+        if rows.note is not None:
+            self._bar.set_postfix_str(rows.note())
+        self._due = time.monotonic() + _INTERVAL

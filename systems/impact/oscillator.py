@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 
-from dynkit.maps import Map, Stretching
+from dynkit.maps import Map, Stretching, generic_direction
 from dynkit.no_motion import NoCrossing
-from dynkit.sweeps.sweepable import generic_direction
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
 from dynkit.systems.impact.driven import DrivenStructure
@@ -159,6 +158,10 @@ class ImpactOscillator(DrivenStructure, Map):
         return start(self, position, velocity, phase)
 
     @property
+    def default_start(self) -> ImpactState:
+        return self.state()
+
+    @property
     def start_size(self) -> int:
         """How many numbers `state_from` takes: 2N + 1."""
         return self.dimension + 1
@@ -250,23 +253,40 @@ class ImpactOscillator(DrivenStructure, Map):
             When impacts is no positive integer, or the start is not one of this structure's or
             below the table.
         """
-        count = self._recorded(impacts)
+        count = self._recorded("impacts", impacts)
         return ImpactRecord(self, self._run(self._entered(start), count, store=True))
 
     def attractor(
-        self, *, transient: int = 700, impacts: int = 100, start: ImpactState | None = None
+        self,
+        *,
+        start: ImpactState | None = None,
+        transient: int = 700,
+        keep: int | None = None,
+        impacts: int | None = None,
     ) -> ImpactAttractor:
         """Return what is left of the motion after a number of impacts.
 
         Parameters
         ----------
-        transient, impacts : int
-            How many impacts to skip, and how many to keep.
         start : ImpactState, optional
             As in `simulate`.
+        transient : int
+            How many impacts to skip.
+        keep, impacts : int, optional
+            How many impacts to keep: one number with two names, 100 by default.
+
+        Raises
+        ------
+        ValueError
+            When a number is no count, or two are given for the impacts to keep.
         """
+        if keep is not None and impacts is not None:
+            raise ValueError(f"keep must not be given beside impacts; got {keep!r}")
         skipped = non_negative_integer("transient", transient)
-        count = self._recorded(impacts)
+        if impacts is None:
+            count = self._recorded("keep", 100 if keep is None else keep)
+        else:
+            count = self._recorded("impacts", impacts)
         state = self._entered(start)
         before = self._run(state, skipped, store=False) if skipped else None
         kept = self._run(before.final if before else state, count, store=True)
@@ -384,10 +404,10 @@ class ImpactOscillator(DrivenStructure, Map):
             raise ValueError(f"impacts must not be given with sticking; got {impacts!r}")
         return find_sticking(self, periods)
 
-    def _recorded(self, impacts: object) -> int:
+    def _recorded(self, name: str, impacts: object) -> int:
         """How many impacts to record: so many that their states fit into memory."""
-        count = positive_integer("impacts", impacts)
-        return within_memory("impacts", count, 8.0 * count * (2 * self.degrees_of_freedom + 4))
+        count = positive_integer(name, impacts)
+        return within_memory(name, count, 8.0 * count * (2 * self.degrees_of_freedom + 4))
 
     def _run(self, start: ImpactState, count: int, *, store: bool) -> Run:
         return run(self, start, count, store=store, noise=0.0, seed=1)

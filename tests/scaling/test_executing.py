@@ -221,7 +221,7 @@ def test_a_network_that_loses_its_workers_is_told_as_far_as_it_came(tmp_path: Pa
 def test_the_store_of_other_values_is_refused(tmp_path: Path) -> None:
     mapped(store=tmp_path / "x.h5")
     other = {"a": VALUES["a"] * [1, 1, 1, 1, 1, 1, 0.9], "b": VALUES["b"]}
-    with pytest.raises(ValueError, match=r"store .*x\.h5 was made with other values of a"):
+    with pytest.raises(ValueError, match=r"store .*x\.h5 was made with values of a\[6\] 1\.3"):
         parameter_map(Henon(), other, start=START, store=tmp_path / "x.h5", **SHORT)
 
 
@@ -257,3 +257,23 @@ def test_independent_values_all_start_from_the_start() -> None:
         expected = Henon(a=a).iterate(np.array(START), 89)[60:]
         assert alone.tobytes() == expected.tobytes()
         assert found.observable("state[0]")[place].tobytes() == expected[:, 0].tobytes()
+
+
+def test_rows_of_a_store_that_would_broadcast_are_refused(tmp_path: Path) -> None:
+    store = tmp_path / "x.h5"
+    mapped(store=store)
+    archive = dynkit.store.read(store)
+    for name in ("found/largest", "found/sizes", "texts/ending"):
+        arrays = {**archive.arrays, name: archive.arrays[name][:1]}
+        dynkit.store.write(store, dynkit.store.Archive(archive.entries, arrays))
+        with pytest.raises(ValueError, match=f"all of a map of two parameters.*{name[6:]} has 1"):
+            mapped(store=store)
+    narrow = {**archive.arrays, "found/sizes": archive.arrays["found/sizes"][:, :1]}
+    dynkit.store.write(store, dynkit.store.Archive(archive.entries, narrow))
+    with pytest.raises(ValueError, match="sizes is float64"):
+        mapped(store=store)
+    dynkit.store.write(
+        store, dynkit.store.Archive({**archive.entries, "points": str(10**15)}, archive.arrays)
+    )
+    with pytest.raises(ValueError, match="1000000000000000 points"):
+        mapped(store=store)

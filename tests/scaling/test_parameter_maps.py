@@ -101,7 +101,7 @@ def test_a_map_loaded_without_its_system_says_so(tmp_path: Path) -> None:
         ({"transient": -1}, "transient must be zero or a positive integer; got -1"),
         ({"exponents": -1}, "exponents must be zero or a positive integer; got -1"),
         ({"observables": ["energy"]}, r"observables must be among state\[0\], state\[1\]; got"),
-        ({"system": "map"}, "system must be a Map or Sweepable; got 'map'"),
+        ({"system": "map"}, "system must be a Map; got 'map'"),
     ],
 )
 def test_bad_input_is_refused_by_name_and_nothing_is_written(

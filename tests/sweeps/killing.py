@@ -18,7 +18,7 @@ import numpy as np
 
 import dynkit.store
 from dynkit import Sweep, sweep
-from dynkit.sweeps import archive
+from dynkit.workers import collecting
 from tests.example_systems import Logistic
 
 KILLS, ROUNDS, WRITERS = 200, 10, 4
@@ -56,7 +56,7 @@ def forked(work: Callable[..., None], *arguments: Any) -> int:
 def kill(folder: Path, seed: int) -> dict[str, Any]:
     """Kill sweeps of one store, each going on where the last was killed, until 200 are dead."""
     store, draw = folder / "x.h5", random.Random(seed)
-    archive._LEAST_INTERVAL, archive._SHARE = 0.0, np.inf
+    collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
     for _ in range(2):  # the first imports
         store.unlink(missing_ok=True)
         began = time.monotonic()
@@ -90,12 +90,15 @@ def kill(folder: Path, seed: int) -> dict[str, Any]:
 
 def _found(store: Path, whole: dict[str, Any], reported: list[int]) -> dict[str, Any]:
     rows = rows_of(store) if store.exists() else None
-    survived = 0 if rows is None else len(rows["count"])
+    survived = 0 if rows is None else len(rows["done"])
     return {
         "reported": reported[-1] if reported else 0,
         "survived": survived,
         "right": rows is None
-        or all(rows[name] == known[: len(rows[name])] for name, known in whole.items()),
+        or (
+            (rows.keys() == whole.keys() or not rows["done"])
+            and all(found == whole[name][: len(found)] for name, found in rows.items())
+        ),
         "left": sorted(path.name for path in store.parent.iterdir()),
     }
 
@@ -106,7 +109,7 @@ def _sweep_and_tell(store: Path, tell: int, seed: int | None) -> None:
 
     def write_and_tell(path: Path, archive: dynkit.store.Archive) -> None:
         write(path, archive)
-        os.write(tell, bytes([len(archive.arrays["count"])]))
+        os.write(tell, bytes([len(archive.arrays["done"])]))
 
     dynkit.store.write = write_and_tell
     if seed is not None:

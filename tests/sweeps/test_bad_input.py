@@ -41,7 +41,7 @@ from tests.sweeps.cases import (
         ({"observables": []}, r"observables must be a sequence of names; got \[\]"),
         ({"start": [1.0, 2.0]}, r"start must be an ImpactState; got \[1\.0, 2\.0\]"),
         ({"start": CHAIN.replace(masses=4).state()}, "start must have 3 masses; got 4"),
-        ({"system": "chain"}, "system must be a Map or Sweepable; got 'chain'"),
+        ({"system": "chain"}, "system must be a Map; got 'chain'"),
     ],
 )
 def test_bad_input_is_refused_by_name_and_nothing_is_written(
@@ -62,7 +62,7 @@ def test_a_motion_that_is_refused_on_the_way_keeps_what_was_finished(tmp_path: P
     store = tmp_path / "x.h5"
     with pytest.raises(Diverged, match=r"runs away: state\[0\] is -inf .*\nat rate 4\.5$"):
         sweep(Logistic(3.0), "rate", [3.2, 4.5], start=START, store=store, progress=False)
-    assert len(dynkit.store.read(store).arrays["count"]) == 1
+    assert len(dynkit.store.read(store).arrays["done"]) == 1
 
 
 @pytest.mark.parametrize("place", [-1, 40])

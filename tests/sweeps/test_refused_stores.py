@@ -8,7 +8,7 @@ import pytest
 
 import dynkit.store
 from dynkit import sweep
-from dynkit.sweeps import archive
+from dynkit.workers import collecting
 from tests.example_systems import Logistic
 from tests.sweeps.cases import (
     CHAIN,
@@ -39,12 +39,12 @@ from tests.sweeps.cases import (
             r"system .*ImpactChain; got .*Soft",
         ),
         ({"parameter": "damping"}, "parameter frequency; got damping"),
-        ({"values": FREQUENCIES[:-1]}, "12 values; got 11"),
+        ({"values": FREQUENCIES[:-1]}, r"points 12; got 11"),
         ({"values": FREQUENCIES[::-1]}, r"values\[0\] 0\.5; got 1\.5"),
         ({"transient": 31}, "transient 30; got 31"),
         ({"keep": 10}, "keep 20; got 10"),
-        ({"observables": ["energy"]}, r"observables \['relative_velocity'\]; got \['energy'\]"),
-        ({"start": CHAIN.state(phase=0.1)}, "another start"),
+        ({"observables": ["energy"]}, r'observables \["relative_velocity"\]; got \["energy"\]'),
+        ({"start": CHAIN.state(phase=0.1)}, "start the system's own; got given"),
     ],
 )
 def test_the_store_of_another_sweep_is_refused_by_name(
@@ -98,7 +98,7 @@ def test_a_damaged_store_is_refused_untouched(tmp_path: Path) -> None:
 def test_a_store_of_something_else_is_refused(tmp_path: Path) -> None:
     store = tmp_path / "x.h5"
     dynkit.store.write(store, dynkit.store.Archive({"kind": "branch"}, {}))
-    with pytest.raises(ValueError, match=r"store must hold a following sweep; got .*x\.h5"):
+    with pytest.raises(ValueError, match=r"store must hold a sweep; got .*x\.h5"):
         sweep_rates(store)
 
 
@@ -107,7 +107,7 @@ def test_an_unfinished_store_of_another_version_is_refused(
 ) -> None:
     Counted.trap = (700, KeyboardInterrupt)
     with monkeypatch.context() as older:
-        older.setattr(archive, "__version__", "0.0.1")
+        older.setattr(collecting, "__version__", "0.0.1")
         with pytest.raises(KeyboardInterrupt):
             sweep_rates(tmp_path / "x.h5")
     with pytest.raises(ValueError, match=r"made with dynkit 0\.0\.1, and is not finished; got 0\."):
@@ -146,11 +146,11 @@ def test_a_disk_that_fills_up_leaves_what_was_stored(
 
     with monkeypatch.context() as full:
         full.setattr(os, "fsync", fills_up)
-        full.setattr(archive, "_LEAST_INTERVAL", 0.0)
-        full.setattr(archive, "_SHARE", np.inf)
+        full.setattr(collecting, "_LEAST_INTERVAL", 0.0)
+        full.setattr(collecting, "_SHARE", np.inf)
         with pytest.raises(OSError, match="No space left"):
             sweep_rates(store)
-    assert len(dynkit.store.read(store).arrays["count"]) == 4
+    assert len(dynkit.store.read(store).arrays["done"]) == 4
     assert_same_bits(sweep_rates(store), sweep_rates())
 
 

@@ -50,10 +50,10 @@ CHILD = """
 import os, signal, sys, threading, time
 import numpy as np
 from dynkit import sweep
-from dynkit.sweeps import archive
+from dynkit.workers import collecting
 from dynkit.systems import ImpactChain
 
-archive._LEAST_INTERVAL, archive._SHARE = 0.0, np.inf
+collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
 
 def die():
     os.kill(os.getpid(), signal.SIGKILL)
@@ -87,7 +87,7 @@ def killed(store: Path, moment: str, number: float) -> int:
     """Sweep in a process that kills itself, and return how many values survived."""
     command = [sys.executable, "-c", CHILD, str(store), moment, str(number)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
-    return len(dynkit.store.read(store).arrays["count"]) if store.exists() else 0
+    return len(dynkit.store.read(store).arrays["done"]) if store.exists() else 0
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,8 @@ def test_loading_an_unfinished_sweep_is_refused(tmp_path: Path) -> None:
 def test_only_what_was_asked_for_is_stored(tmp_path: Path) -> None:
     sweep(CHAIN, "frequency", FREQUENCIES, store=tmp_path / "x.h5", **SHORT)
     arrays = dict(dynkit.store.read(tmp_path / "x.h5").arrays)
-    assert arrays.pop("observables/relative_velocity").nbytes == 8 * 12 * 20
+    assert arrays.pop("found/observables/relative_velocity").nbytes == 8 * 12 * 20
     state = CHAIN.pack_state(CHAIN.state()).nbytes
-    value, count, ending = 8, 8, 8
-    assert sum(rows.nbytes for rows in arrays.values()) == 12 * (value + state + count + ending)
+    value, count, ending, number, displaced = 8, 8, 8, 8, 1
+    each = value + state + count + ending + number + displaced
+    assert sum(rows.nbytes for rows in arrays.values()) == 12 * each

@@ -1,0 +1,311 @@
+"""What a sweep is to do, and its values as points of the engine."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.attractors import Attractor
+from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.maps import Map, checked_map
+from dynkit.no_motion import located
+from dynkit.results import Cost
+from dynkit.store import identity_of, kind_of
+from dynkit.validation import (
+    Array,
+    boolean,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
+from dynkit.workers.points import Anything, Columns, Findings, Points, Rows
+
+KIND = "sweep"
+
+_MOST_RUNS = 16
+"""Runs in which a displaced motion may leave an orbit: it does so where the largest multiplier, per
+state, exceeds 1.0014 after the default 800 states."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a sweep is to do, checked by `plan_of`.
+
+    Parameters
+    ----------
+    system : Map or None
+        None for a sweep that was loaded without its system.
+    kind : str
+        The class of the system, as the user knows it.
+    parameter : str
+    values : (k,) array, read-only
+    transient, keep : int
+    observables : tuple of str
+    start : array
+        The packed first state; empty for the system's own.
+    follow : bool
+        Whether each value starts where the last ended, and not where the first does.
+    """
+
+    system: Map | None
+    kind: str
+    parameter: str
+    values: Array
+    transient: int
+    keep: int
+    observables: tuple[str, ...]
+    start: Array
+    follow: bool
+
+    def system_at(self, value: float) -> Map:
+        """Return the system at a value."""
+        if self.system is None:
+            raise ValueError("system must be given to load a sweep that is to simulate; got None")
+        return self.system.replace(**{self.parameter: value})
+
+    def first_start(self) -> Any:
+        """Return the start of the first value; None for the system's own."""
+        if not len(self.start):
+            return None
+        return self.system_at(float(self.values[0])).unpack_state(self.start)
+
+    def motion(self, system: Map, start: Any) -> Attractor:
+        """Simulate at the value that the system has."""
+        return system.attractor(start=start, transient=self.transient, keep=self.keep)
+
+    def following(self, system: Map, start: Any) -> tuple[Attractor, bool]:
+        """Simulate, and leave an unstable orbit; say whether the state was displaced.
+
+        Only the kept states are looked at. Where they recur, and the multipliers do not prove that
+        the orbit attracts, the last of them is displaced and the motion simulated again from there,
+        until disturbances of this size have had the time to grow to that of the motion. Where the
+        multipliers prove nothing either way, and the displaced motion comes back or stays, the
+        orbit is not unstable: the motion that was not displaced is returned.
+        """
+        motion = self.motion(system, start)
+        label = motion.label_within(self.keep)
+        if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING) or label.stable:
+            return motion, False
+        # The geometric mean of rounding, or the error of one iterate, and of the motion: as far
+        # above the one as below the other.
+        size = math.sqrt(system.accuracy)
+        away = system.displaced(motion, size)
+        for _ in range(self._runs_to_leave(label, size)):
+            away = self.motion(system, away).final
+        left = self.motion(system, away)
+        if label.stable is None and _near(motion, left, size):
+            return motion, False
+        return left, True
+
+    def _runs_to_leave(self, label: OrbitLabel, size: float) -> int:
+        """Runs, one of transient and keep each, in which a disturbance grows to one."""
+        if label.stable is None:
+            return 0
+        states = (label.impacts or 1) * -math.log(size) / math.log(label.multiplier)
+        return min(math.ceil(states / (self.transient + self.keep)), _MOST_RUNS)
+
+
+def plan_of(
+    system: Map,
+    parameter: str,
+    values: object,
+    *,
+    transient: int,
+    keep: int,
+    observables: Sequence[str] | None,
+    start: object,
+    follow: bool,
+) -> Plan:
+    """Check everything that can be checked without simulating.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+    """
+    checked_map(system)
+    if parameter not in system.parameters:
+        known = ", ".join(system.parameters) or "none"
+        raise ValueError(f"parameter must be one of: {known}; got {parameter!r}")
+    array = finite_array("values", values, (None,)).copy()
+    array.setflags(write=False)
+    if not len(array):
+        raise ValueError("values must hold at least one number; got none")
+    skipped = non_negative_integer("transient", transient)
+    kept = positive_integer("keep", keep)
+    names = known_names(system.observables, observables)
+    within_memory("keep", kept, 8.0 * kept * len(array) * len(names))
+    for place, value in enumerate(array.tolist()):
+        try:
+            system.replace(**{parameter: value})
+        except ValueError as refusal:
+            raise ValueError(f"{refusal} in values[{place}]") from refusal
+    packed = packed_start(system.replace(**{parameter: float(array[0])}), start)
+    following = boolean("follow", follow)
+    return Plan(system, kind_of(system), parameter, array, skipped, kept, names, packed, following)
+
+
+def packed_start(system: Map, start: object) -> Array:
+    """Return a start as numbers; none where it is the system's own.
+
+    Raises
+    ------
+    ValueError
+        When the system refuses it, or has none of its own.
+    """
+    if start is not None:
+        return system.pack_state(start)
+    if system.default_start is None:
+        raise ValueError(f"start must be a state of the map, ({system.dimension},); got None")
+    return np.empty(0)
+
+
+def start_of(packed: Array) -> str:
+    """Return what a store says of a start that `packed_start` gave."""
+    return "given" if len(packed) else "the system's own"
+
+
+def known_names(known: Sequence[str], asked: object) -> tuple[str, ...]:
+    """Return the names of the observables that were asked for, by default the first.
+
+    Raises
+    ------
+    ValueError
+        When there are none, or one is not known.
+    """
+    if asked is None:
+        return (known[0],)
+    if isinstance(asked, str) or not isinstance(asked, Sequence) or not len(asked):
+        raise ValueError(f"observables must be a sequence of names; got {asked!r}")
+    for name in asked:
+        if name not in known:
+            raise ValueError(f"observables must be among {', '.join(known)}; got {name!r}")
+    return tuple(dict.fromkeys(asked))
+
+
+def _near(orbit: Attractor, other: Attractor, size: float) -> bool:
+    """Whether the last state of another motion is this near to an orbit, relative to its size."""
+    gaps = orbit.system.difference(orbit.states, other.states[-1])
+    nearest = float(np.linalg.norm(gaps, axis=1).min())
+    return nearest <= size * (float(np.linalg.norm(orbit.states, axis=1).max()) or 1.0)
+
+
+@final
+class Values(Points):
+    """The values of a sweep; each follows the one before it, or none does."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def __len__(self) -> int:
+        return len(self._plan.values)
+
+    @property
+    def chained(self) -> bool:
+        return self._plan.follow
+
+    @property
+    def work(self) -> Callable[[Any], Rows]:
+        return _Simulation(replace(self._plan, values=self._plan.values[:1]))
+
+    def task(self, first: int, last: int, found: Findings) -> Any:
+        values = self._plan.values
+        if not self._plan.follow or not first:
+            return values[first:last], None
+        return values[first:last], (float(values[first - 1]), found.arrays["final"][first - 1])
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        plan = self._plan
+        return {
+            "kind": KIND,
+            "system": plan.kind,
+            "parameter": plan.parameter,
+            "follow": str(plan.follow),
+            "start": start_of(plan.start),
+            **identity_of(plan.system_at(float(plan.values[0]))),
+            "transient": str(plan.transient),
+            "keep": str(plan.keep),
+            "observables": json.dumps(plan.observables),
+        }
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        return {"values": self._plan.values, "start": self._plan.start}
+
+    @property
+    def columns(self) -> Columns:
+        observables = dict.fromkeys(self._plan.observables, ("f", (self._plan.keep,)))
+        return {
+            "count": ("i", ()),
+            "displaced": ("b", ()),
+            "final": ("f", (None,)),
+            **{f"observables/{name}": column for name, column in observables.items()},
+        }
+
+
+@final
+@dataclass(eq=False)
+class _Simulation:
+    """The rows of some values; of the plan's values it holds the first, which gives the start.
+
+    `last` is where the value before ended: what the engine gives as numbers need not be made a
+    state again, nor its system be made again.
+    """
+
+    plan: Plan
+    last: tuple[float, Any] | None = field(default=None, init=False)
+
+    def __call__(self, task: tuple[Array, tuple[float, Array] | None]) -> Rows:
+        plan, (values, before) = self.plan, task
+        n, began = len(values), time.perf_counter()
+        kept = {name: np.full((n, plan.keep), np.nan) for name in plan.observables}
+        counts, displaced = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.bool_)
+        finals, endings, cost = [], [], Cost(0.0)
+        start = self._start(before)
+        for place, value in enumerate(values.tolist()):
+            with located(f"at {plan.parameter} {value}"):
+                system = plan.system_at(value)
+                if plan.follow:
+                    motion, displaced[place] = plan.following(system, start)
+                else:
+                    motion = plan.motion(system, start)
+            for name, rows in kept.items():
+                found = motion.observable(name)
+                rows[place, : len(found)] = found
+                counts[place] = len(found)
+            finals.append(system.pack_state(motion.final))
+            endings.append(str(motion.ending.value))
+            cost = cost + Cost(0.0, motion.cost.counts)
+        arrays: dict[str, Anything] = {f"observables/{name}": rows for name, rows in kept.items()}
+        arrays |= {"final": np.array(finals), "count": counts, "displaced": displaced}
+        note = None
+        if plan.follow:
+            self.last = value, motion.final
+            note = partial(_told, plan, value, motion)
+        cost = cost + Cost(time.perf_counter() - began)
+        return Rows(arrays, {"ending": endings}, cost, note)
+
+    def _start(self, before: tuple[float, Array] | None) -> Any:
+        if before is None:
+            return self.plan.first_start()
+        value, packed = before
+        if self.last is not None and self.last[0] == value:
+            return self.last[1]
+        return self.plan.system_at(value).unpack_state(packed)
+
+
+def _told(plan: Plan, value: float, motion: Attractor) -> str:
+    """A value and its label, where the kept states tell: labels cost more than what they label."""
+    label = motion.label_within(plan.keep)
+    told = "..." if label.kind is OrbitKind.UNSETTLED else str(label)
+    return f"{plan.parameter} {value:.6g}: {told}"
