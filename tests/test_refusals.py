@@ -268,7 +268,7 @@ CASES: list[tuple[str, Callable[[], Any], str]] = [
     (
         "a class with an attractor",
         lambda: MapAttractor(Logistic, [0.3], 1, 1),  # type: ignore[arg-type]
-        "system must be a Map; got <class ",
+        "system must be an instance, such as Logistic(...); got the class Logistic",
     ),
     ("no sweep", lambda: BifurcationDiagram.of(5), "sweep must be a Sweep; got 5"),  # type: ignore[arg-type]
     ("no axes", lambda: branch().plot(ax=5), "ax must be axes of matplotlib; got 5"),  # type: ignore[arg-type]

@@ -26,7 +26,7 @@ from dynkit.validation import (
     positive_integer,
     within_memory,
 )
-from dynkit.workers.points import Anything, Columns, Findings, Points, Rows
+from dynkit.workers.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
 
 KIND = "sweep"
 
@@ -140,6 +140,8 @@ def plan_of(
     array.setflags(write=False)
     if not len(array):
         raise ValueError("values must hold at least one number; got none")
+    if len(array) > MOST_POINTS:
+        raise ValueError(f"values must not be more than {MOST_POINTS}; got {len(array)}")
     skipped = non_negative_integer("transient", transient)
     kept = positive_integer("keep", keep)
     names = known_names(system.observables, observables)

@@ -107,10 +107,12 @@ def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
     if archive.entries.get("kind") != kind:
         raise ValueError(f"store must hold a {kind}; got {path}")
     with stores.understood(path, kind):
-        findings = Findings(positive_integer("points", int(archive.entries["points"])))
-        done = archive.arrays["done"]
-        if done.dtype.kind != "i" or done.ndim != 1 or findings.count > MOST_POINTS:
-            raise ValueError(f"done is {done.dtype} {done.shape} of {findings.count} points")
+        count = positive_integer("points", int(archive.entries["points"]))
+        if count > MOST_POINTS:
+            raise ValueError(f"{count} points")
+        findings, done = Findings(count), archive.arrays["done"]
+        if done.dtype.kind != "i" or done.ndim != 1:
+            raise ValueError(f"done is {done.dtype} {done.shape}")
         if len(done) and not (done[0] >= 0 and (np.diff(done) > 0).all()):
             raise ValueError("done names a point twice")
         arrays, codes = (_group(archive.arrays, name) for name in ("found", "texts"))
