@@ -16,8 +16,9 @@ from dynkit.analysis.regimes import RegimeChange
 from dynkit.attractors import Attractor
 from dynkit.figures import ink, print_style, shown_axes
 from dynkit.flows import Flow
-from dynkit.maps import Map, Stretching
+from dynkit.maps import Map
 from dynkit.results import Cost
+from dynkit.stretching import Stretching
 from dynkit.validation import Array, finite_array, positive, positive_integer
 
 if TYPE_CHECKING:

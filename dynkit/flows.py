@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 import numpy as np
 
 from dynkit.differences import parameter_difference
-from dynkit.maps import CLEAR, Family, Stretching, stretched
+from dynkit.family import Family
 from dynkit.no_motion import Diverged, replaced
+from dynkit.stretching import CLEAR, Stretching, stretched
 from dynkit.validation import finite_array, finite_scalar, non_negative_integer, positive
 
 if TYPE_CHECKING:

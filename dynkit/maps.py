@@ -4,14 +4,14 @@ import dataclasses
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self, cast, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from dynkit.differences import parameter_difference
+from dynkit.family import Family
 from dynkit.no_motion import Diverged, replaced
-from dynkit.showing import Shown
+from dynkit.stretching import Stretching, stretched
 from dynkit.validation import (
     Array,
     finite_array,
@@ -23,84 +23,6 @@ from dynkit.validation import (
 if TYPE_CHECKING:
     from dynkit.attractors import Attractor
     from dynkit.map_problems import StatesProblem
-
-CLEAR = 1e3
-"""A direction shorter than this many of its errors is hidden: its log is not right to 1e-3."""
-
-
-class Family(Shown):
-    """What has named numeric parameters, and is changed by `replace`.
-
-    For a frozen dataclass both are given: every argument that is a number is a parameter. A class
-    that is no dataclass, and has parameters, overrides both.
-    """
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The numbers that set this object apart in its family, by name."""
-        values = {name: getattr(self, name) for name in _field_names(self)}
-        numbers = int | float | np.integer | np.floating
-        return {
-            name: float(value)
-            for name, value in values.items()
-            if isinstance(value, numbers) and not isinstance(value, bool)
-        }
-
-    @final
-    def value_of(self, name: str) -> float:
-        """Return one of `parameters`.
-
-        Raises
-        ------
-        ValueError
-            When the name is none of them.
-        """
-        values = self.parameters
-        if name not in values:
-            known = ", ".join(values) or "none"
-            raise ValueError(f"parameter must be one of: {known}; got {name!r}")
-        return values[name]
-
-    def replace(self, **parameters: float) -> Self:
-        """Return the same object with some of its parameters changed.
-
-        Raises
-        ------
-        ValueError
-            When a name is not one of `parameters`, or a value is refused.
-        """
-        for name in parameters:
-            self.value_of(name)
-        if not parameters:
-            return self
-        if not _field_names(self):
-            raise TypeError(f"{type(self).__name__} has parameters, but no `replace` of its own")
-        changed: Self = dataclasses.replace(cast("Any", self), **parameters)
-        return changed
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Stretching:
-    """How iterates, or times, stretch a frame of d directions that is made orthonormal after each.
-
-    Attributes
-    ----------
-    logs : (n, d) array
-        Logarithms of the diagonal of R in the QR decomposition after each step. Minus infinity
-        where a direction is lost for good; NaN where its error hides it.
-    errors : (n, d) array
-        Estimates of the errors of the logarithms, to first order.
-    times : (n,) array or None
-        How long each step took; None for a map without a time.
-    state : (d,) array
-        The state after the last step.
-    """
-
-    logs: Array
-    errors: Array
-    times: Array | None
-    state: Array
 
 
 class Map(Family, ABC):
@@ -529,29 +451,3 @@ def refuse_infinite(state: Array, iterates: int) -> None:
     i = int(np.argmin(np.isfinite(state)))
     after = f"{iterates} iterate{'s' if iterates > 1 else ''}"
     raise Diverged(f"the motion runs away: state[{i}] is {float(state[i])} after {after}")
-
-
-def stretched(factors: Array, errors: Array, frame: Array) -> tuple[Array, Array, Array]:
-    """Return the frame (d, k) that factors (n, d, d) carry on, logs (k,) of lengths, their errors.
-
-    The frame's columns are orthonormal, and are made so again after each factor. A length is that
-    of a direction's part beside the directions before it: its log is minus infinity where the
-    length is zero, NaN where the length is less than a thousand errors of the factor's entries.
-    """
-    logs, off = np.zeros((2, frame.shape[1]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for factor, error in zip(factors, errors, strict=True):
-            frame, triangle = np.linalg.qr(factor @ frame)
-            lengths = abs(triangle.diagonal())
-            hidden = (lengths > 0.0) & (lengths <= CLEAR * error)
-            logs += np.where(hidden, np.nan, np.log(lengths))
-            off += error / lengths
-    # a direction that is lost for good has no error
-    off[np.isneginf(logs)] = 0.0
-    return frame, logs, off
-
-
-def _field_names(instance: object) -> tuple[str, ...]:
-    if not dataclasses.is_dataclass(instance):
-        return ()
-    return tuple(entry.name for entry in dataclasses.fields(instance) if entry.init)

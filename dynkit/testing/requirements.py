@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from dynkit.maps import Family
+from dynkit.family import Family
 from dynkit.no_motion import NoMotion, replaced
 from dynkit.testing.derivatives import VectorFunction, numerical_derivative
 from dynkit.validation import Array

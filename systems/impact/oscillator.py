@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 
-from dynkit.maps import Map, Stretching, generic_direction
+from dynkit.maps import Map, generic_direction
 from dynkit.no_motion import NoCrossing
+from dynkit.stretching import Stretching
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
 from dynkit.systems.impact.driven import DrivenStructure

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dynkit.maps import Stretching
 from dynkit.no_motion import NoCrossing
+from dynkit.stretching import Stretching
 from dynkit.systems.impact.motion import evolve, transformed
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.record import Ending
