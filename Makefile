@@ -24,7 +24,7 @@ help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
 
 run: .venv/.ready  ## reproduce the paper's figures: results/report.html
-	$(BIN)/dynkit reproduce --out results
+	$(BIN)/python -m tutorials.cusumano_bai_1993 --out results
 
 test: .venv/.dev  ## run the tests
 	OMP_NUM_THREADS=1 $(PYTEST)
@@ -61,7 +61,7 @@ tutorials: .venv/.dev  ## execute the tutorials and write their outputs into the
 clean:  ## remove environment, results and caches
 	rm -rf .venv $(OLDEST) results docs/_build docs/api/generated docs/jupyter_execute docs/tutorials build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
 		.mypy_cache .pytest_cache .ruff_cache
-	find dynkit systems analysis tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find dynkit systems analysis tests tutorials -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # An environment that works is kept; one that is broken or too old is made anew.
 .venv/.ready: pyproject.toml

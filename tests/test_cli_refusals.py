@@ -8,7 +8,6 @@ import pytest
 from dynkit.analysis.work_precision.names import NAMES
 from dynkit.cli import main
 from dynkit.cli.extremes.cases import GROUPS
-from dynkit.cli.reproduce.paper import ITEMS
 from dynkit.cli.work_precision.jobs import JOBS
 from dynkit.systems import ImpactChain
 
@@ -180,14 +179,6 @@ BAD_INPUT = [
             "or P(inf,m); at frequency 0.35 it is chaotic"
         ),
     ),
-    (
-        ["reproduce", "--out", "results", "--only", "figure-18"],
-        f"reproduce: error: only must hold items among {', '.join(ITEMS)}; got 'figure-18'",
-    ),
-    (
-        ["reproduce"],
-        "reproduce: error: the following arguments are required: --out",
-    ),
     *(
         (["extremes", "--only", only], f"extremes: error: only must hold {GROUPED}; got {got}")
         for only, got in (("sizes", "'sizes'"), ("size,,time", "''"), ("", "''"))
@@ -285,15 +276,6 @@ def test_output_that_cannot_be_written_is_refused_before_simulating(
     (folder / "motion.csv").mkdir()
     assert main(["simulate", "--frequency", "1", "--out", "motion.csv"]) == 2
     assert "out must be a file; got the folder 'motion.csv'" in capsys.readouterr().err
-
-
-def test_results_folder_that_is_a_file_is_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "results").write_text("mine")
-    assert main(["reproduce", "--out", "results"]) == 2
-    assert "out must be writable; got 'results'" in capsys.readouterr().err
-    assert (folder / "results").read_text() == "mine"
 
 
 def test_store_of_another_sweep_is_refused_and_kept(

@@ -11,14 +11,12 @@ from dynkit import __version__
 from dynkit.analysis.work_precision.names import NAMES
 from dynkit.cli.extremes.cases import GROUPS
 from dynkit.cli.options import CONTINUE, MAP, SIMULATE, SWEEP, Option
-from dynkit.cli.reproduce.paper import ITEMS
 from dynkit.cli.work_precision.jobs import JOBS
 
 _COMMANDS = """\
 examples:
   dynkit simulate --frequency 0.87
   dynkit sweep --from 0.70 --to 0.76 --step 0.002 --out diagram.png
-  dynkit reproduce --out results
   dynkit extremes --out extremes.md
   dynkit work-precision --out work-precision.png
   dynkit continue --frequency 0.87 --from 0.7 --to 1.1
@@ -118,19 +116,6 @@ branch.toml may hold:
   to = 0.95
 """
 
-_REPRODUCE = """\
-The table and the figures of Cusumano & Bai (1993), as PNG and SVG, and report.html, which sets what
-the paper says and what was found side by side.
-"""
-
-_REPRODUCE_EXAMPLES = f"""\
-examples:
-  dynkit reproduce --out results
-  dynkit reproduce --out results --only table-a1,figure-3
-
-items: {", ".join(ITEMS)}
-"""
-
 _EXTREMES = """\
 Impact oscillators at the edges of double precision: no damping and far too much, stiff and heavy
 elements beside soft and light ones, resonance, long times, ten million impacts. For each case the
@@ -194,14 +179,6 @@ def make_parser() -> argparse.ArgumentParser:
     branch = commands.add_parser("continue", help="a branch of periodic orbits")
     _command(branch, _CONTINUE, _CONTINUE_EXAMPLES, _run_continue)
     _add_options(branch, CONTINUE)
-    reproduce = commands.add_parser("reproduce", help="the figures of Cusumano & Bai (1993)")
-    _command(reproduce, _REPRODUCE, _REPRODUCE_EXAMPLES, _run_reproduce)
-    reproduce.add_argument(
-        "--out", metavar="FOLDER", required=True, help="where the files go; made when missing"
-    )
-    reproduce.add_argument(
-        "--only", metavar="ITEMS", help="some of the items, separated by commas; by default all"
-    )
     extremes = commands.add_parser("extremes", help="extreme cases against exact impacts")
     _command(extremes, _EXTREMES, _EXTREMES_EXAMPLES, _run_extremes)
     extremes.add_argument("--out", metavar="FILE.md", help="Markdown file to write as well")
@@ -273,13 +250,6 @@ def _run_continue(arguments: argparse.Namespace) -> None:
     from dynkit.cli.options import gather
 
     continue_branch(gather(CONTINUE, arguments.file, vars(arguments)))
-
-
-def _run_reproduce(arguments: argparse.Namespace) -> None:
-    from dynkit.cli.reproduce import reproduce
-
-    only = None if arguments.only is None else arguments.only.split(",")
-    reproduce(arguments.out, only, log=sys.stdout)
 
 
 def _run_extremes(arguments: argparse.Namespace) -> None:
