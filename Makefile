@@ -49,8 +49,8 @@ check: .venv/.dev  ## lint, format, types, layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/.dev  ## run the benchmarks
-	$(BIN)/python tests/benchmarks/run.py
+bench: .venv/.dev  ## run the benchmarks; results/error-time.png is error against run time
+	$(BIN)/python -m tests.benchmarks.run
 
 docs: .venv/.docs  ## build the documentation: docs/_build/index.html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build

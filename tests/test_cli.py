@@ -104,7 +104,7 @@ def examples_of(text: str) -> list[list[str]]:
     return [line.split()[1:] for line in re.findall(r"^  (dynkit .*)$", text, flags=re.MULTILINE)]
 
 
-@pytest.mark.parametrize("command", ["simulate", "sweep", "continue", "extremes", "work-precision"])
+@pytest.mark.parametrize("command", ["simulate", "sweep", "continue"])
 def test_examples_of_the_help_run(
     command: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,7 +127,7 @@ def test_help_shows_a_file(command: str, capsys: pytest.CaptureFixture[str]) -> 
 
 def test_examples_of_the_main_help_are_complete(capsys: pytest.CaptureFixture[str]) -> None:
     commands = [arguments[0] for arguments in examples_of(described([], capsys))]
-    assert commands[:3] == ["simulate", "sweep", "extremes"]
+    assert commands[:3] == ["simulate", "sweep", "continue"]
 
 
 # --- options and files ----------------------------------------------------------------------------

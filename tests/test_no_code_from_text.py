@@ -145,8 +145,6 @@ def attacks(folder: Path) -> list[list[str]]:
                     tasks[-1].append("--values=0.9")
         for payload in PAYLOADS:
             tasks += [[command, payload], [payload], [command, f"--{payload}"]]
-    for payload in PAYLOADS:
-        tasks += [["extremes", "--only", payload], ["extremes", "--out", payload]]
     return tasks
 
 
@@ -191,12 +189,9 @@ def written(tree: ast.AST) -> set[str]:
     return found
 
 
-def test_files_are_written_in_one_place_of_the_package_and_one_of_the_program() -> None:
+def test_files_are_written_in_one_place_only() -> None:
     found = {name: written(tree) for name, tree in sources().items()}
-    assert {name: each for name, each in found.items() if each} == {
-        "dynkit/files.py": {"open"},
-        "tutorials/cusumano_bai_1993/page.py": {"write_text"},
-    }
+    assert {name: each for name, each in found.items() if each} == {"dynkit/files.py": {"open"}}
 
 
 @pytest.mark.parametrize(

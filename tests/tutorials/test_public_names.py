@@ -18,6 +18,7 @@ LACKING = {
         ("dynkit.figures", name)
         for name in ("COLUMN_WIDTH", "DOTS", "ink", "new_figure", "print_style", "save_figure")
     ),
+    ("dynkit.files", "whole"),
     ("dynkit.harmonics", "Harmonics"),
     ("dynkit.labels", "OrbitKind"),
     ("dynkit.systems.impact.attractor", "ImpactAttractor"),

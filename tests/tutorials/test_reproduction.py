@@ -10,7 +10,6 @@ import pytest
 from dynkit.systems import ImpactChain
 from tutorials.cusumano_bai_1993 import reproduce
 from tutorials.cusumano_bai_1993.__main__ import main
-from tutorials.cusumano_bai_1993.page import write_whole
 from tutorials.cusumano_bai_1993.paper import ITEMS
 from tutorials.cusumano_bai_1993.settling import impacts_until_settled
 from tutorials.cusumano_bai_1993.workshop import SteadyTableChain, frequencies
@@ -157,19 +156,6 @@ def test_the_example_of_the_help_runs(
     (example,) = [x for x in lines if "--only" in x]
     main(example.removeprefix(program).split())
     assert (tmp_path / "results" / "report.html").exists()
-
-
-def test_a_report_that_cannot_be_written_leaves_the_old_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(self: Path, _: Path) -> None:
-        raise OSError("disk full")
-
-    (tmp_path / "report.html").write_text("old")
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_whole(tmp_path / "report.html", "new")
-    assert (tmp_path / "report.html").read_text() == "old"
 
 
 def test_frequencies_are_as_printed_and_include_the_last() -> None:

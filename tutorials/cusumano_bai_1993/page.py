@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from string import Template
 
+from dynkit.files import whole
 from tutorials.cusumano_bai_1993.markdown import inline, to_html, to_table
 from tutorials.cusumano_bai_1993.section import Section
 
@@ -50,15 +51,14 @@ def write_page(
     ]
     template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
     page = Template(template).substitute(title=escape(title), body="\n".join(parts))
-    write_whole(path, page)
+    write_text(path, page)
     return path
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
     """Write a text; after any failure the old file is still there."""
-    unfinished = path.with_name(f".{path.name}.new")
-    unfinished.write_text(text, encoding="utf-8")
-    unfinished.replace(path)
+    with whole("out", path) as stream:
+        stream.write(text.encode())
 
 
 def _section(section: Section, folder: Path) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dynkit import __version__
 from tutorials.cusumano_bai_1993 import paper
-from tutorials.cusumano_bai_1993.page import write_page, write_whole
+from tutorials.cusumano_bai_1993.page import write_page, write_text
 from tutorials.cusumano_bai_1993.section import Section, table
 
 _TITLE = "Cusumano & Bai (1993), reproduced"
@@ -48,7 +48,7 @@ def write_report(
         *(_written(section) for section in sections),
         f"## Cost\n\n{closing}",
     ]
-    write_whole(folder / "report.md", "\n\n".join(part.strip() for part in parts) + "\n")
+    write_text(folder / "report.md", "\n\n".join(part.strip() for part in parts) + "\n")
     return write_page(folder / "report.html", _TITLE, _OPENING, sections, [("Cost", closing)])
 
 

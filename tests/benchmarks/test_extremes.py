@@ -1,4 +1,4 @@
-"""Extreme cases: their exact values, what the core makes of them, and `dynkit extremes`."""
+"""Extreme cases: their exact values, what the core makes of them, and the table."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynkit.cli import main
-from dynkit.cli.extremes import extremes
-from dynkit.cli.extremes.cases import GROUPS, Case, read_cases
-from dynkit.cli.extremes.measures import measure
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact.record import ImpactRecord
+from tests.benchmarks.extremes import WrongCases, extremes
+from tests.benchmarks.extremes.__main__ import main
+from tests.benchmarks.extremes.cases import GROUPS, Case, read_cases
+from tests.benchmarks.extremes.measures import measure
 from tests.effort import is_thorough
 from tests.reference.extreme_campaign import Extreme
 from tests.reference.extreme_campaign import extremes as exact_extremes
@@ -118,11 +118,11 @@ def test_ten_million_impacts_take_the_memory_of_ten() -> None:
     assert any(peak(10_000_000) <= peak(10) + 100 * row for _ in range(3))
 
 
-# --- the command ----------------------------------------------------------------------------------
+# --- the program ----------------------------------------------------------------------------------
 
 
 def test_extremes_prints_a_line_for_each_case(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["extremes", "--only", "merging"]) == 0
+    main(["--only", "merging"])
     head, *lines, summary = capsys.readouterr().out.splitlines()
     chosen = [case.name for case in CASES.values() if case.group == "merging"]
     columns = re.split("  +", head)
@@ -134,7 +134,7 @@ def test_extremes_prints_a_line_for_each_case(capsys: pytest.CaptureFixture[str]
 
 def test_extremes_writes_the_table_as_markdown(tmp_path: Path) -> None:
     file = tmp_path / "extremes.md"
-    assert main(["extremes", "--only", "merging,time", "--out", str(file)]) == 0
+    main(["--only", "merging,time", "--out", str(file)])
     rows = re.findall(r"^\| .* \|$", file.read_text(), flags=re.MULTILINE)
     chosen = [case for case in CASES.values() if case.group in ("merging", "time")]
     assert len(rows) == 2 + len(chosen)
@@ -145,10 +145,14 @@ def test_a_case_that_is_wrong_fails_the_run(
 ) -> None:
     case = CASES[SMALL]
     changed = Case(**{**vars(case), "ending": "CONTACT_FOR_EVER"})
-    monkeypatch.setattr("dynkit.cli.extremes.read_cases", lambda: [changed])
-    assert main(["extremes"]) == 1
-    message = f"dynkit extremes: failed: 1 of 1 cases are wrong: {SMALL}\n"
-    assert capsys.readouterr().err == message
+    monkeypatch.setattr("tests.benchmarks.extremes.read_cases", lambda: [changed])
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 1
+    message = f"1 of 1 cases are wrong: {SMALL}"
+    assert capsys.readouterr().err == f"extremes: failed: {message}\n"
+    with pytest.raises(WrongCases, match=re.escape(message)):
+        extremes(log=io.StringIO())
 
 
 def test_an_error_above_the_claimed_one_is_wrong() -> None:
@@ -172,7 +176,7 @@ def test_nothing_is_simulated_before_the_arguments_are_right() -> None:
 
 def section() -> str:
     """What the documentation says of extreme cases."""
-    text = (Path(__file__).parents[1] / "docs" / "benchmarks.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "benchmarks.md").read_text()
     return text.split("## Extreme cases\n")[1].split("\n## ")[0]
 
 

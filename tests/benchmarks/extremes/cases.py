@@ -1,11 +1,11 @@
-"""The cases of `dynkit extremes`: what is simulated, and the exact impacts."""
+"""The extreme cases: what is simulated, and the exact impacts."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
 from decimal import Decimal
-from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -98,8 +98,8 @@ class Case:
 
 
 def read_cases() -> list[Case]:
-    """Read the cases that come with the package."""
-    text = files("dynkit.cli.extremes").joinpath("cases.json").read_text(encoding="utf-8")
+    """Read the cases."""
+    text = Path(__file__).with_name("cases.json").read_text(encoding="utf-8")
     return [_case(entry) for entry in json.loads(text)["cases"]]
 
 

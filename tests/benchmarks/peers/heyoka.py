@@ -66,7 +66,7 @@ class Heyoka(ImpactMethod):
         try:
             import heyoka
         except ImportError:
-            raise Unsuited("heyoka is not installed: it comes with the extra peers") from None
+            raise Unsuited("heyoka is not installed: it comes with the extra dev") from None
         heyoka.set_logger_level_error()  # it warns on stdout of polynomials in short bounces
         model = ImpactModel.of(exact)
         parts = (model.mass, model.damping, model.stiffness, model.harmonic, model.constant)

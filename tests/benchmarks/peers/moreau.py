@@ -57,7 +57,7 @@ class MoreauTimeStepping(ImpactMethod):
         self.budget = budget
 
     def prepare(self, exact: ExactImpacts, tolerance: float) -> Simulation:
-        from dynkit.analysis.work_precision.moreau_kernels import DONE, step_through
+        from tests.benchmarks.peers.moreau_kernels import DONE, step_through
 
         model = ImpactModel.of(exact)
         n, h = model.size, tolerance * exact.period

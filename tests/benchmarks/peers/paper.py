@@ -153,13 +153,13 @@ def _modes(mass: Array, damping: Array, stiffness: Array) -> tuple[Array, Array]
 
 def _steps(modes: Array, h: float) -> Array:
     """Motions (n, 4) of the modes over a step."""
-    from dynkit.analysis.work_precision.paper_kernels import motion
+    from tests.benchmarks.peers.paper_kernels import motion
 
     return np.array([motion(square, sigma, h) for square, sigma in modes.T]).reshape(-1, 4)
 
 
 def _simulate(model: ImpactModel, parts: _Parts, tolerance: float, budget: int) -> FoundImpacts:
-    from dynkit.analysis.work_precision.paper_kernels import BUDGET, DONE, FULL, simulate_modes
+    from tests.benchmarks.peers.paper_kernels import BUDGET, DONE, FULL, simulate_modes
 
     n = model.size
     times, states, releases = np.empty(MOST), np.empty((MOST, 2, n)), np.empty(MOST)

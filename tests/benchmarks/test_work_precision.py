@@ -1,4 +1,4 @@
-"""`dynkit work-precision`: the standard jobs, their exact values, and the command."""
+"""Error against run time: the standard jobs, their exact values, and the program."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ import pytest
 from dynkit.analysis import ExactImpacts
 from dynkit.analysis.work_precision.comparing import compare
 from dynkit.analysis.work_precision.exact_maps import ExactMaps
-from dynkit.analysis.work_precision.names import NAMES
-from dynkit.analysis.work_precision.peers import impact_methods
-from dynkit.cli import main
-from dynkit.cli.work_precision import work_precision
-from dynkit.cli.work_precision.jobs import JOBS, read_starts, standard_jobs
+from tests.benchmarks.peers import NAMES, all_methods
+from tests.benchmarks.work_precision import work_precision
+from tests.benchmarks.work_precision.__main__ import main
+from tests.benchmarks.work_precision.jobs import JOBS, read_starts, standard_jobs
 from tests.effort import is_thorough
 from tests.reference.work_precision_jobs import Start, starts, values_of
 
@@ -102,11 +101,11 @@ def test_near_grazing_starts_come_in_pairs_of_dips_and_misses() -> None:
     assert hits == [1, 0] * 100
 
 
-# --- the command ----------------------------------------------------------------------------------
+# --- the program ----------------------------------------------------------------------------------
 
 
 def test_it_prints_a_line_for_each_measurement(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["work-precision", "--only", "damping", "--methods", "dynkit,Moreau"]) == 0
+    main(["--only", "damping", "--methods", "dynkit,Moreau"])
     head, _, *lines = capsys.readouterr().out.split("\n\n")[0].splitlines()
     assert head.startswith("| job         | method | tolerance | error")
     found = [[cell.strip() for cell in line.split("|")[1:4]] for line in lines]
@@ -121,9 +120,9 @@ def test_a_library_that_is_not_there_is_skipped_with_a_word(
 ) -> None:
     for module in ("heyoka", "siconos", "siconos.kernel"):
         monkeypatch.setitem(__import__("sys").modules, module, None)
-    assert main(["work-precision", "--only", "chaos", "--methods", "heyoka,Siconos"]) == 0
+    main(["--only", "chaos", "--methods", "heyoka,Siconos"])
     printed = capsys.readouterr().out
-    assert "heyoka is not installed: it comes with the extra peers" in printed
+    assert "heyoka is not installed: it comes with the extra dev" in printed
     assert "Siconos is not installed" in printed
 
 
@@ -143,10 +142,17 @@ def test_it_writes_tables_and_figures(ending: str, tmp_path: Path) -> None:
 
 
 def test_the_help_names_jobs_and_methods(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["work-precision", "--help"]) == 0
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
     named = f"jobs: {', '.join(JOBS)}\nmethods: {', '.join(NAMES)}\n"
     assert named in capsys.readouterr().out
 
 
 def test_the_names_are_those_of_the_methods() -> None:
-    assert tuple(method.name for method in impact_methods()) == NAMES
+    assert NAMES == (
+        "dynkit", "paper", "RK45", "DOP853", "Radau", "LSODA", "Moreau", "heyoka", "Siconos",
+    )  # fmt: skip
+    assert [method.name for method in all_methods(["paper", "Moreau"])] == ["paper", "Moreau"]
+    with pytest.raises(ValueError, match=r"methods must hold names among dynkit, .*; got 'RK54'"):
+        all_methods(["RK54"])

@@ -1,17 +1,23 @@
-"""`dynkit work-precision`: error against run time, beside other methods."""
+"""Error against run time of dynkit and its peers.
+
+``python -m tests.benchmarks.work_precision``, from the folder of the repository.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
-from dynkit.cli.output import writable_file, write_picture, write_table, write_text
-from dynkit.cli.work_precision.jobs import JOBS, standard_jobs
-
-if TYPE_CHECKING:
-    from dynkit.analysis.work_precision.measuring import WorkPrecision
+from dynkit.analysis import ImpactMethod, WorkPrecision
+from dynkit.analysis.work_precision.measuring import Measurement
+from dynkit.analysis.work_precision.tables import head, line
+from dynkit.cli.output import write_picture, write_table
+from tests.benchmarks.peers import all_methods
+from tests.benchmarks.programs import output, write_text
+from tests.benchmarks.work_precision.jobs import JOBS, standard_jobs
+from tests.benchmarks.work_precision.notes import NOTES
 
 ENDINGS = (".csv", ".md", ".png", ".svg")
 
@@ -41,15 +47,7 @@ def work_precision(
     ValueError
         When a job or a method is unknown, or the file cannot be written.
     """
-    for name in only or ():
-        if name not in JOBS:
-            raise ValueError(f"only must hold jobs among {', '.join(JOBS)}; got {name!r}")
-    from dynkit.analysis.work_precision.measuring import WorkPrecision
-    from dynkit.analysis.work_precision.peers import impact_methods
-    from dynkit.analysis.work_precision.tables import NOTES, head, line
-
-    chosen = impact_methods(methods)
-    file = None if out is None else _output(out)
+    file, chosen = checked(out, only, methods)
     measured = WorkPrecision(standard_jobs(only), chosen)
     for text in head(measured):
         print(text, file=log)
@@ -61,16 +59,24 @@ def work_precision(
         print(f"written: {file}", file=log)
 
 
-def _output(out: str) -> Path:
-    path = Path(out)
-    if path.suffix not in ENDINGS:
-        raise ValueError(f"out must end in {', '.join(ENDINGS)}; got {out!r}")
-    return writable_file("out", path)
+def checked(
+    out: str | None, only: Sequence[str] | None, methods: Sequence[str] | None
+) -> tuple[Path | None, list[ImpactMethod]]:
+    """Return the file to write, if any, and the methods.
+
+    Raises
+    ------
+    ValueError
+        As `work_precision`.
+    """
+    for name in only or ():
+        if name not in JOBS:
+            raise ValueError(f"only must hold jobs among {', '.join(JOBS)}; got {name!r}")
+    chosen = all_methods(methods)
+    return None if out is None else output(out, ENDINGS), chosen
 
 
 def _write(file: Path, measured: WorkPrecision) -> None:
-    from dynkit.analysis.work_precision.tables import NOTES
-
     if file.suffix in (".png", ".svg"):
         write_picture(file, measured.figure)
     elif file.suffix == ".csv":
@@ -82,8 +88,6 @@ def _write(file: Path, measured: WorkPrecision) -> None:
 
 def _columns(measured: WorkPrecision) -> dict[str, list[object]]:
     """What every measurement holds, column by column."""
-    from dynkit.analysis.work_precision.measuring import Measurement
-
     rows = measured.measurements
     names = [field.name for field in fields(Measurement) if field.name != "work"]
     columns: dict[str, list[object]] = {name: [getattr(x, name) for x in rows] for name in names}

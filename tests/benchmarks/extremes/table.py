@@ -1,10 +1,10 @@
-"""The table of `dynkit extremes`, as printed and as Markdown."""
+"""The table of extreme cases, as printed and as Markdown."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynkit.cli.extremes.measures import Outcome
+from tests.benchmarks.extremes.measures import Outcome
 
 _HEAD = ("case", "impacts", "ending", "largest", "true error", "claimed", "ratio", "us/impact")
 _WIDTHS = (54, 8, 18, 8, 10, 8, 7, 9)

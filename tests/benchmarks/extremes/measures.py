@@ -1,4 +1,4 @@
-"""What a case of `dynkit extremes` gives: its errors, true and claimed, and its cost."""
+"""What an extreme case gives: its errors, true and claimed, and its cost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.cli.extremes.cases import Case, ExactImpact
+from tests.benchmarks.extremes.cases import Case, ExactImpact
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.record import ImpactRecord

@@ -1,10 +1,10 @@
-"""The standard jobs of `dynkit work-precision`, and their exact impacts."""
+"""The standard jobs, and their exact impacts."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ def standard_jobs(names: Sequence[str] | None = None) -> dict[str, list[ExactImp
 
 
 def read_starts() -> list[dict[str, Any]]:
-    """Read the starts that come with the package, as they are written."""
-    text = files("dynkit.cli.work_precision").joinpath("jobs.json").read_text(encoding="utf-8")
+    """Read the starts, as they are written."""
+    text = Path(__file__).with_name("jobs.json").read_text(encoding="utf-8")
     starts: list[dict[str, Any]] = json.loads(text)["starts"]
     return starts
 

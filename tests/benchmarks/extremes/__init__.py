@@ -1,4 +1,7 @@
-"""`dynkit extremes`: impact oscillators at the edges of double precision, against exact values."""
+"""Impact oscillators at the edges of double precision, against exact values.
+
+``python -m tests.benchmarks.extremes``, from the folder of the repository.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
-from dynkit.cli.extremes.cases import GROUPS, read_cases
-from dynkit.cli.output import CommandFailed, writable_file, write_text
+from tests.benchmarks.extremes.cases import GROUPS, read_cases
+from tests.benchmarks.extremes.measures import measure
+from tests.benchmarks.extremes.table import head, line, markdown, summary
+from tests.benchmarks.programs import output, write_text
+
+
+class WrongCases(RuntimeError):
+    """Cases are off by more than they claim, or end otherwise than they should."""
 
 
 def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: TextIO) -> None:
@@ -26,17 +35,10 @@ def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: 
     ------
     ValueError
         When a group is unknown or the file cannot be written.
-    CommandFailed
+    WrongCases
         When a case is off by more than it claims, or ends otherwise than it should.
     """
-    for name in only or ():
-        if name not in GROUPS:
-            raise ValueError(f"only must hold groups among {', '.join(GROUPS)}; got {name!r}")
-    file = None if out is None else _markdown(out)
-
-    from dynkit.cli.extremes.measures import measure
-    from dynkit.cli.extremes.table import head, line, markdown, summary
-
+    file = checked(out, only)
     print(head(), file=log)
     outcomes = []
     for case in read_cases():
@@ -49,11 +51,18 @@ def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: 
         print(f"written: {file}", file=log)
     wrong = [outcome.case.name for outcome in outcomes if not outcome.right]
     if wrong:
-        raise CommandFailed(f"{len(wrong)} of {len(outcomes)} cases are wrong: {', '.join(wrong)}")
+        raise WrongCases(f"{len(wrong)} of {len(outcomes)} cases are wrong: {', '.join(wrong)}")
 
 
-def _markdown(out: str) -> Path:
-    path = Path(out)
-    if path.suffix != ".md":
-        raise ValueError(f"out must end in .md; got {out!r}")
-    return writable_file("out", path)
+def checked(out: str | None, only: Sequence[str] | None) -> Path | None:
+    """Return the file to write, if any.
+
+    Raises
+    ------
+    ValueError
+        As `extremes`.
+    """
+    for name in only or ():
+        if name not in GROUPS:
+            raise ValueError(f"only must hold groups among {', '.join(GROUPS)}; got {name!r}")
+    return None if out is None else output(out, (".md",))
