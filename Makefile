@@ -18,7 +18,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-generic test-processors test-plain test-oldest check bench docs tutorials clean
+.PHONY: help run test test-generic test-processors test-plain test-oldest check bench validate docs tutorials clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
@@ -51,6 +51,9 @@ check: .venv/.dev  ## lint, format, types, layers
 
 bench: .venv/.dev  ## run the benchmarks; results/error-time.png is error against run time
 	$(BIN)/python -m tests.benchmarks.run
+
+validate: .venv/.dev  ## compare estimated errors with actual ones in all random cases
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.validation
 
 docs: .venv/.docs  ## build the documentation: docs/_build/index.html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build

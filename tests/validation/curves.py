@@ -20,15 +20,15 @@ from dynkit import (
 from dynkit.orbits import PeriodicOrbit
 from dynkit.systems import Henon, HighBounce, ImpactChain, MatrixOscillator
 from dynkit.validation import Array
-from tests.errors.exact_impacts import Impacts
-from tests.errors.random_maps import (
+from tests.reference.random_cases import STARTS, random_case
+from tests.validation.exact_impacts import Impacts
+from tests.validation.random_maps import (
     Ball,
     branch_points_of,
     distance_to,
     equations_of,
     random_polynomial,
 )
-from tests.reference.random_cases import STARTS, random_case
 
 MAPS, OSCILLATORS = 1400, 2400
 POINTS = 4

@@ -14,9 +14,9 @@ from flint import acb, acb_mat, arb, arb_mat, ctx
 from dynkit import Bifurcation, Branch, NoConvergence, continue_orbit, periodic_orbit
 from dynkit.continuation.arclength import OrbitEquations
 from dynkit.systems import Henon, MatrixOscillator
-from tests.errors.maps import exact_residual
 from tests.impact_orbits.exact_orbits import ImpactMap
 from tests.reference.random_cases import STARTS, random_case
+from tests.validation.maps import exact_residual
 
 BITS = 400
 MAPS, BRANCHES, OSCILLATORS = 360, 100, 560

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
-from tests.errors import (
+from tests.validation import (
     averages,
     borders,
     branches,

@@ -1,6 +1,6 @@
 """True errors exceed the claimed ones in at most 1 of 1000 random cases, which are close to them.
 
-Here some of the cases; `python -m tests.errors` takes all.
+Here some of the cases; `python -m tests.validation` takes all.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.errors.quantities import QUANTITIES
-from tests.errors.ratios import Ratios
-from tests.errors.records import missing_impacts
 from tests.reference.random_cases import CASES, STARTS, Kept, rows_of
+from tests.validation.quantities import QUANTITIES
+from tests.validation.ratios import Ratios
+from tests.validation.records import missing_impacts
 
 
 @cache

@@ -16,10 +16,10 @@ from dynkit.map_orbits import MapOrbit
 from dynkit.systems import Henon, Logistic
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.validation import Array
-from tests.errors.branches import BRANCHES
-from tests.errors.maps import orbits_of_maps
-from tests.errors.orbits import orbits_of_one_impact, sticking_orbits
 from tests.impact_orbits.exact_orbits import exact_orbit
+from tests.validation.branches import BRANCHES
+from tests.validation.maps import orbits_of_maps
+from tests.validation.orbits import orbits_of_one_impact, sticking_orbits
 
 BITS = 400
 

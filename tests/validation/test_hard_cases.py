@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from tests.errors import branches
-from tests.errors.averages import powers_of
-from tests.errors.borders import borders_of, off
-from tests.errors.multipliers import of_orbit
 from tests.reference.random_cases import STARTS, random_case
 from tests.reference.random_sticking import sticking_orbit
+from tests.validation import branches
+from tests.validation.averages import powers_of
+from tests.validation.borders import borders_of, off
+from tests.validation.multipliers import of_orbit
 
 
 @pytest.mark.parametrize("number", [247, 614, 967])

@@ -1,13 +1,13 @@
 """Two errors of correlation dimensions cover nine runs in ten, of sets of every kind.
 
-Here some of the runs; `python -m tests.errors` takes 100 of each set.
+Here some of the runs; `python -m tests.validation` takes 100 of each set.
 """
 
 import numpy as np
 import pytest
 
-from tests.errors.dimensions import WITH_PLATEAU
-from tests.errors.quantities import STATISTICS
+from tests.validation.dimensions import WITH_PLATEAU
+from tests.validation.quantities import STATISTICS
 
 RUNS = 20
 # nine runs in ten, less two standard errors of a part of so many runs

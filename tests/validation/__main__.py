@@ -1,4 +1,4 @@
-"""All cases: python -m tests.errors.
+"""All cases: python -m tests.validation.
 
 One line for each claim: cases, exceedances, median and largest ratio of true to claimed, lost ones.
 One line for each standard error: runs, those that two errors cover, those that are said to have no
@@ -7,8 +7,8 @@ plateau, and those without a scaling region.
 
 import sys
 
-from tests.errors.quantities import QUANTITIES, STATISTICS
-from tests.errors.ratios import Ratios
+from tests.validation.quantities import QUANTITIES, STATISTICS
+from tests.validation.ratios import Ratios
 
 sys.stdout.write("| error | cases | exceeded | median | largest | lost |\n")
 sys.stdout.write("| --- | --- | --- | --- | --- | --- |\n")
