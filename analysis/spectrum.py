@@ -218,7 +218,7 @@ class PowerSpectrum:
         """Angular frequencies, densities, and the seconds that they cost."""
         values, _ = self._samples
         began = time.perf_counter()
-        frequencies: Array = TWO_PI * np.fft.rfftfreq(self._length, self._step)
+        frequencies = np.asarray(TWO_PI * np.fft.rfftfreq(self._length, self._step), np.float64)
         frequencies = frequencies[frequencies <= self.nyquist * (1.0 + 2.0**-40)]
         used = values[: self._length] if self.segments == 1 else values
         density = self._density(used)[: len(frequencies)]
