@@ -37,6 +37,7 @@ def numbers(found: Run) -> tuple[Any, ...]:
         found.final._turn.tobytes(),
         (found.final.relative_velocity, found.final.motion, found.final._side),
         (found.impacts, found.ending, found.chatter_error, found.cells, found.touches),
+        found.longest,
     )
 
 
