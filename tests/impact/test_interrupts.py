@@ -154,6 +154,7 @@ def test_what_is_computed_of_a_record_is_the_same_in_pieces(masses: int) -> None
         patch.object(motion, "cells_of_a_call", lambda slots: 7),
         patch.object(second_moments, "_PRODUCTS_OF_A_CALL", 1),
         patch.object(tangents, "_PRODUCTS_OF_A_CALL", 1),
+        patch.object(tangents, "_ROWS", 7),
     ):
         assert computed() == whole
 
