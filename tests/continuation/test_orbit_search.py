@@ -15,6 +15,7 @@ import pytest
 
 from dynkit import Diverged, Map, NoConvergence, Refused, find_orbits, periodic_orbit
 from dynkit.continuation.orbit_search import OrbitSearch
+from dynkit.map_orbits import MapOrbit
 from dynkit.systems import Henon, HighBounce, Logistic
 from dynkit.validation import Array, finite_array
 
@@ -27,7 +28,7 @@ def orbits_of(laps: int, period: int) -> int:
     return int((laps**period - shorter) // period)
 
 
-def counts(search: OrbitSearch) -> list[int]:
+def counts(search: OrbitSearch[MapOrbit]) -> list[int]:
     return list(search.counts.values())
 
 
@@ -169,7 +170,7 @@ def test_all_orbits_of_conjugates_of_the_logistic_map_are_found(seed: int) -> No
 
 
 @cache
-def logistic_at_four() -> OrbitSearch:
+def logistic_at_four() -> OrbitSearch[MapOrbit]:
     return find_orbits(Logistic(rate=4.0), 10, [(0.0, 1.0)])
 
 
