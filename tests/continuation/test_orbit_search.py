@@ -108,8 +108,8 @@ class Conjugate(Map):
     def h(self, x: float, derivative: bool = False) -> float:
         waves = [(c, math.pi * j) for j, c in enumerate(self.waves.tolist(), start=1)]
         if derivative:
-            return self.size * (1.0 + sum(c * j * math.cos(j * x) for c, j in waves))
-        return self.shift + self.size * (x + sum(c * math.sin(j * x) for c, j in waves))
+            return self.size * (1.0 + math.fsum(c * j * math.cos(j * x) for c, j in waves))
+        return self.shift + self.size * (x + math.fsum(c * math.sin(j * x) for c, j in waves))
 
     def _inverse(self, y: float) -> float:
         x = (y - self.shift) / self.size
