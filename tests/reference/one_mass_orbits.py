@@ -1,7 +1,7 @@
 """Periodic orbits of one mass above a table from a dense grid of starts, in plain NumPy.
 
 x'' + c x' + k x = 0 between impacts with the table A sin(phase), in closed form. The state is the
-relative velocity u and the phase just after an impact. Nothing of dynkit is used.
+relative velocity u and the phase just after an impact. Of dynkit only the chain's numbers are used.
 """
 
 from __future__ import annotations
