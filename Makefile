@@ -18,13 +18,13 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-generic test-processors test-plain test-oldest check bench docs tutorials clean
+.PHONY: help run test test-generic test-processors test-plain test-oldest check bench validate docs tutorials clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
 
 run: .venv/.ready  ## reproduce the paper's figures: results/report.html
-	$(BIN)/dynkit reproduce --out results
+	$(BIN)/python -m tutorials.cusumano_bai_1993 --out results
 
 test: .venv/.dev  ## run the tests
 	OMP_NUM_THREADS=1 $(PYTEST)
@@ -49,8 +49,11 @@ check: .venv/.dev  ## lint, format, types, layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/.dev  ## run the benchmarks
-	$(BIN)/python tests/benchmarks/run.py
+bench: .venv/.dev  ## run the benchmarks; results/error-time.png is error against run time
+	$(BIN)/python -m tests.benchmarks.run
+
+validate: .venv/.dev  ## compare estimated errors with actual ones in all random cases
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.validation
 
 docs: .venv/.docs  ## build the documentation: docs/_build/index.html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
@@ -61,7 +64,7 @@ tutorials: .venv/.dev  ## execute the tutorials and write their outputs into the
 clean:  ## remove environment, results and caches
 	rm -rf .venv $(OLDEST) results docs/_build docs/api/generated docs/jupyter_execute docs/tutorials build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
 		.mypy_cache .pytest_cache .ruff_cache
-	find dynkit systems analysis tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find dynkit systems analysis tests tutorials -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # An environment that works is kept; one that is broken or too old is made anew.
 .venv/.ready: pyproject.toml

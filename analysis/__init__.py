@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dynkit.analysis.work_precision.exact import ExactImpacts
     from dynkit.analysis.work_precision.measuring import WorkPrecision
     from dynkit.analysis.work_precision.methods import FoundImpacts, ImpactMethod
-    from dynkit.analysis.work_precision.peers import impact_methods
+    from dynkit.analysis.work_precision.standard_methods import impact_methods
 
 __all__ = [
     "POD",
@@ -57,6 +57,6 @@ __getattr__, __dir__ = lazy_names(
         "StroboscopicSection": "dynkit.analysis.sections",
         "TimeSeries": "dynkit.analysis.series",
         "WorkPrecision": "dynkit.analysis.work_precision.measuring",
-        "impact_methods": "dynkit.analysis.work_precision.peers",
+        "impact_methods": "dynkit.analysis.work_precision.standard_methods",
     },
 )

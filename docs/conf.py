@@ -16,7 +16,12 @@ from dynkit.cli.arguments import make_parser
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
 # Sphinx takes sources from one folder only, and follows no links.
-shutil.copytree(HERE.parent / "tutorials", HERE / "tutorials", dirs_exist_ok=True)
+shutil.copytree(
+    HERE.parent / "tutorials",
+    HERE / "tutorials",
+    ignore=shutil.ignore_patterns("__pycache__", "*.py", "cusumano_bai_1993"),
+    dirs_exist_ok=True,
+)
 
 project = "dynkit"
 author = "The dynkit developers"

@@ -21,13 +21,14 @@ import numpy as np
 import dynkit.store
 from dynkit import BifurcationCurve, Branch, sweep
 from dynkit.cli import main
-from dynkit.cli.output import output_file, write_arrays, write_picture, write_table, write_text
+from dynkit.cli.output import output_file, write_arrays, write_picture, write_table
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
 from dynkit.figures import new_figure, save_figure
 from dynkit.workers import collecting
 from tests.continuation.starts import henon
 from tests.example_systems import Logistic
+from tutorials.cusumano_bai_1993.page import write_text
 
 ROOM = 32 * 1024
 """Bytes of the small disk; files may be half of it."""

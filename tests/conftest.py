@@ -20,7 +20,7 @@ APART = (
     "tests/flows/",
     "tests/structure/",
     "tests/test_tutorials",
-    "tests/test_reproduce",
+    "tests/tutorials/",
 )
 """Without the kernels of impacts, and then long."""
 

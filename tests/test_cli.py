@@ -104,16 +104,14 @@ def examples_of(text: str) -> list[list[str]]:
     return [line.split()[1:] for line in re.findall(r"^  (dynkit .*)$", text, flags=re.MULTILINE)]
 
 
-@pytest.mark.parametrize(
-    "command", ["simulate", "sweep", "continue", "reproduce", "extremes", "work-precision"]
-)
+@pytest.mark.parametrize("command", ["simulate", "sweep", "continue"])
 def test_examples_of_the_help_run(
     command: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = described([command], capsys)
     for name, lines in toml_files_of(text).items():
         (folder / name).write_text("\n".join(map(str.strip, lines.splitlines())))
-    examples = [each for each in examples_of(text) if command != "reproduce" or "--only" in each]
+    examples = examples_of(text)
     assert examples
     for arguments in examples:
         assert main(arguments) == 0, arguments
@@ -129,7 +127,7 @@ def test_help_shows_a_file(command: str, capsys: pytest.CaptureFixture[str]) -> 
 
 def test_examples_of_the_main_help_are_complete(capsys: pytest.CaptureFixture[str]) -> None:
     commands = [arguments[0] for arguments in examples_of(described([], capsys))]
-    assert commands[:3] == ["simulate", "sweep", "reproduce"]
+    assert commands[:3] == ["simulate", "sweep", "continue"]
 
 
 # --- options and files ----------------------------------------------------------------------------

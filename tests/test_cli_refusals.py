@@ -5,20 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from dynkit.analysis.work_precision.names import NAMES
 from dynkit.cli import main
-from dynkit.cli.extremes.cases import GROUPS
-from dynkit.cli.reproduce.paper import ITEMS
-from dynkit.cli.work_precision.jobs import JOBS
 from dynkit.systems import ImpactChain
 
 SWEEP = ["sweep", "--from", "0.86", "--to", "0.88", "--step", "0.01", "--no-progress"]
 
 CONTINUE = ["continue", "--frequency", "0.87", "--from", "0.7", "--to", "1.1"]
-
-PRECISION = "work-precision"
-
-GROUPED, JOBBED = f"groups among {', '.join(GROUPS)}", f"jobs among {', '.join(JOBS)}"
 
 # (arguments, the line on stderr)
 BAD_INPUT = [
@@ -180,54 +172,6 @@ BAD_INPUT = [
             "or P(inf,m); at frequency 0.35 it is chaotic"
         ),
     ),
-    (
-        ["reproduce", "--out", "results", "--only", "figure-18"],
-        f"reproduce: error: only must hold items among {', '.join(ITEMS)}; got 'figure-18'",
-    ),
-    (
-        ["reproduce"],
-        "reproduce: error: the following arguments are required: --out",
-    ),
-    *(
-        (["extremes", "--only", only], f"extremes: error: only must hold {GROUPED}; got {got}")
-        for only, got in (("sizes", "'sizes'"), ("size,,time", "''"), ("", "''"))
-    ),
-    (
-        ["extremes", "--out", "table.txt"],
-        "extremes: error: out must end in .md; got 'table.txt'",
-    ),
-    (["extremes", "--out", ""], "extremes: error: out must end in .md; got ''"),
-    (
-        ["extremes", "--out", "missing/table.md"],
-        (
-            "extremes: error: out must be writable; got 'missing/table.md' "
-            "(No such file or directory)"
-        ),
-    ),
-    (["extremes", "size"], "extremes: error: there is no argument size"),
-    *(
-        ([PRECISION, "--only", only], f"{PRECISION}: error: only must hold {JOBBED}; got {only!r}")
-        for only in ("chaotic", "")
-    ),
-    *(
-        (
-            [PRECISION, "--methods", names],
-            f"{PRECISION}: error: methods must hold names among {', '.join(NAMES)}; got {got!r}",
-        )
-        for names, got in (("RK54", "RK54"), ("RK45,,Moreau", ""))
-    ),
-    (
-        [PRECISION, "--out", "table.txt"],
-        f"{PRECISION}: error: out must end in .csv, .md, .png, .svg; got 'table.txt'",
-    ),
-    (
-        [PRECISION, "--out", "missing/table.md"],
-        (
-            f"{PRECISION}: error: out must be writable; got 'missing/table.md' "
-            "(No such file or directory)"
-        ),
-    ),
-    ([PRECISION, "chaos"], f"{PRECISION}: error: there is no argument chaos"),
 ]
 
 
@@ -285,15 +229,6 @@ def test_output_that_cannot_be_written_is_refused_before_simulating(
     (folder / "motion.csv").mkdir()
     assert main(["simulate", "--frequency", "1", "--out", "motion.csv"]) == 2
     assert "out must be a file; got the folder 'motion.csv'" in capsys.readouterr().err
-
-
-def test_results_folder_that_is_a_file_is_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "results").write_text("mine")
-    assert main(["reproduce", "--out", "results"]) == 2
-    assert "out must be writable; got 'results'" in capsys.readouterr().err
-    assert (folder / "results").read_text() == "mine"
 
 
 def test_store_of_another_sweep_is_refused_and_kept(

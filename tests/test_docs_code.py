@@ -117,14 +117,10 @@ def test_code_prints_what_its_page_shows(page: str) -> None:
 
 
 def commands(page: str) -> list[list[str]]:
-    """Commands of a page, in lines of their own or within a sentence, without `dynkit`.
-
-    `reproduce`, `work-precision` and `extremes` have tests of their own.
-    """
+    """Commands of a page, in lines of their own or within a sentence, without `dynkit`."""
     lines = re.findall(r"^    dynkit (.*)$|`dynkit ([^`]*)`", text(page), flags=re.MULTILINE)
     found = [shlex.split(line or inline) for line, inline in lines]
-    others = {"reproduce", "work-precision", "extremes", "--help"}
-    return [arguments for arguments in found if arguments[0] not in others]
+    return [arguments for arguments in found if arguments[0] != "--help"]
 
 
 SHOWN = {

@@ -6,6 +6,7 @@ import pkgutil
 from functools import cached_property
 
 import dynkit
+import tutorials
 
 DOCUMENTED = (staticmethod, classmethod, property, cached_property)
 
@@ -13,7 +14,8 @@ DOCUMENTED = (staticmethod, classmethod, property, cached_property)
 def public_classes() -> list[type]:
     modules = [
         importlib.import_module(found.name)
-        for found in pkgutil.walk_packages(dynkit.__path__, "dynkit.")
+        for package in (dynkit, tutorials)
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
         if not found.name.endswith("__main__")
     ]
     return [

@@ -40,7 +40,7 @@ PIPES = "dynkit/workers/"
 def sources() -> dict[str, ast.AST]:
     return {
         path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
-        for folder in ("dynkit", "systems", "analysis")
+        for folder in ("dynkit", "systems", "analysis", "tutorials")
         for path in (ROOT / folder).rglob("*.py")
     }
 
@@ -145,9 +145,6 @@ def attacks(folder: Path) -> list[list[str]]:
                     tasks[-1].append("--values=0.9")
         for payload in PAYLOADS:
             tasks += [[command, payload], [payload], [command, f"--{payload}"]]
-    for payload in PAYLOADS:
-        tasks += [["reproduce", "--out", "x", "--only", payload], ["extremes", "--only", payload]]
-        tasks += [["extremes", "--out", payload], ["reproduce", "--out", "/dev/null/" + payload]]
     return tasks
 
 

@@ -120,4 +120,4 @@ def test_installed_wheel_offers_its_command(installed: Path, tmp_path: Path) -> 
     printed = run_away_from_home(
         "import sys; from dynkit.cli import main; sys.exit(main(['--help']))", installed, tmp_path
     )
-    assert "reproduce" in printed
+    assert "simulate" in printed

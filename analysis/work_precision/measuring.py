@@ -19,7 +19,7 @@ from dynkit.analysis.work_precision.methods import (
     Simulation,
     Unsuited,
 )
-from dynkit.analysis.work_precision.peers import impact_methods
+from dynkit.analysis.work_precision.standard_methods import impact_methods
 from dynkit.results import Cost
 
 if TYPE_CHECKING:

@@ -28,7 +28,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     from dynkit.cli.arguments import make_parser
-    from dynkit.cli.output import CommandFailed
     from dynkit.continuation.newton import NoConvergence
     from dynkit.no_motion import NoMotion
     from dynkit.workers import WorkerLost
@@ -46,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(command, f"error: {_with_notes(refusal)}", _BAD_INPUT)
     except KeyboardInterrupt:
         return _say(command, "interrupted", _INTERRUPTED)
-    except (CommandFailed, NoConvergence, NoMotion, OSError, MemoryError, WorkerLost) as failure:
+    except (NoConvergence, NoMotion, OSError, MemoryError, WorkerLost) as failure:
         return _say(command, f"failed: {_with_notes(failure)}", _FAILED)
     return _OK
 

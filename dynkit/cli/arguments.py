@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
 from typing import NoReturn
 
 from dynkit import __version__
-from dynkit.analysis.work_precision.names import NAMES
-from dynkit.cli.extremes.cases import GROUPS
 from dynkit.cli.options import CONTINUE, MAP, SIMULATE, SWEEP, Option
-from dynkit.cli.reproduce.paper import ITEMS
-from dynkit.cli.work_precision.jobs import JOBS
 
 _COMMANDS = """\
 examples:
   dynkit simulate --frequency 0.87
   dynkit sweep --from 0.70 --to 0.76 --step 0.002 --out diagram.png
-  dynkit reproduce --out results
-  dynkit extremes --out extremes.md
-  dynkit work-precision --out work-precision.png
   dynkit continue --frequency 0.87 --from 0.7 --to 1.1
   dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --out map.png
 
@@ -118,49 +110,6 @@ branch.toml may hold:
   to = 0.95
 """
 
-_REPRODUCE = """\
-The table and the figures of Cusumano & Bai (1993), as PNG and SVG, and report.html, which sets what
-the paper says and what was found side by side.
-"""
-
-_REPRODUCE_EXAMPLES = f"""\
-examples:
-  dynkit reproduce --out results
-  dynkit reproduce --out results --only table-a1,figure-3
-
-items: {", ".join(ITEMS)}
-"""
-
-_EXTREMES = """\
-Impact oscillators at the edges of double precision: no damping and far too much, stiff and heavy
-elements beside soft and light ones, resonance, long times, ten million impacts. For each case the
-true error, against exact impacts that come with the package, beside the error that is claimed.
-"""
-
-_EXTREMES_EXAMPLES = f"""\
-examples:
-  dynkit extremes --only restitution,resonance
-  dynkit extremes --only size --out extremes.md
-
-groups: {", ".join(GROUPS)}
-"""
-
-_WORK_PRECISION = """\
-Error against run time, beside other methods: dynkit's exact maps, the algorithm of the paper,
-SciPy's solve_ivp with events, Moreau's time stepping, and heyoka and Siconos when they are
-installed; each over its own tolerances. Errors are those against exact impacts that come with the
-package, to 30 digits. Missed and invented impacts are counted.
-"""
-
-_WORK_PRECISION_EXAMPLES = f"""\
-examples:
-  dynkit work-precision --only chaos --methods dynkit,paper,DOP853
-  dynkit work-precision --only chatter --methods dynkit,Moreau --out work-precision.png
-
-jobs: {", ".join(JOBS)}
-methods: {", ".join(NAMES)}
-"""
-
 
 class _Parser(argparse.ArgumentParser):
     """Refusals take one line, and exit code 2."""
@@ -194,29 +143,6 @@ def make_parser() -> argparse.ArgumentParser:
     branch = commands.add_parser("continue", help="a branch of periodic orbits")
     _command(branch, _CONTINUE, _CONTINUE_EXAMPLES, _run_continue)
     _add_options(branch, CONTINUE)
-    reproduce = commands.add_parser("reproduce", help="the figures of Cusumano & Bai (1993)")
-    _command(reproduce, _REPRODUCE, _REPRODUCE_EXAMPLES, _run_reproduce)
-    reproduce.add_argument(
-        "--out", metavar="FOLDER", required=True, help="where the files go; made when missing"
-    )
-    reproduce.add_argument(
-        "--only", metavar="ITEMS", help="some of the items, separated by commas; by default all"
-    )
-    extremes = commands.add_parser("extremes", help="extreme cases against exact impacts")
-    _command(extremes, _EXTREMES, _EXTREMES_EXAMPLES, _run_extremes)
-    extremes.add_argument("--out", metavar="FILE.md", help="Markdown file to write as well")
-    extremes.add_argument(
-        "--only", metavar="GROUPS", help="some of the groups, separated by commas; by default all"
-    )
-    precision = commands.add_parser("work-precision", help="error against run time")
-    _command(precision, _WORK_PRECISION, _WORK_PRECISION_EXAMPLES, _run_work_precision)
-    precision.add_argument("--out", metavar="FILE", help="file to write: .csv, .md, .png or .svg")
-    precision.add_argument(
-        "--only", metavar="JOBS", help="some of the jobs, separated by commas; by default all"
-    )
-    precision.add_argument(
-        "--methods", metavar="NAMES", help="some of the methods, likewise; by default all"
-    )
     return parser
 
 
@@ -273,25 +199,3 @@ def _run_continue(arguments: argparse.Namespace) -> None:
     from dynkit.cli.options import gather
 
     continue_branch(gather(CONTINUE, arguments.file, vars(arguments)))
-
-
-def _run_reproduce(arguments: argparse.Namespace) -> None:
-    from dynkit.cli.reproduce import reproduce
-
-    only = None if arguments.only is None else arguments.only.split(",")
-    reproduce(arguments.out, only, log=sys.stdout)
-
-
-def _run_extremes(arguments: argparse.Namespace) -> None:
-    from dynkit.cli.extremes import extremes
-
-    only = None if arguments.only is None else arguments.only.split(",")
-    extremes(arguments.out, only, log=sys.stdout)
-
-
-def _run_work_precision(arguments: argparse.Namespace) -> None:
-    from dynkit.cli.work_precision import work_precision
-
-    only = None if arguments.only is None else arguments.only.split(",")
-    methods = None if arguments.methods is None else arguments.methods.split(",")
-    work_precision(arguments.out, only, methods, log=sys.stdout)

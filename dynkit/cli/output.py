@@ -18,10 +18,6 @@ DATA = (".csv", ".npz", ".h5")
 PICTURES = (".png", ".svg")
 
 
-class CommandFailed(RuntimeError):
-    """The command ran to its end, and what it found is wrong."""
-
-
 def output_file(name: str, text: str) -> Path:
     """Return the path of a file to write, checked but not touched.
 
@@ -56,26 +52,6 @@ def writable_file(name: str, path: Path) -> Path:
         raise _unwritable(name, path, failure) from failure
     with locked(name, place(name, path)):
         return path
-
-
-def output_folder(name: str, text: str) -> Path:
-    """Return the path of a folder to write to, made when it is missing.
-
-    Raises
-    ------
-    ValueError
-        When it cannot be made, or not be written to.
-    """
-    path = Path(text)
-    if not text:
-        raise ValueError(f"{name} must be a folder; got ''")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
-    except OSError as failure:
-        raise _unwritable(name, path, failure) from failure
-    return path
 
 
 def _unwritable(name: str, path: Path, failure: OSError) -> ValueError:
@@ -126,9 +102,3 @@ def write_picture(path: Path, draw: Callable[[], Figure]) -> None:
     figure = draw()
     with whole("out", path) as stream:
         figure.savefig(stream, format=path.suffix[1:], dpi=600)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text."""
-    with whole("out", path) as stream:
-        stream.write(text.encode())

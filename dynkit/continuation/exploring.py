@@ -19,7 +19,14 @@ from dynkit.continuation.network import Finish, Link, Network, Unexplored
 from dynkit.continuation.newton import NoConvergence
 from dynkit.continuation.orbit_search import OrbitSearch, checked_box
 from dynkit.continuation.problem import NoSolution
-from dynkit.continuation.seeds import SEARCHED, OffersOrbits, offered, searched, told_of_searches
+from dynkit.continuation.seeds import (
+    FindsOrbits,
+    Told,
+    offered,
+    searched,
+    told_of_offers,
+    told_of_searches,
+)
 from dynkit.continuation.trails import Trail
 from dynkit.maps import Map
 from dynkit.no_motion import NoMotion
@@ -71,9 +78,10 @@ def explore(
         Largest n and m of orbits P(n,m) that are followed; of a map the largest n of P(n).
     values : int
         At how many values of the parameter, equally spaced within the bounds, there are orbits to
-        start from: all P(1,m) and the admissible P(2,m) and P(3,m) that the system offers; or those
-        of a map that `find_orbits` finds in a box, at both bounds too. A branch that reaches none
-        of these values, and hangs together with no other, is not found.
+        start from: all P(1,m), and the admissible ones of more impacts that `find_orbits` of the
+        system finds near motions and from random guesses; or those of a map that `find_orbits`
+        finds in a box, at both bounds too. A branch that reaches none of these values, and hangs
+        together with no other, is not found.
     seeds : iterable of PeriodicOrbit, optional
         The orbits to start from, instead of these.
     box : (d, 2) array_like, optional
@@ -154,8 +162,8 @@ def _starts(
     seeds: Iterable[PeriodicOrbit] | None,
     box: Any,
     calls: int,
-) -> tuple[Sequence[Callable[[], Sequence[PeriodicOrbit]]], str]:
-    """Return what gives the orbits to start from, and what that is."""
+) -> tuple[Sequence[Callable[[], Sequence[PeriodicOrbit]]], Told]:
+    """Return what gives the orbits to start from, and what says what they searched."""
     if not isinstance(system, Map):
         raise ValueError(f"system must be a Map; got {system!r}")
     if parameter not in system.parameters:
@@ -171,12 +179,12 @@ def _starts(
         for i, orbit in enumerate(orbits):
             if not isinstance(orbit, PeriodicOrbit):
                 raise ValueError(f"seeds[{i}] must be a PeriodicOrbit; got {orbit!r}")
-        return [partial(list, [orbit]) for orbit in orbits], "nothing beside the orbits given"
+        return [partial(list, [orbit]) for orbit in orbits], _nothing
     low, high = bounds
     at = [low + (high - low) * (i + 0.5) / count for i in range(count)]
     if box is not None:
         at = [low, *at, high]
-    elif not isinstance(system, OffersOrbits):
+    elif not isinstance(system, FindsOrbits):
         raise ValueError(
             "box must be given, or seeds, for a system that offers no orbits; got None"
         )
@@ -186,9 +194,13 @@ def _starts(
         where = f"at {len(at)} values of {parameter} from {at[0]:.6g} to {at[-1]:.6g}"
     if box is not None:
         inside = checked_box(box, system.dimension)
-        return searched(systems, inside, largest[0], calls), where
-    what = f"orbits up to P({min(largest[0], SEARCHED)},{largest[1]})"
-    return offered(systems, *largest), f"{what} that the system finds, {where}"
+        return searched(systems, inside, largest[0], calls), partial(told_of_searches, where=where)
+    return offered(systems, *largest), partial(told_of_offers, periods=largest[1], where=where)
+
+
+def _nothing(searches: Sequence[OrbitSearch[Any]]) -> str:
+    del searches  # there are none
+    return "nothing beside the orbits given"
 
 
 class _UsedUp(Exception):
@@ -203,7 +215,7 @@ class _Group:
     key: Hashable
     call: Callable[[], Sequence[PeriodicOrbit]]
     leads: list[_Lead] | None = None
-    search: OrbitSearch | None = None
+    search: OrbitSearch[Any] | None = None
 
     def have(self, orbits: Sequence[PeriodicOrbit] | None) -> list[_Lead]:
         """Take the orbits, when they are there."""
@@ -235,8 +247,8 @@ class _Exploration:
     most_branches: int
     most_points: int
     ahead: Ahead
-    where: str
-    searches: list[OrbitSearch] = field(default_factory=list)
+    told: Told
+    searches: list[OrbitSearch[Any]] = field(default_factory=list)
     found: list[Branch] = field(default_factory=list)
     trails: list[Trail] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
@@ -278,16 +290,23 @@ class _Exploration:
             self.coming.popleft()
 
     def _gather(self) -> None:
-        """Find the orbits to start from, and put those of the same number of states together."""
-        by_length: dict[int, list[_Lead]] = {}
+        """Find the orbits to start from, and put those of the same P(n,m) together.
+
+        What a search finds need not be a motion where it has several impacts: of these the
+        inadmissible ones are too many, and lead nowhere that motions are.
+        """
+        by_length: dict[tuple[int, int], list[_Lead]] = {}
         while self.coming:
-            for lead in self._leads_of(self.coming[0]):
-                by_length.setdefault(len(lead.orbit.states), []).append(lead)
+            leads = self._leads_of(self.coming[0])
             search = self.coming.popleft().search
             if search is not None:
                 self.searches.append(search)
-        for n, leads in sorted(by_length.items()):
-            self.coming.append(_Group(("start", "of", n), list, leads))
+            for lead in leads:
+                n, m = _length(lead.orbit)
+                if search is None or n == 1 or lead.orbit.admissible:
+                    by_length.setdefault((n, m), []).append(lead)
+        for length, group in sorted(by_length.items()):
+            self.coming.append(_Group(("start", "of", length), list, group))
 
     def _switch(self, number: int, place: int) -> None:
         bifurcation = self.found[number].bifurcations[place]
@@ -346,8 +365,8 @@ class _Exploration:
         return partial(_branch_of, orbit, self.parameter, self.bounds, points)
 
     def _follows(self, orbit: PeriodicOrbit) -> bool:
-        impacts, periods = self.largest
-        return len(orbit.states) <= impacts and getattr(orbit, "periods", 1) <= periods
+        (n, m), (impacts, periods) = _length(orbit), self.largest
+        return n <= impacts and m <= periods
 
     def _known(self, lead: _Lead) -> int | None:
         """The number of the branch that an orbit lies on, of those that are found."""
@@ -400,8 +419,7 @@ class _Exploration:
             elif count < len(left):
                 parts.append(f"{len(left) - count} orbits to start from")
             ending += f"; left unexplored: {' and '.join(parts)}"
-        what = told_of_searches(self.searches, self.where) if self.searches else self.where
-        ending += f"; searched: {what}"
+        ending += f"; searched: {self.told(self.searches)}"
         steps = sum(branch.cost.counts.get("newton_steps", 0) for branch in self.found)
         counts = {"branches": len(self.found), "points": self.points, "newton_steps": steps}
         return Network(
@@ -412,6 +430,11 @@ class _Exploration:
             ending,
             Cost(seconds, counts),
         )
+
+
+def _length(orbit: PeriodicOrbit) -> tuple[int, int]:
+    """Numbers of states and of periods of the forcing, one where nothing forces."""
+    return len(orbit.states), getattr(orbit, "periods", 1)
 
 
 _REFUSALS = (NoSolution, NoConvergence, NoMotion)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, final, overload
+from typing import TYPE_CHECKING, Any, TypeVar, final, overload
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
     from dynkit.map_orbits import MapOrbit
+    from dynkit.orbits import PeriodicOrbit
+
+_Orbit = TypeVar("_Orbit", bound="PeriodicOrbit")
 
 # States of orbits are looked for as far as this beside the box, in its widths.
 _BESIDE = 3.0
@@ -39,8 +42,11 @@ _ROUNDING = 1e-14
 
 
 @final
-class OrbitSearch(Sequence["MapOrbit"]):
-    """What `find_orbits` found: a sequence of orbits, by rising periods.
+class OrbitSearch(Sequence[_Orbit]):
+    """What a search for periodic orbits found: a sequence of them, by rising periods.
+
+    From `find_orbits`, or from `find_orbits` of an impact oscillator: there the period is the
+    number n of impacts of P(n,m).
 
     Attributes
     ----------
@@ -50,13 +56,15 @@ class OrbitSearch(Sequence["MapOrbit"]):
     resolved : int
         The largest period up to which the search was carried through; zero for none. For a map of
         one dimension: all laps of the iterates were searched. For two and three dimensions: halving
-        the cells twice more led to no more orbits. A search of random guesses resolves nothing.
+        the cells twice more led to no more orbits. A search from random guesses, or from motions,
+        resolves nothing.
     region : (d, 2) array
-        Least and greatest coordinates of the states that were looked at.
+        Least and greatest coordinates of the states that were looked at; NaN where there were none.
     message : str
         What was searched, how, and what stopped it.
     cost : Cost
-        Calls of the map and its derivative; the steps of Newton's method come with each orbit.
+        Calls of the map and its derivative, or guesses, starts, impacts that were simulated and
+        returns that were tried; the steps of Newton's method come with each orbit.
     """
 
     def __init__(
@@ -66,7 +74,7 @@ class OrbitSearch(Sequence["MapOrbit"]):
         resolved: int,
         region: Array,
         message: str,
-        orbits: Sequence[MapOrbit],
+        orbits: Sequence[_Orbit],
         cost: Cost,
     ) -> None:
         self.system = system
@@ -80,7 +88,7 @@ class OrbitSearch(Sequence["MapOrbit"]):
 
     @property
     def error(self) -> Array:
-        """Largest error of a coordinate of each orbit, (number of orbits,): `MapOrbit.error`.
+        """Largest error of a coordinate of each orbit, (number of orbits,): `PeriodicOrbit.error`.
 
         Orbits that were not found have no error here: `resolved` and `message` say how far the
         search went.
@@ -92,16 +100,16 @@ class OrbitSearch(Sequence["MapOrbit"]):
         """How many orbits of each least period were found."""
         counts = dict.fromkeys(range(1, self.period + 1), 0)
         for orbit in self._orbits:
-            counts[orbit.period] += 1
+            counts[len(orbit.states)] += 1
         return counts
 
     @overload
-    def __getitem__(self, place: int) -> MapOrbit: ...
+    def __getitem__(self, place: int) -> _Orbit: ...
 
     @overload
-    def __getitem__(self, place: slice) -> Sequence[MapOrbit]: ...
+    def __getitem__(self, place: slice) -> Sequence[_Orbit]: ...
 
-    def __getitem__(self, place: int | slice) -> MapOrbit | Sequence[MapOrbit]:
+    def __getitem__(self, place: int | slice) -> _Orbit | Sequence[_Orbit]:
         """Return one orbit, or several."""
         return self._orbits[place]
 
@@ -112,7 +120,9 @@ class OrbitSearch(Sequence["MapOrbit"]):
         return f"<{len(self)} orbits of {told(self.system, 6)}; {self.message}>"
 
 
-def find_orbits(system: Map, period: int, box: Any, *, calls: int = 200_000) -> OrbitSearch:
+def find_orbits(
+    system: Map, period: int, box: Any, *, calls: int = 200_000
+) -> OrbitSearch[MapOrbit]:
     """Return the periodic orbits of a map, stable or not, that a search of a box finds.
 
     It looks for orbits of each period up to the one asked for that have a state in the box, and all

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, TypeAlias, final, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
@@ -14,49 +13,30 @@ from dynkit.continuation.orbit_search import OrbitSearch, find_orbits
 from dynkit.maps import Map
 from dynkit.validation import Array
 
-if TYPE_CHECKING:
-    from dynkit.orbits import PeriodicOrbit
+Search: TypeAlias = Callable[[], OrbitSearch[Any]]
 
-SEARCHED = 3
-"""Orbits of more impacts than this are not asked for; they branch off others."""
-
-Search: TypeAlias = Callable[[], OrbitSearch]
+Told: TypeAlias = Callable[[Sequence[OrbitSearch[Any]]], str]
+"""What searches looked at, in words."""
 
 
 @runtime_checkable
-class OffersOrbits(Protocol):
+class FindsOrbits(Protocol):
     """A system that finds periodic orbits itself.
 
-    ``periodic_orbits(impacts=n, periods=m)`` returns orbits P(n,m), always the same.
+    ``find_orbits(impacts=n, periods=m)`` returns orbits up to P(n,m), always the same.
     """
 
-    def periodic_orbits(self, *, impacts: int, periods: int) -> Sequence[PeriodicOrbit]:
-        """Return orbits P(n,m)."""
+    def find_orbits(self, *, impacts: int, periods: int) -> OrbitSearch[Any]:
+        """Return orbits up to P(n,m), and what was searched."""
         ...
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Offers:
-    """P(n,m) that a system offers: all of them for n = 1, the admissible ones of more impacts."""
-
-    system: Map
-    impacts: int
-    periods: int
-
-    def __call__(self) -> list[PeriodicOrbit]:
-        assert isinstance(self.system, OffersOrbits)
-        found = self.system.periodic_orbits(impacts=self.impacts, periods=self.periods)
-        return [orbit for orbit in found if self.impacts == 1 or orbit.admissible]
-
-
-def offered(systems: Sequence[Map], impacts: int, periods: int) -> list[Offers]:
-    """Return what to ask the systems for: all P(1,m), then P(n,m) of more impacts."""
+def offered(systems: Sequence[Map], impacts: int, periods: int) -> list[Search]:
+    """Return the searches of systems that find orbits themselves, of orbits up to P(n,m)."""
     return [
-        Offers(system, n, m)
-        for n in range(1, min(impacts, SEARCHED) + 1)
-        for m in range(1, periods + 1)
+        partial(system.find_orbits, impacts=impacts, periods=periods)
         for system in systems
+        if isinstance(system, FindsOrbits)
     ]
 
 
@@ -65,7 +45,38 @@ def searched(systems: Sequence[Map], box: Array, states: int, calls: int) -> lis
     return [partial(find_orbits, system, states, box, calls=calls) for system in systems]
 
 
-def told_of_searches(searches: Sequence[OrbitSearch], where: str) -> str:
+def told_of_counts(impacts: int, counts: Mapping[str, int]) -> str:
+    """Return what searches of systems that find orbits themselves looked at.
+
+    Parameters
+    ----------
+    impacts : int
+        The largest n of P(n,m).
+    counts : mapping
+        Of the random ``guesses``, the ``starts``, and the ``impacts`` simulated from them.
+    """
+    told = "P(1,m) from their closed form"
+    if counts["guesses"]:
+        guessed = "P(2,m)" if impacts == 2 else "P(2,m) and P(3,m)"
+        told += f", {guessed} from {counts['guesses']} random guesses"
+    if counts["starts"]:
+        told += (
+            f", P(2,m) and more from near returns among {counts['impacts']} impacts simulated "
+            f"from {counts['starts']} starts"
+        )
+    return told
+
+
+def told_of_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: str) -> str:
+    """Return what searches for orbits up to P(n,m), at values of a parameter, looked at."""
+    total: Counter[str] = Counter()
+    for search in searches:
+        total.update(search.cost.counts)
+    n = searches[0].period
+    return f"P(1,1) to P({n},{periods}) {where}: {told_of_counts(n, total)}"
+
+
+def told_of_searches(searches: Sequence[OrbitSearch[Any]], where: str) -> str:
     """Return what searches of one box, at values of a parameter, looked at."""
     period = searches[0].period
     regions = np.array([search.region for search in searches])

@@ -111,7 +111,9 @@ class ImpactAttractor(Attractor):
         if self._before is None:
             return float(self.record.error.max(initial=0.0))
         count = self._before.impacts + len(self.record)
-        whole = replace(self._before, cells=self._before.cells + self.record._run.cells)
+        before, kept = self._before, self.record._run
+        longest = max(before.longest, kept.longest)
+        whole = replace(before, cells=before.cells + kept.cells, longest=longest)
         parts = twin_errors(self._system, whole, self._anew(whole, count), count)
         return max((float(part.max()) for part in parts), default=0.0)
 

@@ -37,14 +37,16 @@ Indices = NDArray[np.intp]
     COSINE,
     STAGE,
     BUDGET,
-) = range(15)
-CLOCK = 15
+    LONGEST,
+) = range(16)
+CLOCK = 16
 """Numbers of a clock; above, the places of them."""
 
 
 @kernel()
 def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) -> None:
-    """Add ``n * smallest + e`` to the time, in double-double; turn the phase."""
+    """Add ``n * smallest + e`` to the time, in double-double; turn the phase; note the longest."""
+    clock[LONGEST] = max(clock[LONGEST], n * smallest + e)
     # The smallest step is a power of two: the first product is exact.
     for part in (n * smallest, e):
         total = clock[TIME] + part
@@ -108,9 +110,10 @@ def perturb_reached(
 ) -> None:
     """Change all numbers by noise / 32 * xi of what they become in the flight that begins.
 
-    A velocity v makes a displacement of |v| / max(omega, 2 zeta omega), a displacement x a velocity
-    of omega^2 times as much. Where these are small again at the end of the flight, they keep the
-    rounding of a step between: with a noise of 8 * 2^-52 a quarter of a last digit.
+    A velocity v makes a displacement of |v| t, t = 1 / max(omega, 2 zeta omega) or the longest
+    flight, whichever is shorter; a displacement x makes a velocity of omega^2 |x| t. Where these
+    are small again at the end of the flight, they keep the rounding of a step between: with a noise
+    of 8 * 2^-52 a quarter of a last digit.
     """
     seed = clock[SEED]
     clock[SEED] = float(0x7FFFFFFF) - seed  # draws of its own: those of other disturbances stay
@@ -119,10 +122,11 @@ def perturb_reached(
         a = abs(states[START, 0, slot])
         b = abs(states[START, 1, slot])
         rate = max(math.sqrt(abs(generator[5, slot])), abs(generator[4, slot]))
-        if rate > 0.0:
+        part = noise / 32.0 * clock[LONGEST]
+        if rate * clock[LONGEST] > 1.0:
             part = noise / 32.0 / rate
-            states[START, 0, slot] += part * abs(generator[1, slot]) * b * random(clock)
-            states[START, 1, slot] += part * abs(generator[2, slot]) * a * random(clock)
+        states[START, 0, slot] += part * abs(generator[1, slot]) * b * random(clock)
+        states[START, 1, slot] += part * abs(generator[2, slot]) * a * random(clock)
     clock[SEED] = seed
 
 

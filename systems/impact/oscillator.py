@@ -37,6 +37,7 @@ from dynkit.validation import (
 )
 
 if TYPE_CHECKING:
+    from dynkit.continuation.orbit_search import OrbitSearch
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
     from dynkit.systems.impact.sticking.orbit import StickingOrbit
 
@@ -404,6 +405,46 @@ class ImpactOscillator(DrivenStructure, Map):
         if impacts is not None:
             raise ValueError(f"impacts must not be given with sticking; got {impacts!r}")
         return find_sticking(self, periods)
+
+    def find_orbits(self, *, impacts: int = 3, periods: int = 4) -> OrbitSearch[ImpactOrbit]:
+        """Return the periodic orbits up to P(n,m) that a search finds, stable or not.
+
+        All P(1,m) there are, from their closed form. Of two and three impacts what Newton's method
+        finds from 200 random guesses for each P(n,m). Of two and more what it finds near motions:
+        3000 impacts from the default start, and 300 from each of 20 random starts, are simulated,
+        in parts of 300; of each part, and for each P(n,m), the two closest returns after n impacts
+        and m periods are tried that are not returns to an orbit already found. An orbit that no
+        motion comes near to, as an unstable one in many dimensions may be, is missed. Inadmissible
+        orbits of two and more impacts are found only by chance.
+
+        Parameters
+        ----------
+        impacts, periods : int
+            The largest n and m.
+
+        Returns
+        -------
+        OrbitSearch
+            The orbits by rising n and m, admissible ones first, then larger impulses; always the
+            same. Nothing is `resolved`; `region` is where the simulated impacts were; `cost` has
+            the numbers of guesses, starts, impacts and returns.
+
+        Raises
+        ------
+        ValueError
+            When nothing drives the system, nothing holds a part of it, or a number is no positive
+            integer.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> search = ImpactChain(masses=1, restitution=0.8, frequency=2.8).find_orbits(periods=3)
+        >>> [orbit.label for orbit in search if orbit.admissible]
+        ['P(1,1)', 'P(2,2)', 'P(3,3)', 'P(3,3)']
+        """
+        from dynkit.systems.impact.orbits.searching import search
+
+        return search(self, impacts, periods)
 
     def _recorded(self, name: str, impacts: object) -> int:
         """How many impacts to record: so many that their states fit into memory."""

@@ -62,7 +62,14 @@ def twin_errors(
     # Where a twin rests within rounding of the table it need not be decided when it leaves.
     most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * whole.cells)
     twins = [
-        Course(system, whole.start, noise=noise, seed=seed, most_cells=most_cells)
+        Course(
+            system,
+            whole.start,
+            noise=noise,
+            seed=seed,
+            most_cells=most_cells,
+            longest=whole.longest,
+        )
         for seed in range(1, _TWINS + 1)
     ]
     with ExitStack() as stack:

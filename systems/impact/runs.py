@@ -36,6 +36,7 @@ class Run:
     impacts : number of impacts
     ending : number of an ending of the kernels
     chatter_error, cells, touches, seconds : what it lost and cost
+    longest : the longest flight, or contact, of all
     """
 
     start: ImpactState
@@ -48,6 +49,7 @@ class Run:
     cells: int
     touches: int
     seconds: float
+    longest: float
 
 
 def band_factor(slots: int) -> float:
@@ -79,7 +81,8 @@ class Course:
 
     With noise every number of the start, and of the states after impacts, is changed by up to this
     part of itself and a 32nd of it of what it becomes, pseudo-randomly, and the rest by this part
-    of the terms of which it is the sum. The search for an event gives up after `most_cells`.
+    of the terms of which it is the sum. What a number becomes is bounded for flights of up to
+    `longest`, or the longest one so far. The search for an event gives up after `most_cells`.
 
     Attributes
     ----------
@@ -97,6 +100,7 @@ class Course:
         noise: float,
         seed: int,
         most_cells: int,
+        longest: float = 0.0,
     ) -> None:
         from dynkit.exponential.evaluation_kernels import START
         from dynkit.systems.impact import clock_kernels, kernels
@@ -108,6 +112,7 @@ class Course:
         clock[clock_kernels.SIDE] = start._side
         clock[clock_kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
         clock[clock_kernels.SEED] = seed
+        clock[clock_kernels.LONGEST] = longest
         self._shifts: Array | None = None
         if noise > 0.0:
             random = np.random.default_rng(seed)
@@ -204,6 +209,7 @@ class Course:
             self.cells,
             int(clock[clock_kernels.TOUCHES]),
             seconds,
+            float(clock[clock_kernels.LONGEST]),
         )
 
 

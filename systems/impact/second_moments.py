@@ -16,7 +16,7 @@ from dynkit.systems.impact.mechanics import Regime
 from dynkit.systems.impact.motion import evolve, transformed
 from dynkit.systems.impact.runs import Run, band_factor
 from dynkit.systems.impact.state import Motion
-from dynkit.systems.impact.tangents import before_impacts, free_states
+from dynkit.systems.impact.tangents import before_impacts, free_states, in_steps
 from dynkit.validation import Array
 
 if TYPE_CHECKING:
@@ -124,19 +124,17 @@ def second_moments(oscillator: ImpactOscillator, run: Run, batches: int) -> Seco
 
 def _intervals(oscillator: ImpactOscillator, run: Run) -> Iterator[_Intervals]:
     """Flights, contacts, and flights after a release."""
-    n, free, gap = oscillator.degrees_of_freedom, oscillator._free, oscillator._gaps[0]
+    free, gap = oscillator._free, oscillator._gaps[0]
     rows, count = run.states, run.impacts
-    q = np.concatenate([run.start._coordinates[None], rows[:-1, : 2 * n].reshape(-1, 2, n)])
-    sine = np.append(run.start._turn[0], rows[:-1, 2 * n])
-    cosine = np.append(run.start._turn[1], rows[:-1, 2 * n + 1])
-    starts = free.states(q, sine, cosine)
+    starts = free_states(oscillator, run)[:-1]
     times = np.append(0.0, rows[:, -1])
     contacts = run.contacts[run.contacts[:, 0] < count]
     flying = np.ones(count, dtype=bool)
     before = contacts[:, 0].astype(np.intp)
     flying[before] = False
     where = np.flatnonzero(flying)
-    yield _Intervals(free, gap, starts[where], np.diff(times)[where], where)
+    flights = starts[where] if len(contacts) else starts
+    yield _Intervals(free, gap, flights, np.diff(times)[where], where)
     if not len(contacts):
         return
     speeds = np.append(run.start.relative_velocity, rows[:, -2])
@@ -295,7 +293,9 @@ def _impact_error(oscillator: ImpactOscillator, run: Run, moments: Array) -> Arr
     from_table[0] = run.start.motion is Motion.TABLE
     from_table[held] = False
     rows = abs(gap.rows[:6]).reshape(3, 2, -1)
-    terms = np.einsum("oij,kij->ok", rows, abs(states[..., : rows.shape[2]]))
+    terms = np.empty((3, run.impacts))
+    for now in in_steps(run.impacts):
+        terms[:, now] = np.einsum("oij,kij->ok", rows, abs(states[now, :, : rows.shape[2]]))
     terms[0] += abs(gap.offset)
     place, speed, bent = band_factor(free.layout.slots) * _EPS * terms
     left = np.where(from_table, np.minimum(place, 0.5 * bent * flights**2), place)
@@ -314,9 +314,12 @@ def _impact_error(oscillator: ImpactOscillator, run: Run, moments: Array) -> Arr
 def _positions(oscillator: ImpactOscillator, run: Run) -> Array:
     """Positions (impacts, N + 1) at the impacts, the number one last."""
     n, rows = oscillator.degrees_of_freedom, run.states
-    x = np.ones((run.impacts, n + 1))
-    q = rows[:, : 2 * n].reshape(-1, 2, n)
-    x[:, :n] = oscillator._free.forced.positions(q, rows[:, 2 * n], rows[:, 2 * n + 1])
+    x = np.empty((run.impacts, n + 1))
+    x[:, n] = 1.0
+    for now in in_steps(run.impacts):
+        part = rows[now]
+        q = part[:, : 2 * n].reshape(-1, 2, n)
+        x[now, :n] = oscillator._free.forced.positions(q, part[:, 2 * n], part[:, 2 * n + 1])
     return x
 
 

@@ -9,7 +9,7 @@ on average, while the volume changes by exactly r^2 exp(-trace(M^-1 C) t) in eac
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
 """Impacts that are worked on at a time, and numbers of their matrices."""
+
+_ROWS = 1 << 16
+"""Impacts whose states are worked out in one step: an interrupt is heard between steps."""
 
 _PRODUCTS_OF_A_CALL = 1 << 24
 """Products after which a call of the kernel ends, or after one step: some ten milliseconds."""
@@ -260,7 +263,9 @@ def _before_impacts(
         else:
             rates[here] = -abs(speeds[here]) / r
             turn = stand.sign * float((rows[1] * kick).sum())
-            bends[here] = np.einsum("ij,kij->k", rows[1], states[1:][here])
+            for now in in_steps(run.impacts):
+                own = here[now]
+                bends[now][own] = np.einsum("ij,kij->k", rows[1], states[1:][now][own])
             bends[here] += (1.0 + r) * rates[here] * turn
     return rates, bends
 
@@ -274,11 +279,19 @@ def _contacts_of(run: Run) -> tuple[Any, Any]:
 
 def free_states(oscillator: ImpactOscillator, run: Run) -> Array:
     """States (impacts + 1, 2, slots): the start, and after each impact."""
-    n, rows = oscillator.degrees_of_freedom, run.states
-    q = np.concatenate([run.start._coordinates[None], rows[:, : 2 * n].reshape(-1, 2, n)])
-    sine = np.append(run.start._turn[0], rows[:, 2 * n])
-    cosine = np.append(run.start._turn[1], rows[:, 2 * n + 1])
-    return oscillator._free.states(q, sine, cosine)
+    free, n, rows = oscillator._free, oscillator.degrees_of_freedom, run.states
+    out = np.empty((len(rows) + 1, 2, free.layout.slots))
+    out[0] = free.states(run.start._coordinates, *run.start._turn)
+    for now in in_steps(len(rows)):
+        part = rows[now]
+        q = part[:, : 2 * n].reshape(-1, 2, n)
+        out[1:][now] = free.states(q, part[:, 2 * n], part[:, 2 * n + 1])
+    return out
+
+
+def in_steps(count: int) -> Iterator[slice]:
+    """Successive parts of so many impacts, each of them quickly worked out."""
+    return (slice(low, low + _ROWS) for low in range(0, count, _ROWS))
 
 
 def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) -> Array:

@@ -1,6 +1,6 @@
 """Dimensions where local slopes drift, and of data that were rounded to a grid.
 
-How often two errors cover the dimensions of known sets: `tests/errors/test_dimensions.py`.
+How often two errors cover the dimensions of known sets: `tests/validation/test_dimensions.py`.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from dynkit.analysis.dimension.coordinates import grid_of
 from dynkit.analysis.dimension.scaling import Outcome
 from dynkit.figures import new_figure
 from dynkit.validation import Array
-from tests.errors.dimensions import henon, logistic, normal, ring, sheared, uneven_cantor
+from tests.validation.dimensions import henon, logistic, normal, ring, sheared, uneven_cantor
 
 RUNS, SIZE = 20, 4000
 NOISE = normal(2)

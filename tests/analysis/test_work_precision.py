@@ -178,7 +178,7 @@ def test_a_method_that_is_not_installed_is_skipped_with_a_word() -> None:
     assert (one.remark, one.starts) == ("absent is not installed", 0)
 
 
-@pytest.mark.parametrize("name", ["dynkit", "paper", "RK45", "Moreau"])
+@pytest.mark.parametrize("name", ["dynkit", "RK45"])
 def test_methods_say_of_what_is_no_impact_oscillator_that_they_are_not_made_for_it(
     name: str,
 ) -> None:

@@ -1,5 +1,7 @@
 """Benchmarks: speed beside accuracy, as Markdown tables. Run by ``make bench``.
 
+Error against run time is drawn too: ``results/error-time.png``, the figure of the README.
+
 Times are minima over several runs on one core of whatever machine this is; ratios within one run
 are what may be compared. Nothing here is asserted.
 """
@@ -17,18 +19,20 @@ from time import perf_counter
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 from dynkit import sweep
-from dynkit.cli.work_precision import work_precision
 from dynkit.systems import ImpactChain
 from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
+from tests.benchmarks.extremes import extremes
 from tests.benchmarks.lyapunov import lyapunov_speed
 from tests.benchmarks.report import table
 from tests.benchmarks.scaling import scaling
 from tests.benchmarks.sticking import sticking
 from tests.benchmarks.structures import structures
+from tests.benchmarks.work_precision import work_precision
+
+RESULTS = Path("results")
+"""Where the figure of error against run time goes."""
 
 
 def fastest(call: Callable[[], object], runs: int = 7) -> float:
@@ -111,8 +115,11 @@ def main() -> None:
     dimensions()
     scaling()
     start_up()
-    print("\n### Error against run time: dynkit work-precision\n", flush=True)
-    work_precision(log=sys.stdout)
+    print("\n### Error against run time\n", flush=True)
+    RESULTS.mkdir(exist_ok=True)
+    work_precision(str(RESULTS / "error-time.png"), log=sys.stdout)
+    print("\n### Extreme cases\n", flush=True)
+    extremes(log=sys.stdout)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,22 @@
-"""Cascades of period doublings: every branch is of the period that its label says."""
+"""Cascades of period doublings: every branch is of the period that its label says.
+
+`CASES=10 python -m pytest tests/continuation/test_cascades.py` takes ten times as many random maps.
+"""
 
 from __future__ import annotations
 
+import os
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from dynkit import Branch, Map, continue_orbit, periodic_orbit
+from dynkit import Branch, Map, continue_orbit, explore, periodic_orbit
 from dynkit.orbits import PeriodicOrbit
 from dynkit.systems import Henon, ImpactChain, Logistic
 from tests.continuation.cascades import Hump, Ricker, Sine, cascade, random_hump
+
+MORE = int(os.environ.get("CASES", "1"))
 
 # K. M. Briggs, A precise calculation of the Feigenbaum constants, Math. Comp. 57 (1991) 435-439.
 FEIGENBAUM = 4.669201609102990
@@ -91,7 +97,21 @@ def test_distances_of_doublings_tend_to_the_ratio_of_feigenbaum(
     assert steps[-2] / steps[-1] == pytest.approx(FEIGENBAUM, rel=1e-2)
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(MORE))
+def test_an_exploration_follows_the_cascade_of_a_random_hump(number: int) -> None:
+    system, bounds = random_hump(100 + number), (2.0, 4.2)
+    expected = [doubling.value for _, doubling in cascade(system, [0.5], "p", bounds, 4)]
+    seeds = [periodic_orbit(system, [0.5])]
+    network = explore(system, "p", bounds, impacts=8, seeds=seeds)
+    found = []
+    for k in range(4):
+        (branch,) = network.find(f"P({2**k})")
+        assert_own_period(branch)
+        found += [b.value for b in branch.bifurcations if b.kind == "PD"]
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("number", range(4 * MORE))
 def test_random_humps_double_their_periods(number: int) -> None:
     system = random_hump(number)
     found = assert_a_cascade(system, [0.5], "p", (2.0, 4.2), 5)

@@ -37,6 +37,7 @@ def numbers(found: Run) -> tuple[Any, ...]:
         found.final._turn.tobytes(),
         (found.final.relative_velocity, found.final.motion, found.final._side),
         (found.impacts, found.ending, found.chatter_error, found.cells, found.touches),
+        found.longest,
     )
 
 
@@ -153,6 +154,7 @@ def test_what_is_computed_of_a_record_is_the_same_in_pieces(masses: int) -> None
         patch.object(motion, "cells_of_a_call", lambda slots: 7),
         patch.object(second_moments, "_PRODUCTS_OF_A_CALL", 1),
         patch.object(tangents, "_PRODUCTS_OF_A_CALL", 1),
+        patch.object(tangents, "_ROWS", 7),
     ):
         assert computed() == whole
 

@@ -8,11 +8,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from dynkit.cli.extremes.cases import Case, read_cases
 from dynkit.systems import BouncingBall, ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
 from dynkit.validation import Array
+from tests.benchmarks.extremes.cases import Case, read_cases
 
 # The lowest natural frequency of three equal masses.
 LOWEST = float(ImpactChain(masses=3, frequency=1.0).natural_frequencies[0])

@@ -9,7 +9,7 @@ import pytest
 
 from dynkit import Branch, continue_curve, continue_orbit
 from dynkit.systems import MatrixOscillator
-from tests.errors.curves import _oscillators as oscillators
+from tests.validation.curves import _oscillators as oscillators
 
 
 def test_no_torus_begins_where_an_undamped_structure_only_grazes() -> None:

@@ -346,6 +346,31 @@ def test_where_the_period_doubles_there_is_an_orbit_of_twice_the_period() -> Non
     assert abs(np.diff(doubled.states[:, :-2], axis=0)).max() > 1e-5
 
 
+def test_a_doubled_orbit_that_sticks_is_near_where_its_branch_begins() -> None:
+    (doubled,) = doubling().switch()
+    assert abs(doubled.system.value_of("damping") - doubling().value) < 1e-3
+    # where a branch of doubled orbits begins, a multiplier of theirs is one
+    assert abs(doubled.multipliers - 1.0).min() < 0.25
+
+
+def test_all_points_of_a_doubled_branch_that_sticks_have_twice_the_period() -> None:
+    (doubled,) = doubling().switch()
+    _, _, name, bounds = BRANCHES["doubling"]
+    branch = continue_orbit(doubled, name, bounds=bounds, points=40)
+    assert branch.label == "P(inf,2)"
+    assert len(branch) >= 10
+    meetings = [b.value for b in branch.bifurcations if b.kind == "BP"]
+    assert any(abs(value - doubling().value) < 1e-9 for value in meetings)
+    apart = abs(branch.parameter - doubling().value) > 1e-9
+    for x in branch.unknowns[apart]:
+        orbit = branch.problem.orbit(x, branch.parameter[:1])
+        assert isinstance(orbit, StickingOrbit)
+        assert branch.problem.shortest(x)[0] is branch.problem
+        phases = orbit.phases.reshape(2, -1)
+        # the second half is not the first one a period of the table later
+        assert abs(phases[1] - phases[0] - 2.0 * np.pi).max() > 1e-7
+
+
 @pytest.mark.parametrize("name", BRANCHES)
 def test_values_of_borders_have_errors_near_rounding(name: str) -> None:
     found = branch_of(name).bifurcations

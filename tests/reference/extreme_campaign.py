@@ -1,4 +1,4 @@
-"""The campaign of `dynkit extremes`: its cases, by group, and their exact motions.
+"""The campaign of extreme cases: its cases, by group, and their exact motions.
 
 Chains of `extremes`, of which some are taken, and some more with forces, merging modes and long
 times. Sources: `general_oscillator` and `uniform_chain`, every impact proved in interval

@@ -1,4 +1,4 @@
-"""Writes the exact values of `dynkit extremes`: 30 digits of impacts of the extreme campaign.
+"""Writes the exact values of the extreme cases: 30 digits of impacts of the extreme campaign.
 
 python -m tests.reference.extreme_values
 """
@@ -15,7 +15,7 @@ from mpmath import mp, mpf
 from tests.reference.extreme_campaign import Extreme, extremes
 from tests.reference.general_oscillator import BITS, History, Impact
 
-FILE: Final = Path(__file__).parents[2] / "dynkit" / "cli" / "extremes" / "cases.json"
+FILE: Final = Path(__file__).parents[1] / "benchmarks" / "extremes" / "cases.json"
 DIGITS: Final = 30
 LARGEST: Final = 10
 """Coordinates are written of so many masses at most."""

@@ -1,4 +1,4 @@
-"""Writes the standard jobs of `dynkit work-precision`: starts, and their impacts to 30 digits.
+"""Writes the standard jobs of error against run time: starts, and their impacts to 30 digits.
 
 python -m tests.reference.work_precision_jobs
 
@@ -26,7 +26,7 @@ from tests.reference.brute_force import chain_matrices
 from tests.reference.extremes import ExtremeCase
 from tests.reference.general_oscillator import BITS, History, Impact
 
-FILE: Final = Path(__file__).parents[2] / "dynkit" / "cli" / "work_precision" / "jobs.json"
+FILE: Final = Path(__file__).parents[1] / "benchmarks" / "work_precision" / "jobs.json"
 DIGITS: Final = 30
 DISTURBANCE: Final = mpf("1e-20")
 """Relative, of the start: by it the conditioning is found."""
@@ -39,7 +39,7 @@ LEAST, MOST = 1e-9, 1e-3
 """How deep the first dips of near-grazing starts are, or by how much they miss."""
 
 ABOUT: Final = (
-    "The standard jobs of dynkit work-precision and their exact impacts, written by "
+    "The standard jobs of error against run time and their exact impacts, written by "
     "tests/reference/work_precision_jobs.py. Numbers of systems and starts are doubles; those of "
     f"impacts have {DIGITS} digits, from proved roots in 50-digit arithmetic."
 )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -44,25 +45,53 @@ def find_orbits(
     always the same.
     """
     n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
-    _solvable("impacts", n)
+    solvable("impacts", n)
     began = time.perf_counter()
-    found: list[tuple[ImpactProblem, Array, tuple[float, ...]]] = []
-    guesses = _closed_forms(oscillator, m) if n == 1 else _random_guesses(oscillator, n, m)
-    seen: list[Array] = []
+    guesses = closed_forms(oscillator, m) if n == 1 else random_guesses(oscillator, n, m)
+    found = Found()
     for problem, guess in guesses:
+        found.add(problem, guess)
+    return found.orbits(began)
+
+
+@final
+class Found:
+    """Orbits that Newton's method found, each once."""
+
+    def __init__(self) -> None:
+        self._solutions: list[tuple[ImpactProblem, Array, tuple[float, ...]]] = []
+        self._marks: dict[tuple[int, int], list[Array]] = {}
+
+    def add(self, problem: ImpactProblem, guess: Array) -> None:
+        """Take the orbit that Newton's method finds from a guess, (2n,), if it is new."""
         result = correct(FixedParameters(problem, _NONE), guess, problem.scale(guess), steps=30)
+        n = len(problem.sides)
         if not result.converged or (result.y[n:] <= LEAST * problem.speed).any():
-            continue
+            return
         problem, x = ordered(problem, result.y)
         if coincide(problem, x) or repeats(problem, x):
-            continue
+            return
         mark = problem.canonical(x)
-        if all(abs(mark - other).max() > APART for other in seen):
-            seen.append(mark)
-            found.append((problem, x, result.history))
-    cost = Cost(time.perf_counter() - began, {"orbits": len(found)})
-    orbits = [ImpactOrbit(problem, x, history, cost) for problem, x, history in found]
-    return sorted(orbits, key=lambda orbit: (not orbit.admissible, -float(orbit.impulses.sum())))
+        marks = self._marks.setdefault((n, problem.periods), [])
+        if all(abs(mark - other).max() > APART for other in marks):
+            marks.append(mark)
+            self._solutions.append((problem, x, result.history))
+
+    def holds(self, problem: ImpactProblem, x: Array, within: float) -> bool:
+        """Whether unknowns, (2n,), are so near those of an orbit, run through once or more."""
+        mark, n, m = problem.canonical(x), len(problem.sides), problem.periods
+        return any(
+            abs(mark - other).max() <= within
+            for k in range(1, math.gcd(n, m) + 1)
+            if n % k == 0 and m % k == 0
+            for other in self._marks.get((n // k, m // k), ())
+        )
+
+    def orbits(self, began: float) -> list[ImpactOrbit]:
+        """Return the admissible ones first, then those of larger impulses."""
+        cost = Cost(time.perf_counter() - began, {"orbits": len(self._solutions)})
+        orbits = [ImpactOrbit(problem, x, history, cost) for problem, x, history in self._solutions]
+        return sorted(orbits, key=lambda o: (not o.admissible, -float(o.impulses.sum())))
 
 
 def orbit_at(
@@ -85,8 +114,8 @@ def orbit_at(
     given = finite_array("phases", phases, (None,))
     if impacts is not None and positive_integer("impacts", impacts) != len(given):
         raise ValueError(f"impacts must be the number of phases, {len(given)}; got {impacts}")
-    _solvable("phases", len(given))
-    if not _ascend(given, m):
+    solvable("phases", len(given))
+    if not ascend(given, m):
         raise ValueError(
             f"phases must ascend and span less than {m} periods of 2 pi; got {given.tolist()}"
         )
@@ -101,13 +130,13 @@ def orbit_at(
     return ImpactOrbit(*ordered(problem, x), history, cost)
 
 
-def _ascend(phases: Array, periods: int) -> bool:
+def ascend(phases: Array, periods: int) -> bool:
     """Whether there are phases, (n,), that ascend and span less than so many periods."""
     late = np.ptp(phases) >= TWO_PI * periods if len(phases) else True
     return not late and bool((np.diff(phases) > 0.0).all())
 
 
-def _solvable(name: str, impacts: int) -> None:
+def solvable(name: str, impacts: int) -> None:
     """Refuse more impacts than Newton's method has memory for: 2n equations, solved in place."""
     within_memory(name, impacts, 2.0 * 8.0 * (2.0 * impacts) ** 2)
 
@@ -178,7 +207,7 @@ def repeats(problem: ImpactProblem, x: Array) -> bool:
     return False
 
 
-def _closed_forms(
+def closed_forms(
     oscillator: ImpactOscillator, periods: int
 ) -> Iterator[tuple[ImpactProblem, Array]]:
     """P(1,m): gap and its rate at the impact are one complex equation, quadratic in the impulse.
@@ -203,9 +232,10 @@ def _closed_forms(
             yield problem, np.array([np.angle(place), impulse])
 
 
-def _random_guesses(
+def random_guesses(
     oscillator: ImpactOscillator, impacts: int, periods: int
 ) -> Iterator[tuple[ImpactProblem, Array]]:
+    """Return equations and guesses (2n,) of P(n,m) from `STARTS` sets of random phases."""
     random = np.random.default_rng(0)
     stops = len(oscillator._stands)
     problems: dict[bytes, ImpactProblem] = {}
@@ -233,7 +263,7 @@ def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactO
     """
     clock = record.system.frequency * (record.time - record.time[0])
     phases = record.phase[0] + clock[:impacts]
-    if not _ascend(phases, periods):
+    if not ascend(phases, periods):
         raise NoConvergence(
             f"the motion is still too far from P({impacts},{periods}): its impacts are at phases "
             f"{phases.tolist()}"

@@ -1,0 +1,48 @@
+"""The methods that come with dynkit, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynkit.analysis.work_precision.methods import ImpactMethod
+
+NAMES = ("dynkit", "RK45", "DOP853", "Radau", "LSODA")
+"""dynkit's own maps, then SciPy's integrators."""
+
+
+def impact_methods(names: Sequence[str] | None = None) -> list[ImpactMethod]:
+    """Return the methods for `WorkPrecision` that need nothing but dynkit and SciPy.
+
+    ``dynkit`` is closed-form motion with certified roots, ``RK45``, ``DOP853``, ``Radau`` and
+    ``LSODA`` are SciPy's ``solve_ivp`` with a terminal event.
+
+    Parameters
+    ----------
+    names : sequence of str, optional
+        Some of them; by default all.
+
+    Raises
+    ------
+    ValueError
+        When a name is unknown.
+
+    Examples
+    --------
+    >>> [method.name for method in impact_methods(["dynkit", "RK45"])]
+    ['dynkit', 'RK45']
+    """
+    from dynkit.analysis.work_precision.exact_maps import ExactMaps
+    from dynkit.analysis.work_precision.solve_ivp import SolveIVP
+
+    known: list[ImpactMethod] = [
+        ExactMaps(),
+        SolveIVP("RK45"),
+        SolveIVP("DOP853"),
+        SolveIVP("Radau"),
+        SolveIVP("LSODA"),
+    ]
+    by_name = dict(zip(NAMES, known, strict=True))
+    for name in names or ():
+        if name not in by_name:
+            raise ValueError(f"methods must hold names among {', '.join(NAMES)}; got {name!r}")
+    return [by_name[name] for name in NAMES if names is None or name in names]

@@ -1,0 +1,152 @@
+"""`ImpactOscillator.find_orbits`: periodic orbits that motions come near to."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.continuation.orbit_search import OrbitSearch
+from dynkit.continuation.problem import NoSolution
+from dynkit.continuation.seeds import told_of_counts
+from dynkit.recurrences import Recurrences
+from dynkit.results import Cost
+from dynkit.systems.impact.orbits.finding import (
+    STARTS,
+    Found,
+    ascend,
+    closed_forms,
+    make_problem,
+    random_guesses,
+    solvable,
+    with_impulses,
+)
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.problem import ImpactProblem
+from dynkit.systems.impact.orbits.terms import Terms
+from dynkit.systems.impact.state import TWO_PI
+from dynkit.validation import Array, positive_integer
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.record import ImpactRecord
+
+GUESSED = 3
+"""Orbits of at most so many impacts are sought from random phases, too."""
+
+# Random starts, as many as those of `find_orbits` for maps of many dimensions; the closest returns
+# of each part and P(n,m): a second one, as the closest may be too bent a piece of the map.
+RANDOM, RETURNS = 20, 2
+# Impacts of a part of a motion of which the closest returns are tried, and parts of the motion from
+# the default start: as it may be chaotic, it comes near to other orbits in each.
+PART, PARTS = 300, 10
+
+
+def search(
+    oscillator: ImpactOscillator, impacts: object, periods: object
+) -> OrbitSearch[ImpactOrbit]:
+    """Return orbits up to P(n,m), and what was searched: see `ImpactOscillator.find_orbits`."""
+    began = time.perf_counter()
+    n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
+    solvable("impacts", n)
+    found = Found()
+    for periods_of in range(1, m + 1):
+        for problem, guess in closed_forms(oscillator, periods_of):
+            found.add(problem, guess)
+    counts = {"guesses": 0, "starts": 0, "impacts": 0, "returns": 0}
+    for impacts_of in range(2, min(n, GUESSED) + 1):
+        for periods_of in range(1, m + 1):
+            counts["guesses"] += STARTS
+            for problem, guess in random_guesses(oscillator, impacts_of, periods_of):
+                found.add(problem, guess)
+    region = np.full((oscillator.dimension, 2), np.nan)
+    if n > 1:
+        parts = list(_simulated(oscillator))
+        counts |= {"starts": 1 + RANDOM, "impacts": sum(len(part) for part in parts)}
+        counts["returns"] = sum(
+            _add_returns(found, part, impacts_of, m)
+            for impacts_of in range(2, n + 1)
+            for part in parts
+        )
+        states = np.concatenate([part.states for part in parts])
+        if len(states):
+            region = np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
+    orbits = sorted(found.orbits(began), key=lambda orbit: (orbit.impacts, orbit.periods))
+    cost = Cost(time.perf_counter() - began, counts)
+    message = f"P(1,1) to P({n},{m}): {told_of_counts(n, counts)}"
+    return OrbitSearch(oscillator, n, 0, region, message, orbits, cost)
+
+
+def _simulated(oscillator: ImpactOscillator) -> Iterator[ImpactRecord]:
+    """Return the motion from the default start in parts, then those from random starts.
+
+    These are just after an impact, with coordinates up to twice as large as the largest of the
+    former motion and of the table's.
+    """
+    size = np.zeros(oscillator.dimension)
+    state = oscillator.state()
+    for _ in range(PARTS):
+        record = oscillator.simulate(impacts=PART, start=state)
+        state = record.final
+        size = np.maximum(size, abs(record.states).max(axis=0, initial=0.0))
+        yield record
+    terms = Terms.of(oscillator)
+    places = oscillator.degrees_of_freedom - 1
+    size[:places] = np.maximum(size[:places], abs(terms.drive))
+    size[places:-1] = np.maximum(size[places:-1], abs(terms.drive) * terms.frequency)
+    random = np.random.default_rng(0)
+    for _ in range(RANDOM):
+        start = 2.0 * size * random.uniform(-1.0, 1.0, len(size))
+        start[-1] = random.uniform(0.0, TWO_PI)
+        if len(terms.places) == 1:
+            start[-2] = abs(start[-2])
+        yield oscillator.simulate(impacts=PART, start=oscillator.impact_state(start))
+
+
+def _add_returns(found: Found, record: ImpactRecord, impacts: int, periods: int) -> int:
+    """Try the closest returns after so many impacts and up to so many periods; return how many.
+
+    A return is not tried where an orbit that was found is nearer to it than it comes to itself.
+    """
+    n, system = impacts, record.system
+    if len(record) <= n:
+        return 0
+    times = record.time * (system.frequency / TWO_PI)
+    after = np.rint(times[n:] - times[:-n]).astype(np.intp)
+    states = Recurrences(record.states[:, :-1], times, np.subtract)
+    distances = states.distances(slice(n, None), slice(None, -n))
+    tried: Counter[int] = Counter()
+    for place in np.argsort(distances, kind="stable").tolist():
+        # states that differ by more than the largest of them are not near
+        m, distance = int(after[place]), float(distances[place])
+        if not distance < 1.0:
+            break
+        beside = slice(max(place - 1, 0), place + 2)
+        best = distances[beside][after[beside] == m].min()
+        if m > periods or tried[m] == RETURNS or distance > best:
+            continue
+        try:
+            near = _near(record, place, n, m)
+        except NoSolution:
+            continue
+        if near is not None and not found.holds(*near, distance):
+            tried[m] += 1
+            found.add(*near)
+    return tried.total()
+
+
+def _near(
+    record: ImpactRecord, place: int, impacts: int, periods: int
+) -> tuple[ImpactProblem, Array] | None:
+    """Return equations and unknowns of P(n,m) for some impacts; None where they take longer."""
+    part = slice(place, place + impacts)
+    phases = record.phase[place] + record.system.frequency * (
+        record.time[part] - record.time[place]
+    )
+    if not ascend(phases, periods):
+        return None
+    problem = make_problem(record.system, periods, np.signbit(record.relative_velocity[part]))
+    return problem, with_impulses(problem, phases)

@@ -1,0 +1,69 @@
+"""The table of extreme cases, as printed and as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tests.benchmarks.extremes.measures import Outcome
+
+_HEAD = ("case", "impacts", "ending", "largest", "true error", "claimed", "ratio", "us/impact")
+_WIDTHS = (54, 8, 18, 8, 10, 8, 7, 9)
+
+_ABOUT = """\
+# Extreme cases
+
+Largest is the largest section coordinate of the impacts that are compared: their size. True errors
+are those of their section coordinates and times against 30 digits from 50-digit arithmetic, claimed
+ones those of `record.error`; both are absolute. The ratio of the two, the largest of any impact,
+must not exceed 1. Times per impact are without compilation; in a run of few impacts most of it is
+the start of the run.
+"""
+
+
+def head() -> str:
+    """Return the head of the printed table."""
+    return _row(_HEAD)
+
+
+def line(outcome: Outcome) -> str:
+    """Return one line of the printed table."""
+    text = _row(_cells(outcome))
+    return text if outcome.right else f"{text}  WRONG: {outcome.wrong}"
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    """Return a line about all outcomes."""
+    right = sum(outcome.right for outcome in outcomes)
+    worst = max((outcome.ratio for outcome in outcomes), default=0.0)
+    impacts = sum(outcome.compared for outcome in outcomes)
+    return (
+        f"{right} of {len(outcomes)} cases right, {impacts} impacts compared; "
+        f"largest ratio of a true error to a claimed one: {worst:.2g}"
+    )
+
+
+def markdown(outcomes: Sequence[Outcome]) -> str:
+    """Return the table as Markdown."""
+    rows = [_HEAD, ["---"] * len(_HEAD), *(_cells(outcome) for outcome in outcomes)]
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return f"{_ABOUT}\n{table}\n\n{summary(outcomes)}\n"
+
+
+def _cells(outcome: Outcome) -> list[str]:
+    compared = outcome.compared > 0
+    each = 1e6 * outcome.seconds / max(outcome.impacts, 1)
+    return [
+        outcome.case.name,
+        f"{outcome.impacts}",
+        outcome.ending,
+        f"{outcome.largest:.1e}" if compared else "-",
+        f"{outcome.true:.1e}" if compared else "-",
+        f"{outcome.claimed:.1e}" if compared else "-",
+        f"{outcome.ratio:.2g}" if compared else "-",
+        f"{each:.3g}",
+    ]
+
+
+def _row(cells: Sequence[str]) -> str:
+    first, *others = zip(cells, _WIDTHS, strict=True)
+    return "  ".join([f"{first[0]:<{first[1]}}", *(f"{cell:>{width}}" for cell, width in others)])

@@ -1,0 +1,69 @@
+"""The claims that are looked at, and how many of the cases the tests take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+from tests.validation import (
+    averages,
+    borders,
+    branches,
+    curves,
+    cycles,
+    dimensions,
+    flows,
+    maps,
+    multipliers,
+    orbits,
+    records,
+    sums,
+)
+
+
+class Quantity(NamedTuple):
+    """Pairs of true and claimed errors of every so manieth case; the tests take every `tested`."""
+
+    pairs: Callable[[int], Iterator[tuple[float, float]]]
+    tested: int
+
+
+QUANTITIES = {
+    "`ImpactRecord.error`, states": Quantity(records.states_of_records, 8),
+    "`ImpactRecord.error`, times": Quantity(records.times_of_records, 8),
+    "`ImpactAttractor.error`": Quantity(records.states_of_attractors, 8),
+    "`MapAttractor.error`": Quantity(maps.states_of_attractors, 10),
+    "`MapOrbit.error`": Quantity(maps.states_of_orbits, 6),
+    "`PoincareMap.accuracy`": Quantity(flows.states_of_returns, 60),
+    "`IntegratedFlow.advance_error`": Quantity(flows.states_of_times, 60),
+    "`ExponentialSum.first_root`, times": Quantity(sums.times_of_roots, 20),
+    "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
+    "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 100),
+    "`multipliers_error`, maps": Quantity(multipliers.of_maps, 120),
+    "`multipliers_error`, P(1,m)": Quantity(multipliers.of_oscillators, 150),
+    "`multipliers_error`, P(inf,m)": Quantity(multipliers.of_sticking_orbits, 110),
+    "`multipliers_error`, van der Pol": Quantity(cycles.of_van_der_pol, 5),
+    "`multipliers_error`, cycles": Quantity(cycles.of_bent_cycles, 29),
+    "`multipliers_error`, branches": Quantity(multipliers.of_branches, 50),
+    "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 60),
+    "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
+    "`POD.error`, exact": Quantity(averages.powers, 60),
+    "`Branch.error`": Quantity(branches.points_of_branches, 100),
+    "`Bifurcation.error`, SN, PD, NS": Quantity(branches.bifurcations_of_maps, 180),
+    "`Bifurcation.error`, SN, GR": Quantity(branches.bifurcations_of_oscillators, 100),
+    "`Bifurcation.error`, CB": Quantity(branches.borders_of_contact, 700),
+    "`Bifurcation.error`, CB of P(inf,m)": Quantity(borders.borders_of_sticking_orbits, 325),
+    "`Bifurcation.error`, maps": Quantity(curves.values_of_maps, 103),
+    "`Bifurcation.error`, P(n,m)": Quantity(curves.values_of_oscillators, 259),
+    "`Bifurcation.unknowns_error`": Quantity(curves.unknowns, 259),
+    "`Bifurcation.own_error`": Quantity(curves.angles, 259),
+    "`BifurcationCurve.error`, maps": Quantity(curves.points_of_maps, 103),
+    "`BifurcationCurve.error`, P(n,m)": Quantity(curves.points_of_oscillators, 527),
+}
+
+STATISTICS = {
+    f"`CorrelationDimension.error`, {name}": partial(dimensions.coverage, name)
+    for name in dimensions.DRIFTING | dimensions.WITH_PLATEAU
+}
+"""The standard errors that are looked at: their coverage in so many runs."""

@@ -1,0 +1,1 @@
+"""Worked examples: notebooks, and programs made of dynkit's public names."""

@@ -1,0 +1,85 @@
+"""`report.html`: the report as one page that needs no other file."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+
+from dynkit.files import whole
+from tutorials.cusumano_bai_1993.markdown import inline, to_html, to_table
+from tutorials.cusumano_bai_1993.section import Section
+
+
+def write_page(
+    path: Path,
+    title: str,
+    opening: str,
+    sections: Sequence[Section],
+    closing: Sequence[tuple[str, str]],
+) -> Path:
+    """Write the page, and return its path.
+
+    Parameters
+    ----------
+    path : Path
+        Beside it stand the figures.
+    title, opening : str
+        The latter in Markdown.
+    sections : sequence of Section
+    closing : sequence of (str, str)
+        Titles and texts, in Markdown, of what comes last.
+    """
+    links = [(section.item, section.title) for section in sections]
+    nav = "".join(f'<a href="#{item}">{inline(name)}</a>' for item, name in links)
+    rows = [
+        [finding.what, finding.paper, finding.found, finding.error]
+        for section in sections
+        for finding in section.findings
+    ]
+    parts = [
+        f"<h1>{inline(title)}</h1>",
+        to_html(opening),
+        f"<nav>{nav}</nav>",
+        "<section><h2>Summary</h2>",
+        to_table(["what", "paper", "found", "error estimate"], rows),
+        "</section>",
+        *(_section(section, path.parent) for section in sections),
+        *(f"<section><h2>{name}</h2>{to_html(text)}</section>" for name, text in closing),
+    ]
+    template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    page = Template(template).substitute(title=escape(title), body="\n".join(parts))
+    write_text(path, page)
+    return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text; after any failure the old file is still there."""
+    with whole("out", path) as stream:
+        stream.write(text.encode())
+
+
+def _section(section: Section, folder: Path) -> str:
+    figures = "".join(_figure(folder / f"{name}.svg", section.title) for name in section.figures)
+    said = "".join(
+        f"<dt>{inline(finding.what)}</dt>"
+        f"<dd><span>paper</span> {inline(finding.paper)}</dd>"
+        f"<dd><span>found</span> {inline(finding.found)}</dd>"
+        f"<dd><span>error</span> {inline(finding.error)}</dd>"
+        for finding in section.findings
+    )
+    said = f'<dl class="said">{said}</dl>' if said else ""
+    kind = "beside drawn" if figures else "beside"
+    drawn = f"<div>{figures}</div>" if figures else ""
+    return (
+        f'<section id="{section.item}"><h2>{inline(section.title)}</h2>'
+        f'<div class="{kind}">{drawn}<div>{said}{to_html(section.text)}</div></div></section>'
+    )
+
+
+def _figure(path: Path, title: str) -> str:
+    data = b64encode(path.read_bytes()).decode("ascii")
+    alternative = escape(f"{title} ({path.stem})")
+    return f'<figure><img alt="{alternative}" src="data:image/svg+xml;base64,{data}"></figure>'
