@@ -48,7 +48,7 @@ class Grounded(ImpactChain):
 
 
 def shifted(*values: float, **named: float) -> Map:
-    return Shifted(*values, **named)  # type: ignore[call-arg]
+    return Shifted(*values, **named)
 
 
 def grounded(**named: float) -> ImpactChain:
@@ -61,7 +61,7 @@ def test_a_field_of_a_subclass_is_a_parameter_without_a_decorator() -> None:
     assert repr(system.replace(rate=3.5)) == "Shifted(rate=3.5, shift=0.1)"
     assert system == shifted(3.2, 0.1) != shifted(3.2)
     assert grounded(frequency=0.9, ground=0.3).parameters["ground"] == 0.3
-    assert Further(3.2, more=1.0).parameters == {"rate": 3.2, "shift": 0.0, "more": 1.0}  # type: ignore[call-arg]
+    assert Further(3.2, more=1.0).parameters == {"rate": 3.2, "shift": 0.0, "more": 1.0}
     assert Decorated(3.2).parameters == {"rate": 3.2, "shift": 0.0}  # type: ignore[call-arg]
     assert "shift" in inspect.signature(Shifted).parameters
 
