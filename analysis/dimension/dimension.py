@@ -82,7 +82,8 @@ class CorrelationDimension:
         knows its own.
     largest : float, optional
         Largest radius, by default a tenth of the diameter; in the Euclidean norm, of the diagonal
-        of the box that holds the states, which is no smaller.
+        of the box that holds the states, which is no smaller. Few states have too few pairs there:
+        three tenths of the diameter give 1000 states of a torus a region.
     least_ratio : float
         The shortest scaling region that is believed: its largest radius over its smallest. Any
         smooth curve is straight over a short range.

@@ -2,14 +2,13 @@
 
 A density with square-root singularities has C(r) ~ r (a + b ln(1/r)), and products of such
 densities have powers of that: the local slopes approach the dimension like 1 / ln(1/r), too slowly
-for any range of radii to look bent. The borders of a set add a part in proportion to r.
-Self-similar sets have waves in ln r. The models are fitted to the slopes over all radii by maximum
-likelihood, each with the waves that it needs.
+for any range of radii to look bent. The borders of a set change the slope in proportion to r, its
+curvature in proportion to r^2. Self-similar sets have waves in ln r. Every such model has a
+posterior probability, and the shift is the root of the mean square over all models.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -20,16 +19,20 @@ from dynkit.validation import Array
 
 # the width of a slope is a sixth of the range at most: two numbers of a model, four for the scatter
 _FEWEST_SLOPES = 6
-# Akaike's criterion: twice the number of parameters that a model has more than another
-_PENALTY = 2.0
-# -2 ln likelihood above its least: one and two standard errors of a parameter, three of a plateau
-_LIKELY, _EXCLUDED, _CERTAIN = 1.0, 4.0, 9.0
-# 1 / (A + ln(R/r)) at the largest radius R: at 1/2 the logarithm takes half of the slope
-_LOGARITHMS = np.linspace(0.0, 0.5, 51)[1:]
-# Waves of ln C: from a tenth of the error of 1e6 pairs to half of C, at steps below a factor of
-# two; independent at successive radii, or alike over two octaves, as contractions by 1/16 give.
-_WAVES = np.geomspace(1e-4, 0.5, 15)
-_OCTAVES = (0.0, 2.0)
+# Prior odds of a singular density where there are no waves. A short range of radii does not
+# decide, and an error that is too small is worse than one that is too large: calibrated, like the
+# square roots of 1 / A, so that two errors cover nine in ten products of two arcsines at 1000
+# states; even odds and values cover three in four. With waves the odds are even.
+_SINGULAR = 3.0
+_CERTAIN = 20.0  # times the prior odds: strong evidence (Kass, Raftery)
+# 1 / (A + ln(R/r)) at the largest radius R. Two arcsine singularities and nothing else have
+# C(r) ~ r (1 + ln(4 L/r)) over a length L: 0.21 at L/10. A narrower coordinate has more.
+_LOGARITHMS = np.linspace(0.0, 0.25, 11)[1:]
+# the part of the slope that a bend takes or adds at R: half at most
+_BENDS = np.append(_HALF := np.linspace(0.0, 0.5, 9)[1:], -_HALF)
+_POWERS = (1.0, 2.0, 4.0)  # of r: borders, curvature and its next order
+# waves of ln C: from the error of 1e6 pairs to half of C, at steps below a factor of two
+_WAVES = np.geomspace(1e-3, 0.5, 10)
 
 
 class Drift(NamedTuple):
@@ -40,8 +43,7 @@ class Drift(NamedTuple):
     shift : float
         One standard error of a slope for the limit of small radii.
     certain : bool
-        Whether a constant slope is excluded by three standard errors, and by two one that bends
-        towards the borders only.
+        Whether the data raise the odds of a singular density by a factor of 20 or more.
     """
 
     shift: float
@@ -51,24 +53,10 @@ class Drift(NamedTuple):
 class _Slopes(NamedTuple):
     """Slopes over disjoint steps of ln r, and the covariance of their chance."""
 
-    nodes: Array
+    length: float
     values: Array
     weights: Array
     chance: Array
-
-
-class _Fits(NamedTuple):
-    """-2 ln likelihood, and the shift of the limit of small radii, of models of a drift."""
-
-    misfits: Array
-    shifts: Array
-
-    def better(self, other: _Fits) -> _Fits:
-        chosen = self.misfits <= other.misfits
-        return _Fits(
-            np.where(chosen, self.misfits, other.misfits),
-            np.where(chosen, self.shifts, other.shifts),
-        )
 
 
 def drift_of(
@@ -76,15 +64,14 @@ def drift_of(
 ) -> Drift:
     """Return how far the slope of a region may lie from the limit of small radii.
 
-    Slopes over successive octaves, or sixths of the range where that is less, are fitted by a
-    constant D; by the slope of (r (A + ln(R/r)))^D; and by D + B r. Their covariance is that of
-    chance, from bootstrap over blocks of time, and that of waves of ln C about the model, as
-    self-similar sets have them: of each model the likeliest, or none. The shift is the larger of
-    those of the two models of the drift: each counts by Akaike's weight against the constant, and
-    does not count when the other fits better by two standard errors. Slopes without waves are those
-    of a density, which may have singularities: there the shift is no less than the largest that
-    the likelihood of a logarithm does not exclude by one standard error. No dimension exceeds the
-    number of coordinates: no shift leads beyond it.
+    The models of the slopes over successive octaves, or sixths of the range where that is less, are
+    a constant D; D (1 - b (r/R)^p) for p = 1, 2 and 4; and the slope of (r (A + ln(R/r)))^D. Each
+    model has the scatter of chance, from bootstrap over blocks of time, or waves of ln C besides,
+    as self-similar sets have them. The likelihood is normal, and integrated over D. The prior is
+    3/4 for a logarithm, 1/8 for a constant and 1/8 for a bend, with waves 1/2, 1/4 and 1/4; waves
+    are as probable as none; the values of 1 / A have odds like their square roots, all values of
+    other parameters are equally probable. The shift is the root of its mean square over the
+    posterior. No dimension exceeds the number of coordinates: no shift leads beyond it.
 
     Parameters
     ----------
@@ -101,64 +88,54 @@ def drift_of(
     References
     ----------
     E. Ott, W. D. Withers, J. A. Yorke, J. Stat. Phys. 36 (1984) 687-697: dimensions where densities
-    are singular. K. P. Burnham, D. R. Anderson, Model Selection and Multimodel Inference, 2nd ed.,
-    Springer 2002, section 2.9: weights. R. Badii, A. Politi, Phys. Lett. A 104 (1984) 303-305:
-    waves of self-similar sets.
+    are singular. J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Statist. Sci. 14 (1999)
+    382-401: means over models. R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795:
+    odds. R. Badii, A. Politi, Phys. Lett. A 104 (1984) 303-305: waves of self-similar sets.
     """
     width = min(steps, (len(radii) - 1) // _FEWEST_SLOPES)
     if width < 1:
         return Drift(0.0, False)
     slopes = _slopes(radii, pairs, shares, width)
-    # ln C less D ln r: a constant, of borders, and of logarithms
-    border = radii / radii[-1]
-    bends = np.log1p(np.append(0.0, _LOGARITHMS)[:, None] * np.log(radii[-1] / radii))
-    smooth = _fits(slopes, slopes.chance, border, bends, region)
-    likeliest = smooth
-    for covariance, parameters in _with_waves(slopes):
-        fits = _fits(slopes, covariance, border, bends, region)
-        fits = fits._replace(misfits=fits.misfits + _PENALTY * parameters)
-        likeliest = likeliest.better(fits)
+    curves, prior = _models(radii / radii[-1])
+    covariances, wave_prior = _with_waves(slopes)
+    whitening = np.linalg.inv(np.linalg.cholesky(covariances))
+    values, models = whitening @ slopes.values, whitening @ (1.0 + slopes.weights @ curves.T)
+    squares = (models * models).sum(axis=1)
+    dimensions = np.einsum("ci,cim->cm", values, models) / squares
+    apart = values[:, :, None] - models * dimensions[:, None]
+    logs = np.log(np.diagonal(whitening, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    logs = logs - 0.5 * ((apart * apart).sum(axis=1) + np.log(squares))
+    prior = wave_prior[:, None] * np.repeat(prior, [1, len(_WAVES)], axis=0)
+    posterior = prior * np.exp(logs - logs.max())
+    posterior /= posterior.sum()
     room = max(coordinates - float(region @ np.log(pairs)), 0.0)
-    # the border's comes first, then that of no drift
-    edge, flat, *logarithms = likeliest.misfits
-    best = 2 + int(np.argmin(logarithms))
-    least = float(likeliest.misfits.min())
-    squares = [
-        min(likeliest.shifts[i], room) ** 2
-        / (1.0 + np.exp(0.5 * (likeliest.misfits[i] + _PENALTY - flat)))
-        for i in (0, best)
-        if likeliest.misfits[i] <= least + _EXCLUDED
-    ]
-    likely = smooth.shifts[1:][smooth.misfits[1:] <= least + _LIKELY]
-    shift = max(np.sqrt(max(squares, default=0.0)), min(likely.max(initial=0.0), room))
-    # slopes that only bend near the borders have a plateau below
-    logarithmic = likeliest.misfits[best] + _EXCLUDED < edge
-    return Drift(float(shift), bool(logarithmic and flat > least + _CERTAIN))
+    shifts = np.minimum(-dimensions * (curves @ region), room)
+    before, after = (float(each[:, -len(_LOGARITHMS) :].sum()) for each in (prior, posterior))
+    certain = after * (1.0 - before) > _CERTAIN * before * (1.0 - after)
+    return Drift(float(np.sqrt((posterior * shifts * shifts).sum())), certain)
 
 
-def _fits(slopes: _Slopes, covariance: Array, border: Array, bends: Array, region: Array) -> _Fits:
-    """Fits of the model with a border, and of those with a logarithm each, by least squares."""
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance))
-    values = whitening @ slopes.values
-    models = whitening @ (1.0 + slopes.weights @ bends.T)
-    sizes = (values @ models) / (models * models).sum(axis=0)
-    edge = np.column_stack([models[:, 0], whitening @ (slopes.weights @ border)])
-    both = np.linalg.lstsq(edge, values, rcond=None)[0]
-    apart = values[:, None] - np.column_stack([edge @ both, models * sizes])
-    misfits = (apart * apart).sum(axis=0) - 2.0 * np.log(np.diag(whitening)).sum()
-    return _Fits(misfits, -np.append(both[1] * (region @ border), sizes * (bends @ region)))
+def _models(parts: Array) -> tuple[Array, Array]:
+    """Models of (ln C - D ln r) / D at parts of the largest radius, (k, n), and their prior.
+
+    The prior, (2, k), is first that without waves, then that with waves.
+    """
+    bends = np.vstack([-_BENDS[:, None] * parts**power / power for power in _POWERS])
+    logarithms = np.log1p(-_LOGARITHMS[:, None] * np.log(parts))
+    counts = np.array([1, len(bends), len(logarithms)])
+    prior = np.repeat(np.array([[0.5, 0.5, _SINGULAR], [0.5, 0.5, 1.0]]) / counts, counts, axis=1)
+    prior[:, -len(_LOGARITHMS) :] *= np.sqrt(_LOGARITHMS) / np.sqrt(_LOGARITHMS).mean()
+    prior /= prior.sum(axis=1, keepdims=True)
+    return np.vstack([np.zeros(len(parts)), bends, logarithms]), prior
 
 
-def _with_waves(slopes: _Slopes) -> Iterator[tuple[Array, int]]:
-    """Covariances that contain waves of ln C, and how many parameters the waves have."""
-    count, length = len(slopes.values), np.diff(slopes.nodes[:2])
-    steps = (np.eye(count, count + 1, k=1) - np.eye(count, count + 1)) / length
-    octaves = abs(slopes.nodes[:, None] - slopes.nodes) / np.log(2.0)
-    for memory in _OCTAVES:
-        alike = np.exp(-octaves / memory) if memory else np.eye(count + 1)
-        waves = steps @ alike @ steps.T
-        parameters = 2 if memory else 1
-        yield from ((slopes.chance + size**2 * waves, parameters) for size in _WAVES)
+def _with_waves(slopes: _Slopes) -> tuple[Array, Array]:
+    """Covariances (c, m, m): of chance, and of chance with waves of ln C; and their prior."""
+    count = len(slopes.values)
+    steps = (np.eye(count, count + 1, k=1) - np.eye(count, count + 1)) / slopes.length
+    sizes = np.append(0.0, _WAVES)
+    prior = np.append(0.5, np.full(len(_WAVES), 0.5 / len(_WAVES)))
+    return slopes.chance + sizes[:, None, None] ** 2 * (steps @ steps.T), prior
 
 
 def _slopes(radii: Array, pairs: Counts, shares: Counts, width: int) -> _Slopes:
@@ -168,6 +145,15 @@ def _slopes(radii: Array, pairs: Counts, shares: Counts, width: int) -> _Slopes:
     weights = np.zeros((count, len(radii)))
     weights[np.arange(count), nodes[1:]] = 1.0 / length
     weights[np.arange(count), nodes[:-1]] = -1.0 / length
-    # counts between successive radii are independent: so is their chance
-    chance = np.diag(standard_errors(pairs, shares, weights) ** 2)
-    return _Slopes(np.log(radii[nodes] / radii[-1]), weights @ np.log(pairs), weights, chance)
+    # where no pair is new, one might be
+    errors = np.maximum(standard_errors(pairs, shares, weights), 1.0 / (length * pairs[nodes[1:]]))
+    groups = (shares / pairs) @ weights.T
+    groups = groups - groups.mean(axis=0)
+    sizes = np.sqrt((groups * groups).sum(axis=0))
+    groups /= np.where(sizes > 0.0, sizes, 1.0)
+    # counts between successive radii are independent, their density is not: of the correlations of
+    # so few blocks half are taken
+    correlations = 0.5 * (groups.T @ groups)
+    np.fill_diagonal(correlations, 1.0)
+    chance = correlations * np.outer(errors, errors)
+    return _Slopes(length, weights @ np.log(pairs), weights, chance)

@@ -158,9 +158,9 @@ def find_scaling(sums: CorrelationSums, states: Array, least_ratio: float) -> Sc
     slopes that agree with that of the whole within `TOLERANCE` and two standard errors, and are all
     known better than `TOLERANCE`. Among ranges of one length it is that of the smallest radii.
 
-    The outcome is a drift when, over all radii that are resolved, a constant slope is excluded by
-    three standard errors and a slope that bends near the borders only by two, and the drift moves
-    the limit of small radii by more than two other errors.
+    The outcome is a drift when the local slopes over all radii that are resolved raise the odds of
+    a singular density by a factor of 20, and the drift moves the limit of small radii by more than
+    two other errors.
 
     Where a coordinate was rounded to a grid, radii below 8 of its steps are not searched. When the
     sum is flat over a factor of 100 the states are clusters of points there, and only what is

@@ -13,14 +13,18 @@ from dynkit.analysis.dimension.coordinates import grid_of
 from dynkit.analysis.dimension.scaling import Outcome
 from dynkit.figures import new_figure
 from dynkit.validation import Array
+<<<<<<< HEAD
 from tests.validation.dimensions import henon, logistic, normal, ring, sheared, uneven_cantor
+=======
+from tests.errors.dimensions import arcsines, henon, logistic, normal, ring, sheared, uneven_cantor
+>>>>>>> dims
 
 RUNS, SIZE = 20, 4000
 NOISE = normal(2)
 
 
 def test_drift_is_named_wherever_the_dimension_is_shown() -> None:
-    found = CorrelationDimension(sheared(1, 20_000))
+    found = CorrelationDimension(arcsines(1, 20_000))
     assert found.outcome is Outcome.DRIFT
     assert found.region is not None
     assert found.region.drift > 2.0 * found.region.scatter
@@ -34,6 +38,15 @@ def test_dimension_plus_its_drift_is_no_larger_than_the_number_of_coordinates() 
     found = CorrelationDimension(logistic(0, SIZE))
     assert found.region is not None
     assert found.value + found.region.drift <= 1.0 + 1e-12
+
+
+@pytest.mark.parametrize("ratio", [30.0, 100.0])
+def test_octaves_without_a_new_pair_are_gaps_of_a_set(ratio: float) -> None:
+    # copies that are smaller by a large ratio leave whole octaves without any distance
+    digits = np.random.default_rng(3).random((1000, 8)) > 0.5
+    found = CorrelationDimension(((ratio - 1.0) * digits @ ratio ** -np.arange(1.0, 9.0))[:, None])
+    assert found.outcome is Outcome.FOUND
+    assert abs(found.value - np.log(2.0) / np.log(ratio)) < 2.0 * found.error
 
 
 # --- grids ----------------------------------------------------------------------------------------

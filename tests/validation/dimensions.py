@@ -34,6 +34,15 @@ def sheared(seed: int, n: int) -> Array:
     return np.stack([orbit[1:] + 0.7 * orbit[:-1], orbit[:-1] + 0.4 * orbit[1:]], axis=1)
 
 
+def broken(seed: int, n: int) -> Array:
+    """The logistic map at 3.9, whose density has singularities at many points."""
+    x, orbit = float(np.random.default_rng(seed).uniform(0.1, 0.9)), []
+    for _ in range(n + 200):
+        x = 3.9 * x * (1.0 - x)
+        orbit.append(x)
+    return np.array(orbit[200:])[:, None]
+
+
 def delays(seed: int, n: int) -> Array:
     orbit = logistic(seed, n + 2)[:, 0]
     return np.stack([orbit[:-2], orbit[1:-1], orbit[2:]], axis=1)
@@ -91,6 +100,10 @@ def cantor_square(seed: int, n: int) -> Array:
     return _cantor(seed, n, 2, 0.5)
 
 
+def cantor_by_arcsine(seed: int, n: int) -> Array:
+    return np.hstack([cantor(seed, n), arcsines(seed + 1000, n)[:, :1]])
+
+
 def uneven_cantor(seed: int, n: int) -> Array:
     return _cantor(seed, n, 1, 0.7)
 
@@ -134,6 +147,8 @@ DRIFTING = {
     "logistic map at 4": Known(logistic, 1000, 1.0, 1.0),
     "logistic map at 4, sheared": Known(sheared, 1000, 1.0, 1.0),
     "logistic map at 4, three delays": Known(delays, 1000, 1.0, 1.0),
+    "logistic map at 3.9": Known(broken, 1000, 1.0, 1.0),
+    "Cantor set times an arcsine": Known(cantor_by_arcsine, 1500, 1.0 + CANTOR, 1.0 + CANTOR),
     "cusp": Known(cusp, 1000, 1.0, 1.0),
     "two arcsines": Known(arcsines, 1000, 2.0, 2.0),
 }
