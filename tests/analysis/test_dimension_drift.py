@@ -13,11 +13,15 @@ from dynkit.analysis.dimension.coordinates import grid_of
 from dynkit.analysis.dimension.scaling import Outcome
 from dynkit.figures import new_figure
 from dynkit.validation import Array
-<<<<<<< HEAD
-from tests.validation.dimensions import henon, logistic, normal, ring, sheared, uneven_cantor
-=======
-from tests.errors.dimensions import arcsines, henon, logistic, normal, ring, sheared, uneven_cantor
->>>>>>> dims
+from tests.validation.dimensions import (
+    arcsines,
+    henon,
+    logistic,
+    normal,
+    ring,
+    sheared,
+    uneven_cantor,
+)
 
 RUNS, SIZE = 20, 4000
 NOISE = normal(2)
