@@ -162,8 +162,11 @@ def fallen(amplitude: float, slow: float, rate: float, swing: float, offset: flo
     return own + swing / fast * mpmath.sin(fast * s) + offset
 
 
-@pytest.mark.parametrize("amplitude", [1e9, 1e12, 3e13, 1e14, 3e14])
-@pytest.mark.plain
+# Of 1e14 the cells are too many, in the thousands, for kernels that are not compiled.
+@pytest.mark.parametrize(
+    "amplitude",
+    [*(pytest.param(a, marks=pytest.mark.plain) for a in (1e9, 1e12, 3e13, 3e14)), 1e14],
+)
 def test_a_fall_through_a_wide_band_is_found_where_rounding_allows(amplitude: float) -> None:
     """A slow term so large that rounding hides the others for several cells: to 50 digits."""
     random = np.random.default_rng(5)
