@@ -42,7 +42,7 @@ from dynkit.validation import Array, finite_scalar, positive
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_PART = 0.1  # of the diameter
+_PARTS = 0.1, 0.2, 0.3  # of the diameter: the largest radii that are tried
 _WINDOW = 100  # costs nothing, and takes care of chatter, which autocorrelations do not see
 _ROUNDING = 2.0**-42  # of the largest coordinate: smaller distances are rounding, not motion
 _LEAST_SPAN = 128.0  # of the radii, also when all states are one point
@@ -82,8 +82,8 @@ class CorrelationDimension:
         knows its own.
     largest : float, optional
         Largest radius, by default a tenth of the diameter; in the Euclidean norm, of the diagonal
-        of the box that holds the states, which is no smaller. Few states have too few pairs there:
-        three tenths of the diameter give 1000 states of a torus a region.
+        of the box that holds the states, which is no smaller. Few states in many dimensions have
+        too few pairs there: where no range scales, a fifth and three tenths are tried.
     least_ratio : float
         The shortest scaling region that is believed: its largest radius over its smallest. Any
         smooth curve is straight over a short range.
@@ -175,18 +175,45 @@ class CorrelationDimension:
         extents = extents_of(self.states, self.turns)
         return float(extents.max() if self.norm == "maximum" else np.linalg.norm(extents))
 
-    @cached_property
+    @property
     def sums(self) -> CorrelationSums:
         """The correlation sums: at 8 radii to the octave, down to the rounding of the states."""
-        finest = max(_ROUNDING * float(abs(self.states).max()), 1e-140)
-        least = _LEAST_SPAN * finest
-        if self.largest is not None and self.largest < least:
+        return self._found[0]
+
+    @cached_property
+    def _found(self) -> tuple[CorrelationSums, Scaling, Cost]:
+        """Sums up to the first largest radius below which a range scales, and the cost of all.
+
+        Up to the first of all where none does.
+        """
+        tried: list[tuple[CorrelationSums, Scaling]] = []
+        cost = Cost(0.0)
+        for top in self._largest():
+            sums = self._sums_to(top)
+            began = time.perf_counter()
+            tried.append((sums, find_scaling(sums, self.states, self.least_ratio)))
+            cost = cost + sums.cost + Cost(time.perf_counter() - began)
+            if tried[-1][1].region is not None:
+                return *tried[-1], cost
+        return *tried[0], cost
+
+    def _finest(self) -> float:
+        return max(_ROUNDING * float(abs(self.states).max()), 1e-140)
+
+    def _largest(self) -> list[float]:
+        """The largest radii to try, one after the other."""
+        least = _LEAST_SPAN * self._finest()
+        if self.largest is None:
+            return list(dict.fromkeys(max(part * self.diameter, least) for part in _PARTS))
+        if self.largest < least:
             raise ValueError(
                 f"largest must not be less than {least:.3g}, near the rounding of the states; "
                 f"got {self.largest!r}"
             )
-        top = max(_PART * self.diameter, least) if self.largest is None else float(self.largest)
-        count = ceil(STEPS * np.log2(top / finest))
+        return [float(self.largest)]
+
+    def _sums_to(self, top: float) -> CorrelationSums:
+        count = ceil(STEPS * np.log2(top / self._finest()))
         return correlation_sums(
             self.states,
             top * 2.0 ** (np.arange(-count, 1) / STEPS),
@@ -200,16 +227,10 @@ class CorrelationDimension:
         """The local slopes d ln C / d ln r."""
         return local_slopes(self.sums)
 
-    @cached_property
-    def _timed_scaling(self) -> tuple[Scaling, float]:
-        began = time.perf_counter()
-        found = find_scaling(self.sums, self.states, self.least_ratio)
-        return found, time.perf_counter() - began
-
     @property
     def outcome(self) -> Outcome:
         """Whether there is a scaling region; its value is the message."""
-        return self._timed_scaling[0].outcome
+        return self._found[1].outcome
 
     @property
     def region(self) -> ScalingRegion | None:
@@ -217,7 +238,7 @@ class CorrelationDimension:
 
         Of a finite set, the radii over which nothing changes; None where there is none.
         """
-        return self._timed_scaling[0].region
+        return self._found[1].region
 
     @property
     def value(self) -> float:
@@ -299,8 +320,8 @@ class CorrelationDimension:
 
     @property
     def cost(self) -> Cost:
-        """What the sums and the search for the scaling region cost."""
-        return self.sums.cost + Cost(self._timed_scaling[1])
+        """What all sums and searches for the scaling region cost."""
+        return self._found[2]
 
     def __repr__(self) -> str:
         used = f"{len(self.states)} states, {self.norm} norm, Theiler window {self.window}"
