@@ -137,7 +137,7 @@ def _nothing_is_simulated(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     with monkeypatch.context() as patch:
         patch.setattr(records, "Course", refuse)
-        patch.setattr(Sweep, "_motion", refuse)
+        patch.setattr(Sweep, "attractor", refuse)
         patch.setattr(ParameterMap, "attractor", refuse)
         yield
 

@@ -57,7 +57,7 @@ def draw_branches(branches: Sequence[Branch], ax: Axes | None, observable: str |
         if kind in drawn:
             axes.plot([], [], label=kind, **_line(kind))
     marks = sorted(set(marks))
-    for entries, style in ((set(others), crosses(1.8, 0.3)), (marks, circles(1.8, 0.4))):
+    for entries, style in ((sorted(set(others)), crosses(1.8, 0.3)), (marks, circles(1.8, 0.4))):
         at = [x for x, _, _ in entries], [y for _, y, _ in entries]
         axes.plot(*at, label="_", zorder=3.0, **style)
     axes.set_xlabel(branches[0].name.replace("_", " "))

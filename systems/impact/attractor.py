@@ -59,7 +59,7 @@ class ImpactAttractor(Attractor):
         self._system = system
         self._transient = transient
         self._before = before
-        self.record = record
+        self.record = self._longest = record
 
     @property
     def system(self) -> ImpactOscillator:
@@ -217,7 +217,7 @@ class ImpactAttractor(Attractor):
         ValueError
             When the time is so late that the record would not fit into a gigabyte.
         """
-        record, count = self.record, len(self.record)
+        record, count = self._longest, len(self._longest)
         most = MOST_NUMBERS // (2 * self._system.degrees_of_freedom + 4)
         while record.ending is Ending.COUNT_REACHED and record.time[-1] < latest:
             ended = float(record.time[-1])
@@ -228,6 +228,7 @@ class ImpactAttractor(Attractor):
                 )
             count *= 2
             record = self._system.simulate(impacts=count, start=record.start)
+            self._longest = record  # later times need not begin anew
         return record
 
 

@@ -57,7 +57,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("program", "arguments", "line"), BAD_ARGUMENTS, ids=lambda part: str(part)[:40]
+    ("program", "arguments", "line"),
+    BAD_ARGUMENTS,
+    ids=lambda part: str(getattr(part, "__module__", part))[:40],
 )
 def test_bad_arguments_are_refused_on_one_line_and_nothing_is_written(
     program: Main,

@@ -108,3 +108,14 @@ def test_basins_of_too_many_starts_are_refused_before_any_is_looked_at() -> None
     refusal = "starts must not be more than 10000000; got 10240000000000"
     with pytest.raises(ValueError, match=refusal):
         basins(Henon(), starts, progress=False)
+
+
+def test_what_lies_before_a_late_time_is_not_simulated_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    attractor = ImpactChain(masses=2, frequency=0.9).attractor(impacts=10)
+    late = 40.0 * float(attractor.record.time[-1])
+    times = np.linspace(0.0, late, 50)
+    together = attractor.time_series(times)
+    monkeypatch.setattr(ImpactChain, "simulate", lambda *_, **__: pytest.fail("simulated again"))
+    assert attractor.time_series(times[:30]).tobytes() == together[:30].tobytes()

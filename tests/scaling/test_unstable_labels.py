@@ -136,13 +136,11 @@ def test_the_stability_of_labels_survives_a_store(tmp_path: Path) -> None:
     assert [b.label.multiplier for b in first.basins] == [b.label.multiplier for b in second.basins]
 
 
-def test_a_store_without_multipliers_leaves_the_stability_unknown(tmp_path: Path) -> None:
-    """Stores of versions before the labels had a multiplier."""
+def test_a_store_without_multipliers_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "plane.h5"
     plane(store=file)
     archive = store.read(file)
     archive.arrays["found/sizes"] = archive.arrays["found/sizes"][:, :3]  # type: ignore[index]
     store.write(file, replace(archive))
-    loaded = ParameterMap.load(file)
-    assert {str(name) for name in loaded.names[:, 0]} == {"P(1)"}
-    assert loaded.label(0, 0).stable is None
+    with pytest.raises(ValueError, match=r"all of a map of two parameters.*sizes is float64"):
+        ParameterMap.load(file)
