@@ -17,6 +17,7 @@ from dynkit.validation import (
     finite_array,
     finite_scalar,
     non_negative_integer,
+    positive_integer,
     within_memory,
 )
 
@@ -257,7 +258,7 @@ class Map(Family, ABC):
 
         if start is None:
             raise ValueError(f"start must be a state of the map, ({self.dimension},); got None")
-        return MapAttractor(self, start, transient, keep)
+        return MapAttractor(self, start, transient, positive_integer("keep", keep))
 
     @property
     def default_start(self) -> Any:

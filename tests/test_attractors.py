@@ -232,5 +232,7 @@ def test_a_map_needs_a_start_and_a_number_is_given_once() -> None:
         ImpactChain(frequency=0.9).attractor(keep=7, impacts=7)
     with pytest.raises(ValueError, match="keep must be a positive integer; got 0"):
         ImpactChain(frequency=0.9).attractor(keep=0)
+    with pytest.raises(ValueError, match="keep must be a positive integer; got -1"):
+        Henon().attractor(start=[0.1, 0.1], keep=-1)
     with pytest.raises(ValueError, match=r"name must be one of: state\[0\], state\[1\]; got 'x'"):
         Henon().attractor(start=[0.1, 0.1]).observable("x")
