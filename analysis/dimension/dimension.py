@@ -42,7 +42,9 @@ from dynkit.validation import Array, finite_scalar, positive
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_PARTS = 0.1, 0.2, 0.3  # of the diameter: the largest radii that are tried
+# Of the diameter: the largest radii that are tried. Up to 0.3 some sets of many dimensions, whose
+# sums bend everywhere, have a range that looks straight.
+_PARTS = 0.1, 0.2
 _WINDOW = 100  # costs nothing, and takes care of chatter, which autocorrelations do not see
 _ROUNDING = 2.0**-42  # of the largest coordinate: smaller distances are rounding, not motion
 _LEAST_SPAN = 128.0  # of the radii, also when all states are one point
@@ -83,7 +85,7 @@ class CorrelationDimension:
     largest : float, optional
         Largest radius, by default a tenth of the diameter; in the Euclidean norm, of the diagonal
         of the box that holds the states, which is no smaller. Few states in many dimensions have
-        too few pairs there: where no range scales, a fifth and three tenths are tried.
+        too few pairs there: where no range scales, a fifth is tried.
     least_ratio : float
         The shortest scaling region that is believed: its largest radius over its smallest. Any
         smooth curve is straight over a short range.

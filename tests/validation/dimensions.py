@@ -162,7 +162,7 @@ WITH_PLATEAU = {
     "Lorenz attractor": Known(lorenz, 1000, 2.04, 2.07),
     "Ikeda map": Known(ikeda, 1000, 1.68, 1.72),
     "Cantor set": Known(cantor, 1000, CANTOR, CANTOR),
-    "square of a Cantor set": Known(cantor_square, 1000, 2.0 * CANTOR, 2.0 * CANTOR),
+    "square of a Cantor set": Known(cantor_square, 4000, 2.0 * CANTOR, 2.0 * CANTOR),
     "uneven Cantor set": Known(uneven_cantor, 1000, UNEVEN, UNEVEN),
     "circle": Known(ring, 1000, 1.0, 1.0),
     "torus": Known(torus, 1000, 2.0, 2.0),
