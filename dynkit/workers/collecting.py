@@ -62,14 +62,13 @@ def collect(
             _go_on(points, findings, executor, None, bar)
         return findings.rows()
     path = stores.place(store)
-    entries = {**points.entries, "points": str(len(points))}
     findings = _found(points, path)
     if findings.done.all():  # needs no lock, and no folder that can be written
         return findings.rows()
     with ExitStack() as stack:
         stack.enter_context(stores.locked(path))
         findings = _found(points, path)  # another writer may have gone on meanwhile
-        keeper = _Keeper(path, points, entries)
+        keeper = _Keeper(path, points)
         keeper.prepare(findings)
         bar = stack.enter_context(_Bar(findings, shown=shown))
         try:
@@ -132,7 +131,11 @@ def _group(arrays: Mapping[str, Any], name: str) -> dict[str, Any]:
     }
 
 
-def _archived(points: Points, entries: Mapping[str, str], findings: Findings) -> stores.Archive:
+def _entries(points: Points) -> dict[str, str]:
+    return {**points.entries, "points": str(len(points))}
+
+
+def _archived(points: Points, findings: Findings) -> stores.Archive:
     rows = findings.rows()
     known = sorted({text for texts in rows.texts.values() for text in texts})
     code = {text: number for number, text in enumerate(known)}
@@ -147,7 +150,7 @@ def _archived(points: Points, entries: Mapping[str, str], findings: Findings) ->
     for name, texts in rows.texts.items():
         arrays[f"texts/{name}"] = np.array([code[text] for text in texts], dtype=np.int64)
     arrays["done"] = np.flatnonzero(findings.done)
-    return stores.Archive({**entries, **found}, arrays)
+    return stores.Archive({**_entries(points), **found}, arrays)
 
 
 def _found(points: Points, path: Path) -> Findings:
@@ -177,6 +180,8 @@ def refuse_misfits(points: Points, findings: Findings) -> None:
         raise ValueError(f"{findings.count} of {len(points)} points")
     if not findings.done.any():
         return
+    if points.chained and not findings.done[: int(findings.done.sum())].all():
+        raise ValueError("done leaves out a point before others, which follow it")
     for name, (letter, shape) in points.columns.items():
         found = findings.arrays[name]
         alike = [b in (None, a) for a, b in zip(found.shape[1:], shape, strict=False)]
@@ -193,7 +198,7 @@ def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
     ValueError
         Naming the first thing that differs: what was asked for, then numbers, then the system.
     """
-    made, asked = archive.entries, {**points.entries, "points": str(len(points))}
+    made, asked = archive.entries, _entries(points)
     names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
     of_system = [name for name in names if name.startswith("system.")]
     _refuse_other_entries(path, made, asked, [name for name in names if name not in of_system])
@@ -227,10 +232,9 @@ def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
 class _Keeper:
     """Writes what was found to a store, as often as is cheap, and at the end."""
 
-    def __init__(self, path: Path, points: Points, entries: Mapping[str, str]) -> None:
+    def __init__(self, path: Path, points: Points) -> None:
         self._path = path
         self._points = points
-        self._entries = entries
         self._written = -1
         self._due = 0.0
 
@@ -245,7 +249,7 @@ class _Keeper:
         if done == self._written:
             return
         began = time.monotonic()
-        stores.write(self._path, _archived(self._points, self._entries, findings))
+        stores.write(self._path, _archived(self._points, findings))
         ended = time.monotonic()
         self._written = done
         self._due = ended + max(_LEAST_INTERVAL, (ended - began) / _SHARE)

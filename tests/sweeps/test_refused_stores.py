@@ -168,3 +168,16 @@ def test_a_system_that_cannot_be_told_apart_is_refused_a_store(tmp_path: Path) -
 
     with pytest.raises(ValueError, match="whose rule is no number, string or array; got <built-in"):
         sweep(Odd(3.5), "rate", RATES, start=START, progress=False, store=tmp_path / "x.h5")
+
+
+def test_a_store_that_leaves_out_a_value_before_others_is_refused(tmp_path: Path) -> None:
+    store = tmp_path / "x.h5"
+    sweep_rates(store)
+    whole = dynkit.store.read(store)
+    rest = {
+        name: rows if name.startswith("given/") else np.delete(rows, 3, axis=0)
+        for name, rows in whole.arrays.items()
+    }
+    dynkit.store.write(store, dynkit.store.Archive(whole.entries, rest))
+    with pytest.raises(ValueError, match=r"all of a sweep.*done leaves out a point before others"):
+        sweep_rates(store)
