@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from dynkit.figures import ink
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import ink
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

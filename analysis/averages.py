@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from dynkit.analysis.regimes import regime_change
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 LEAST = 128
 """The fewest values a series must have."""

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.figures import DOTS, ink, print_style, shown_axes
-from dynkit.results import Cost
-from dynkit.showing import span
-from dynkit.validation import Array, finite_array, non_negative_integer
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import span
+from dynkit.core.validation import Array, finite_array, non_negative_integer
+from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.drawing import dots, draw_diagram
-from dynkit.figures import print_style
-from dynkit.results import Cost
-from dynkit.showing import Facts, costing, span, table
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, costing, span, table
+from dynkit.core.validation import Array, boolean, finite_array, unmasked
+from dynkit.plotting.figures import print_style
+from dynkit.plotting.points import dots, draw_diagram
 from dynkit.sweeps import Sweep
-from dynkit.validation import Array, boolean, finite_array, unmasked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from dynkit.analysis.averages import LEAST, TimeAverages
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.analysis.regimes import RegimeChange
-from dynkit.attractors import Attractor
-from dynkit.figures import ink, print_style, shown_axes
-from dynkit.flows import Flow
-from dynkit.maps import Map
-from dynkit.results import Cost
-from dynkit.stretching import Stretching
-from dynkit.validation import Array, finite_array, positive, positive_integer
+from dynkit.core.cost import Cost
+from dynkit.core.smooth_map import SmoothMap, checked_map
+from dynkit.core.stretching import Stretching
+from dynkit.core.validation import Array, finite_array, positive, positive_integer
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.flow import Flow
+from dynkit.plotting.figures import ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,7 +95,7 @@ class LyapunovSpectrum:
         self._take(system, partial(system.stretching, start), iterations)
 
     @classmethod
-    def of_map(cls, system: Map, start: object, *, iterations: int = 10_000) -> Self:
+    def of_map(cls, system: SmoothMap, start: object, *, iterations: int = 10_000) -> Self:
         """Return the exponents of the motion of a map from a start, (d,).
 
         What the motion takes to settle should be short beside a quarter of the iterations.
@@ -112,8 +112,7 @@ class LyapunovSpectrum:
         >>> bool(abs(spectrum.exponents.sum() - np.log(0.3)) < 1e-12)
         True
         """
-        if not isinstance(system, Map):
-            raise ValueError(f"system must be a Map; got {system!r}")
+        checked_map(system)
         state = finite_array("start", start, (system.dimension,)).copy()
         made = cls.__new__(cls)
         made._take(system, partial(system.stretching, state), iterations)
@@ -150,7 +149,7 @@ class LyapunovSpectrum:
         return made
 
     def _take(
-        self, system: Map | Flow, stretching: Callable[[int], Stretching], iterations: int
+        self, system: SmoothMap | Flow, stretching: Callable[[int], Stretching], iterations: int
     ) -> None:
         self._system, self._stretching = system, stretching
         self._iterations = positive_integer("iterations", iterations)

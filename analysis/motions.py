@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol, runtime_checkable
 
-from dynkit.attractors import Attractor
-from dynkit.no_motion import NoMotion
+from dynkit.core.no_motion import NoMotion
+from dynkit.dynamics.attractor import Attractor
 
 
 @runtime_checkable

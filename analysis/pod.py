@@ -11,8 +11,8 @@ import numpy as np
 from dynkit.analysis.averages import amplitudes, standard_errors
 from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, change_of
 from dynkit.analysis.regimes import RegimeChange
-from dynkit.results import Cost
-from dynkit.validation import Array, finite_array, in_interval, positive, positive_integer
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, finite_array, in_interval, positive, positive_integer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

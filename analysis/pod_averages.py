@@ -11,9 +11,9 @@ from typing import Protocol, final, runtime_checkable
 import numpy as np
 
 from dynkit.analysis.regimes import RegimeChange, regime_change
-from dynkit.attractors import Attractor
-from dynkit.results import Cost
-from dynkit.validation import Array, finite_array
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.attractor import Attractor
 
 BATCHES = 32
 """Into how many batches motions are divided, when they are long enough."""

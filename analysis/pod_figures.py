@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.figures import COLUMN_WIDTH, ink, print_style, shown_axes, shown_figure
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_axes, shown_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 _PARTS = 64
 """Parts of a run whose means are compared: the memory of a motion should be shorter than one."""

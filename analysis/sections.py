@@ -20,11 +20,11 @@ from dynkit.analysis.series import (
     motion_error,
     record_until,
 )
-from dynkit.attractors import Attractor
-from dynkit.drawing import PHASE, RELATIVE_VELOCITY, draw_points
-from dynkit.figures import ink, print_style
-from dynkit.results import Cost
-from dynkit.validation import Array, finite_array, finite_scalar, positive_integer
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, finite_array, finite_scalar, positive_integer
+from dynkit.dynamics.attractor import Attractor
+from dynkit.plotting.figures import ink, print_style
+from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

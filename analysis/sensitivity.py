@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.analysis.motions import attractor_of, going_on_for
-from dynkit.attractors import Attractor
-from dynkit.figures import ink, print_style, shown_axes
-from dynkit.results import Cost
-from dynkit.validation import Array, positive, positive_integer
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, positive, positive_integer
+from dynkit.dynamics.attractor import Attractor
+from dynkit.plotting.figures import ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

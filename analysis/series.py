@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.analysis.motions import source_of
-from dynkit.attractors import Attractor
-from dynkit.drawing import displacement, draw_motion
-from dynkit.results import Cost
-from dynkit.showing import span
-from dynkit.validation import Array, finite_array
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import span
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.attractor import Attractor
+from dynkit.plotting.points import displacement, draw_motion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,11 +16,11 @@ from dynkit.analysis.series import (
     is_impact_oscillator,
     motion_error,
 )
-from dynkit.attractors import Attractor
-from dynkit.figures import COLUMN_WIDTH, ink, print_style, shown_figure
-from dynkit.results import Cost
-from dynkit.showing import span
-from dynkit.validation import Array, finite_array
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import span
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.attractor import Attractor
+from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,11 +17,11 @@ from dynkit.analysis.series import (
     coordinate_name,
     forcing_frequency,
 )
-from dynkit.attractors import Attractor
-from dynkit.figures import DOTS, ink, print_style, shown_axes
-from dynkit.harmonics import Harmonics, harmonics_of
-from dynkit.results import Cost
-from dynkit.validation import Array, finite_array, non_negative, positive, positive_integer
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, finite_array, non_negative, positive, positive_integer
+from dynkit.dynamics.attractor import Attractor
+from dynkit.orbits.harmonics import Harmonics, harmonics_of
+from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-import dynkit.store
+import dynkit.data.store
 from dynkit import BifurcationCurve, Branch, sweep
 from dynkit.cli import main
 from dynkit.cli.output import output_file, write_arrays, write_picture, write_table
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
-from dynkit.figures import new_figure, save_figure
-from dynkit.workers import collecting
+from dynkit.engine import collecting
+from dynkit.plotting.figures import new_figure, save_figure
 from tests.continuation.starts import henon
 from tests.example_systems import Logistic
 from tutorials.cusumano_bai_1993.page import write_text
@@ -168,7 +168,7 @@ def full(
         if not store:
             file.write_text("the old one")
         said = said_by(work)
-        kept = len(dynkit.store.read(file).arrays["done"]) if store else file.read_text()
+        kept = len(dynkit.data.store.read(file).arrays["done"]) if store else file.read_text()
         outcomes[name] = {
             "said": said.replace(str(small), "SMALL"),
             "left": sorted(path.name for path in small.iterdir()),
@@ -186,12 +186,12 @@ def forbidden(folder: Path) -> dict[str, Any]:
     work_there = writers(folder)
     for work in work_there.values():
         work()
-    half = dynkit.store.read(folder / "sweep.h5")
+    half = dynkit.data.store.read(folder / "sweep.h5")
     rows = {
         name: rows if name.startswith("given/") else rows[:7] for name, rows in half.arrays.items()
     }
     swept(folder / "finished.h5")
-    dynkit.store.write(folder / "sweep.h5", dynkit.store.Archive(half.entries, rows))
+    dynkit.data.store.write(folder / "sweep.h5", dynkit.data.store.Archive(half.entries, rows))
     (folder / "command.h5").unlink()
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     for path in folder.iterdir():

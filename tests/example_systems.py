@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.flows import Crossing, Flow
-from dynkit.maps import Map
-from dynkit.no_motion import NoCrossing
-from dynkit.sections import PoincareSection
-from dynkit.validation import Array, finite_array, non_negative
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.validation import Array, finite_array, non_negative
+from dynkit.dynamics.flow import Crossing, Flow
+from dynkit.dynamics.map import Map
+from dynkit.dynamics.section import PoincareSection
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ def description(figure: Figure) -> str:
 
     Examples
     --------
-    >>> from dynkit.figures import new_figure
+    >>> from dynkit.plotting.figures import new_figure
     >>> figure, (axes,) = new_figure()
     >>> _ = axes.plot([0, 1], [0, 1], "--", label="table")
     >>> _ = axes.plot([0], [0], "o", label="impacts")

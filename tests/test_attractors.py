@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from dynkit.attractors import MapAttractor
-from dynkit.labels import OrbitKind
-from dynkit.maps import Map
-from dynkit.no_motion import Diverged, NoCrossing, Refused
-from dynkit.sections import Hyperplane, PoincareMap
+from dynkit.core.no_motion import Diverged, NoCrossing, Refused
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import MapAttractor
+from dynkit.dynamics.map import Map
+from dynkit.dynamics.poincare_map import PoincareMap
+from dynkit.dynamics.section import Hyperplane
+from dynkit.labels.label import OrbitKind
 from dynkit.systems import ImpactChain
-from dynkit.validation import Array
 from tests.example_systems import CircleRotation, DampedRotation, DelayedLogistic, Henon, Logistic
 
 GOLDEN_TURN = np.pi * (np.sqrt(5.0) - 1.0)

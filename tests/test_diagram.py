@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,9 +15,9 @@ from dynkit import sweep
 from dynkit.analysis.annotation import mark_values, spread
 from dynkit.analysis.chatter import ChatterRatios
 from dynkit.analysis.diagram import BifurcationDiagram, LabelInterval
-from dynkit.figures import new_figure, print_style, save_figure
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import new_figure, print_style, save_figure
 from dynkit.systems import ImpactChain
-from dynkit.validation import Array
 
 
 def diagram_of(

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from dynkit.differences import parameter_difference
-from dynkit.maps import Map
-from dynkit.no_motion import NoCrossing, Refused
+from dynkit.core.differences import parameter_difference
+from dynkit.core.no_motion import NoCrossing, Refused
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
 from dynkit.systems import Henon, HighBounce, Logistic
-from dynkit.validation import Array
 from tests.example_systems import CircleRotation
 
 ROUNDING = 2.0**-52

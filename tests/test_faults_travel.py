@@ -28,8 +28,8 @@ from dynkit import (
     sweep,
 )
 from dynkit.analysis import LyapunovSpectrum
+from dynkit.core.validation import Array, finite_array
 from dynkit.systems import ImpactChain, IntegratedFlow, Logistic
-from dynkit.validation import Array, finite_array
 from tests.scaling.cases import processes
 
 FAULTS = (

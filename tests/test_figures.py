@@ -13,9 +13,10 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
-from dynkit import MapAttractor, Sweep, figures, periodic_orbit, sweep
+from dynkit import MapAttractor, Sweep, periodic_orbit, sweep
 from dynkit.analysis import POD, BifurcationDiagram, ImpactSection, SpaceTime, TimeSeries
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.plotting import figures
 from dynkit.systems import ImpactChain, Logistic
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynkit.attractors import MapAttractor
-from dynkit.harmonics import harmonics_needed, harmonics_of
-from dynkit.labels import OrbitKind, OrbitLabel
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import MapAttractor
+from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.orbits.harmonics import harmonics_needed, harmonics_of
 from dynkit.systems import BouncingBall, ImpactChain, Logistic
 from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.validation import Array
 
 TWO_PI = 2.0 * np.pi
 DAMPING = 0.1

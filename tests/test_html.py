@@ -12,7 +12,7 @@ import pytest
 
 from dynkit import ParameterMap, Sweep, basins, parameter_map, sweep
 from dynkit.analysis import BifurcationDiagram
-from dynkit.showing import table
+from dynkit.core.reprs import table
 from dynkit.systems import ImpactChain, Logistic, Lorenz
 from dynkit.systems.impact import record as records
 from dynkit.systems.structure.lagrangian import LagrangianStructure

@@ -6,7 +6,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from dynkit.compiled import cache_folder
+from dynkit.core.jit import cache_folder
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynkit.labels import OrbitKind, OrbitLabel, Window, label_orbit
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.labels.label import OrbitKind, OrbitLabel, Window, label_orbit
 
 Numbers = NDArray[np.int64]
 StateAt = Callable[[Numbers], Array]

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from dynkit.maps import Map
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
 from tests.example_systems import CircleRotation, Henon, Logistic
 
 

@@ -27,13 +27,11 @@ NAMES = {
 MEMBERS = {("os", "system"), ("sympy", "S"), ("sp", "S")}
 KEYWORDS = {"allow_pickle", "shell"}
 ALLOWED = {
-    # modules of dynkit by names that stand in its own sources
-    ("dynkit/_lazy.py", "import_module"),
     # of a number that is an int, a float or one of NumPy's, in strict mode
     ("systems/structure/energies.py", "sympify"),
 }
 # Work is handed to a user's own processes by pickle, through pipes, never through files.
-PIPES = "dynkit/workers/"
+PIPES = "dynkit/engine/"
 
 
 @cache
@@ -191,7 +189,9 @@ def written(tree: ast.AST) -> set[str]:
 
 def test_files_are_written_in_one_place_only() -> None:
     found = {name: written(tree) for name, tree in sources().items()}
-    assert {name: each for name, each in found.items() if each} == {"dynkit/files.py": {"open"}}
+    assert {name: each for name, each in found.items() if each} == {
+        "dynkit/data/atomic_files.py": {"open"}
+    }
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ from matplotlib.lines import Line2D
 
 from dynkit import MapAttractor, sweep
 from dynkit.analysis import BifurcationDiagram, ImpactSection, TimeSeries
-from dynkit.figures import new_figure
-from dynkit.maps import Map
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import (
     BouncingBall,
     Henon,
@@ -20,7 +21,6 @@ from dynkit.systems import (
     SingleImpactOscillator,
 )
 from dynkit.systems.impact.orbits.driven import DrivenOrbit
-from dynkit.validation import Array
 
 CHAIN = ImpactChain(masses=2, frequency=0.9)
 

@@ -35,8 +35,8 @@ from dynkit.analysis import (
     TimeSeries,
 )
 from dynkit.cli import main
+from dynkit.core.validation import within_memory
 from dynkit.systems import Henon, ImpactChain, ImpactOscillator, Logistic, MatrixOscillator
-from dynkit.validation import within_memory
 
 BRIEF: dict[str, Any] = {"transient": 5, "keep": 5, "progress": False}
 ANY: Any = None

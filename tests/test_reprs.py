@@ -12,7 +12,7 @@ import pytest
 from dynkit import MapAttractor, PoincareMap, Stroboscope
 from dynkit.analysis import ExactImpacts, FoundImpacts
 from dynkit.analysis.work_precision.measuring import Measurement
-from dynkit.maps import Map
+from dynkit.dynamics.map import Map
 from dynkit.systems import (
     BouncingBall,
     Duffing,

@@ -4,7 +4,7 @@ from typing import cast
 
 import pytest
 
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
 
 
 def test_costs_add_name_by_name() -> None:

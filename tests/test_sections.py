@@ -2,19 +2,14 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from dynkit.flows import Crossing
-from dynkit.no_motion import NoCrossing, TangentCrossing
-from dynkit.sections import (
-    Hyperplane,
-    PoincareMap,
-    PoincareSection,
-    Stroboscope,
-)
+from dynkit.core.no_motion import NoCrossing, TangentCrossing
+from dynkit.core.validation import Array
+from dynkit.dynamics.flow import Crossing
+from dynkit.dynamics.poincare_map import PoincareMap
+from dynkit.dynamics.section import Hyperplane, PoincareSection, Stroboscope
 from dynkit.testing import numerical_derivative
-from dynkit.validation import Array
 from tests.example_systems import DampedRotation, Sphere
 
 POINTS = np.array([[0.7, 0.2], [1.5, -0.4], [0.1, 3.0]])

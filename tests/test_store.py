@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dynkit.store import Archive, locked, place, read, write
+from dynkit.data.store import Archive, locked, place, read, write
 
 ENTRIES = {"kind": "test", "grüße": "ωγ"}
 ARRAYS = {"values": np.array([0.1, np.nan, -0.0]), "group/none yet": np.empty((0, 4))}

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 import dynkit
-from dynkit import BifurcationCurve, Branch, Network, Sweep, store
-from dynkit.store import Archive
+from dynkit import BifurcationCurve, Branch, Network, Sweep
+from dynkit.data import store
+from dynkit.data.store import Archive
 from dynkit.systems import Henon, Logistic
 
 ROOT = Path(__file__).resolve().parent

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.validation import (
+from dynkit.core.validation import (
     finite_array,
     finite_scalar,
     in_interval,

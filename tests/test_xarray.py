@@ -13,8 +13,8 @@ import xarray as xr
 
 import dynkit
 from dynkit import Branch, basins, sweep
+from dynkit.data.xarrays import Variables, dataset
 from dynkit.systems import BouncingBall, ImpactChain, Logistic
-from dynkit.xarrays import Variables, dataset
 from tests.test_costs_and_errors import RESULTS
 
 CHAIN = ImpactChain(masses=2, frequency=0.9)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dynkit.maps import Map
-from dynkit.validation import Array
+from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.validation import Array
 
 _DOUBLINGS = 64
 # Steps of a grid differ from one another by rounding only: this part of a step, and doubles a
@@ -15,7 +15,7 @@ _DOUBLINGS = 64
 _ALIKE, _FINER = 1e-3, 2.0**10
 
 
-def angles_of(system: Map, states: Array) -> Mapping[int, float]:
+def angles_of(system: SmoothMap, states: Array) -> Mapping[int, float]:
     """Return the coordinates that a map's `difference` wraps, and one turn of each.
 
     They are found by trial: differences to the first state along each coordinate, longer and
@@ -43,7 +43,7 @@ def angles_of(system: Map, states: Array) -> Mapping[int, float]:
     return angles
 
 
-def _compare(system: Map, states: Array, angles: Mapping[int, float]) -> None:
+def _compare(system: SmoothMap, states: Array, angles: Mapping[int, float]) -> None:
     later, earlier = states, np.roll(states, len(states) // 2, axis=0)
     expected = abs(later - earlier)
     for k, turn in angles.items():

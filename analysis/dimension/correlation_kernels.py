@@ -12,8 +12,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.compiled import kernel
-from dynkit.validation import Array
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 
 Integers: TypeAlias = NDArray[np.int64]
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.analysis.dimension.trees import BoxTree
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 Counts: TypeAlias = NDArray[np.int64]
 

@@ -35,9 +35,9 @@ from dynkit.analysis.dimension.sums import (
 )
 from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
-from dynkit.attractors import Attractor
-from dynkit.results import Cost
-from dynkit.validation import Array, finite_scalar, positive
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, finite_scalar, positive
+from dynkit.dynamics.attractor import Attractor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.analysis.dimension.scaling import Estimate, Outcome
-from dynkit.figures import DOTS, ink, print_style, shown_axes
+from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,7 +15,7 @@ import numpy as np
 
 from dynkit.analysis.dimension.counting import Counts
 from dynkit.analysis.dimension.errors import standard_errors
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 # the width of a slope is a sixth of the range at most: two numbers of a model, four for the scatter
 _FEWEST_SLOPES = 6

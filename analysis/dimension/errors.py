@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynkit.analysis.dimension.counting import Counts
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 _FEWEST = 16
 

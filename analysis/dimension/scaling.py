@@ -13,8 +13,8 @@ from dynkit.analysis.dimension.counting import Counts
 from dynkit.analysis.dimension.drift import drift_of
 from dynkit.analysis.dimension.errors import counting_errors, standard_errors
 from dynkit.analysis.dimension.sums import CorrelationSums
-from dynkit.showing import span
-from dynkit.validation import Array
+from dynkit.core.reprs import span
+from dynkit.core.validation import Array
 
 STEPS = 8
 """Radii to an octave."""

@@ -10,9 +10,9 @@ from typing import Literal, TypeAlias, final, get_args
 import numpy as np
 
 from dynkit.analysis.dimension.counting import Counts, count
-from dynkit.results import Cost
-from dynkit.showing import span
-from dynkit.validation import Array, finite_array, non_negative_integer, positive
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import span
+from dynkit.core.validation import Array, finite_array, non_negative_integer, positive
 
 Norm: TypeAlias = Literal["maximum", "euclidean"]
 """How the distance of two states is measured."""

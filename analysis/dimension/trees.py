@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 LEAF = 64
 """The most points of a leaf: fewer cost more boxes, more are measured although they are far."""

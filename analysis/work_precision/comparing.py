@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynkit.analysis.work_precision.exact import ExactImpacts
 from dynkit.analysis.work_precision.methods import FoundImpacts
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 NEAR = 0.05
 """Part of the period within which a found impact may be an exact one."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.figures import print_style, shown_axes
+from dynkit.plotting.figures import print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

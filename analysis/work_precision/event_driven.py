@@ -15,7 +15,7 @@ import numpy as np
 
 from dynkit.analysis.work_precision.methods import FoundImpacts, GaveUp
 from dynkit.analysis.work_precision.models import ImpactModel
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 BLIND = 1e-3
 """Part of the period after a release in which no impact is looked for: the gap opens from zero

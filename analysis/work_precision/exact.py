@@ -9,8 +9,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.showing import told
-from dynkit.validation import Array, finite_array, finite_scalar, positive
+from dynkit.core.reprs import told
+from dynkit.core.validation import Array, finite_array, finite_scalar, positive
 
 _DOUBLE, _PAIR = 2.0**-53, 2.0**-105
 

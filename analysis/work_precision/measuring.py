@@ -20,7 +20,7 @@ from dynkit.analysis.work_precision.methods import (
     Unsuited,
 )
 from dynkit.analysis.work_precision.standard_methods import impact_methods
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias, final
 
 from dynkit.analysis.work_precision.exact import ExactImpacts
-from dynkit.validation import finite_array
+from dynkit.core.validation import finite_array
 
 
 @final

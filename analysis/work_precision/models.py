@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynkit.analysis.work_precision.exact import ExactImpacts
 from dynkit.analysis.work_precision.methods import Unsuited
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 
 class ImpactSystem(Protocol):

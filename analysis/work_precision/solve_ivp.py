@@ -23,7 +23,7 @@ from dynkit.analysis.work_precision.methods import (
     Simulation,
 )
 from dynkit.analysis.work_precision.models import ImpactModel
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 Solver: TypeAlias = Literal["RK45", "DOP853", "Radau", "LSODA"]
 

@@ -28,9 +28,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     from dynkit.cli.arguments import make_parser
-    from dynkit.continuation.newton import NoConvergence
-    from dynkit.no_motion import NoMotion
-    from dynkit.workers import WorkerLost
+    from dynkit.core.no_motion import NoMotion
+    from dynkit.engine import WorkerLost
+    from dynkit.orbits.newton import NoConvergence
 
     try:
         arguments, unknown = make_parser().parse_known_args(argv)

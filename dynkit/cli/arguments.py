@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from typing import NoReturn
 
-from dynkit import __version__
+from dynkit._version import __version__
 from dynkit.cli.options import CONTINUE, MAP, SIMULATE, SWEEP, Option
 
 _COMMANDS = """\

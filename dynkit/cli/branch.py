@@ -9,14 +9,14 @@ from dynkit.cli.options import CHAIN, Options, chain_of, text_of
 from dynkit.cli.output import PICTURES, output_file, writable_file, write_picture
 from dynkit.cli.summary import print_summary
 from dynkit.cli.sweep import SYMBOLS
-from dynkit.validation import finite_scalar, in_interval
+from dynkit.core.validation import finite_scalar, in_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dynkit.continuation.bifurcations import Bifurcation
     from dynkit.continuation.branch import Branch
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.orbits.problem import PeriodicOrbit
     from dynkit.systems.impact.chain import ImpactChain
 
 
@@ -129,7 +129,7 @@ def _multiplier(found: Bifurcation) -> str:
 
 def _figure(branch: Branch) -> Figure:
     from dynkit.continuation.network_drawing import draw_branches
-    from dynkit.figures import new_figure, print_style
+    from dynkit.plotting.figures import new_figure, print_style
 
     figure, (axes,) = new_figure()
     with print_style():

@@ -20,14 +20,14 @@ from dynkit.cli.output import (
 )
 from dynkit.cli.summary import print_summary, sizes
 from dynkit.cli.sweep import SYMBOLS
-from dynkit.validation import finite_scalar, positive_integer
-from dynkit.workers.points import MOST_POINTS
+from dynkit.core.validation import finite_scalar, positive_integer
+from dynkit.engine.points import MOST_POINTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from dynkit.parameter_maps import ParameterMap
-    from dynkit.validation import Array
+    from dynkit.core.validation import Array
+    from dynkit.sweeps.planes import ParameterMap
 
 _MOST_LABELS = 12
 
@@ -40,7 +40,7 @@ def parameter_map(options: Options) -> None:
     ValueError
         When an option is refused; nothing was written then.
     """
-    from dynkit.parameter_maps import parameter_map as mapped
+    from dynkit.sweeps.planes import parameter_map as mapped
 
     values = dict(_axis(options, name) for name in ("x", "y"))
     if len(values) < 2:
@@ -140,7 +140,7 @@ def _write(file: Path, found: ParameterMap) -> None:
 
 
 def _picture(found: ParameterMap) -> Figure:
-    from dynkit.figures import new_figure, print_style
+    from dynkit.plotting.figures import new_figure, print_style
 
     figure, (axes,) = new_figure(height=3.4)
     with print_style():

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from dynkit.validation import finite_array, finite_scalar
+from dynkit.core.validation import finite_array, finite_scalar
 
 if TYPE_CHECKING:
+    from dynkit.core.validation import Array
     from dynkit.systems.impact.chain import ImpactChain
-    from dynkit.validation import Array
 
 Options: TypeAlias = dict[str, Any]
 

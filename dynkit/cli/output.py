@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynkit.files import locked, place, whole
+from dynkit.data.atomic_files import locked, place, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

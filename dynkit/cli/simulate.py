@@ -12,9 +12,9 @@ from dynkit.cli.summary import print_summary, sizes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from dynkit.core.validation import Array
     from dynkit.systems.impact.attractor import ImpactAttractor
     from dynkit.systems.impact.record import ImpactRecord
-    from dynkit.validation import Array
 
 _SCALARS = ("time", "phase", "relative_velocity", "energy")
 _OBSERVABLES = (*_SCALARS, "position", "velocity")
@@ -79,7 +79,7 @@ def _section(record: ImpactRecord) -> Figure:
     """Relative velocity against phase: the impact section."""
     import math
 
-    from dynkit.figures import DOTS, ink, new_figure
+    from dynkit.plotting.figures import DOTS, ink, new_figure
 
     figure, (axes,) = new_figure()
     axes.plot(

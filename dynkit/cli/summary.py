@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dynkit.validation import Array
+    from dynkit.core.validation import Array
 
 
 def print_summary(shown: Mapping[str, str], file: Path | None) -> None:

@@ -164,7 +164,7 @@ def _columns(found: Sweep, of_values: dict[str, list[Any]]) -> dict[str, list[An
 def _diagram(found: Sweep, labels: list[str]) -> Figure:
     """One diagram under the other, for all observables; the labels stand above the first."""
     from dynkit.analysis.diagram import BifurcationDiagram
-    from dynkit.figures import new_figure
+    from dynkit.plotting.figures import new_figure
 
     observables = {name: found.observable(name) for name in found.observables}
     figure, panels = new_figure(height=2.4 * len(observables) + 0.4, rows=len(observables))

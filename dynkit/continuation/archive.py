@@ -11,17 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit import __version__, store
+from dynkit._version import __version__
 from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.curves import BifurcationCurve
-from dynkit.continuation.endings import Ending, Reason
-from dynkit.files import reason
-from dynkit.results import Cost
+from dynkit.continuation.termination import Ending, Reason
+from dynkit.core.cost import Cost
+from dynkit.data import store
+from dynkit.data.atomic_files import reason
 
 if TYPE_CHECKING:
-    from dynkit.maps import Map
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.core.smooth_map import SmoothMap
+    from dynkit.orbits.problem import PeriodicOrbit
 
 _BRANCH, _CURVE = "branch of periodic orbits", "curve of bifurcations"
 # The arrays, with their kinds of numbers and their numbers of dimensions.
@@ -194,7 +195,7 @@ def _rows(archive: store.Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[
     return found
 
 
-def _identity(system: Map, free: Mapping[str, float]) -> dict[str, str]:
+def _identity(system: SmoothMap, free: Mapping[str, float]) -> dict[str, str]:
     return store.identity_of(system.replace(**free))
 
 

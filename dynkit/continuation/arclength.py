@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.continuation.endings import Bound, Ending, Reason
-from dynkit.continuation.newton import (
+from dynkit.continuation.termination import Bound, Ending, Reason
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import (
     Correction,
     Direction,
     Equations,
+    NoSolution,
     Outcome,
     bordered_direction,
     correct,
 )
-from dynkit.continuation.problem import NoSolution
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
-    from dynkit.continuation.problem import Problem
+    from dynkit.orbits.problem import Problem
 
 # What a step aims at: so many Newton steps, and so many radians between tangents.
 _NEWTON_STEPS, _ANGLE, _LARGEST_ANGLE = 3.0, 0.15, 0.5

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.problem import Problem
-from dynkit.results import Cost
-from dynkit.validation import Array
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.orbits.problem import PeriodicOrbit
 
 
 _Known = TypeVar("_Known")

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import OrbitEquations
 from dynkit.continuation.bifurcations import Bifurcation, given, shown
-from dynkit.continuation.endings import Ending, Reason
-from dynkit.continuation.newton import error_bound
-from dynkit.continuation.problem import Problem
-from dynkit.results import Cost
-from dynkit.validation import Array, index_in
+from dynkit.continuation.termination import Ending, Reason
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, index_in
+from dynkit.orbits.newton import error_bound
+from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-    from dynkit.maps import Map
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.core.smooth_map import SmoothMap
+    from dynkit.orbits.problem import PeriodicOrbit
 
 
 @final
@@ -83,7 +83,7 @@ class Branch:
     endings: tuple[Ending, Ending]
     cost: Cost
     _problem: Problem | None
-    _system: Map | None
+    _system: SmoothMap | None
     _error: Array | None = None
     _observables: dict[str, Array] = field(default_factory=dict, init=False)
 
@@ -129,7 +129,7 @@ class Branch:
         ValueError
             When the branch was loaded without an orbit.
         """
-        from dynkit.continuation.multiplier_errors import multiplier_errors
+        from dynkit.orbits.multiplier_errors import multiplier_errors
 
         width = float(np.ptp(self.parameter)) or 1.0
         equations = OrbitEquations(self.problem, width)
@@ -153,7 +153,7 @@ class Branch:
         return given(self._problem)
 
     @property
-    def system(self) -> Map:
+    def system(self) -> SmoothMap:
         """The system, at one value of the parameter.
 
         Raises

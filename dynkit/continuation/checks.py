@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from dynkit.continuation.arclength import Steps
-from dynkit.continuation.problem import NoSolution, Problem
-from dynkit.no_motion import Refused
-from dynkit.orbits import PeriodicOrbit
-from dynkit.validation import finite_scalar, positive, positive_integer
+from dynkit.core.no_motion import Refused
+from dynkit.core.validation import finite_scalar, positive, positive_integer
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.problem import PeriodicOrbit, Problem
 
 
 def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:

@@ -12,18 +12,18 @@ from dynkit.continuation.arclength import Follower, OrbitEquations, Point
 from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
-from dynkit.continuation.endings import Bound, Ending, Reason
+from dynkit.continuation.initial_tangents import start_points
 from dynkit.continuation.locating import Located
-from dynkit.continuation.newton import FixedParameters, correct
-from dynkit.continuation.problem import Problem
-from dynkit.continuation.starting import start_points
+from dynkit.continuation.step_acceptance import Watch
+from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.continuation.tracing import Trace, is_of_symmetry, trace
-from dynkit.continuation.watching import Watch
-from dynkit.results import Cost
-from dynkit.validation import Array, boolean, in_interval
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, boolean, in_interval
+from dynkit.orbits.newton import FixedParameters, correct
+from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.orbits.problem import PeriodicOrbit
 
 
 def continue_orbit(

@@ -14,19 +14,23 @@ from numpy.typing import NDArray
 from dynkit.continuation.arclength import Follower, Point
 from dynkit.continuation.bifurcations import Bifurcation, given
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
-from dynkit.continuation.endings import Bound, Ending, Reason
-from dynkit.continuation.extended import BifurcationEquations, CriticalMultiplier, condition_of
-from dynkit.continuation.newton import correct, error_bound
-from dynkit.continuation.problem import NoSolution, Problem
-from dynkit.continuation.starting import start_points
-from dynkit.results import Cost
-from dynkit.validation import Array, in_interval, index_in
+from dynkit.continuation.defining_systems import (
+    BifurcationEquations,
+    CriticalMultiplier,
+    condition_of,
+)
+from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.termination import Bound, Ending, Reason
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, in_interval, index_in
+from dynkit.orbits.newton import NoSolution, correct, error_bound
+from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.orbits.problem import PeriodicOrbit
 
 # Where theta is nearer to 0 or pi the two equations of NS are one.
 _RESONANCE = 1e-3

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.xarrays import dataset
+from dynkit.data.xarrays import dataset
 
 if TYPE_CHECKING:
     import xarray
 
     from dynkit.continuation.branch import Branch
     from dynkit.continuation.curves import BifurcationCurve
-    from dynkit.xarrays import Variables
+    from dynkit.data.xarrays import Variables
 
 _ERROR = (
     "to first order a bound on the distance from the exact curve, "

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.figures import circles, crosses, ink, print_style, shown_axes
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import circles, crosses, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,15 +11,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
-from dynkit.continuation.ahead import Ahead
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.continuation.network import Finish, Link, Network, Unexplored
-from dynkit.continuation.newton import NoConvergence
-from dynkit.continuation.orbit_search import OrbitSearch, checked_box
-from dynkit.continuation.problem import NoSolution
-from dynkit.continuation.seeds import (
+from dynkit.continuation.initial_orbits import (
     FindsOrbits,
     Told,
     offered,
@@ -27,13 +22,17 @@ from dynkit.continuation.seeds import (
     told_of_offers,
     told_of_searches,
 )
-from dynkit.continuation.trails import Trail
-from dynkit.maps import Map
-from dynkit.no_motion import NoMotion
-from dynkit.orbits import PeriodicOrbit
-from dynkit.results import Cost
-from dynkit.validation import positive_integer
-from dynkit.workers import WorkerLost
+from dynkit.continuation.membership import Trail
+from dynkit.continuation.network import Finish, Link, Network, Unexplored
+from dynkit.continuation.speculation import Ahead
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import positive_integer
+from dynkit.dynamics.map import Map
+from dynkit.engine import WorkerLost
+from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.search import OrbitSearch, checked_box
 
 if TYPE_CHECKING:
     from dynkit.continuation.bifurcations import Bifurcation

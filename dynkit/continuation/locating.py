@@ -8,16 +8,16 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from dynkit.continuation.arclength import Follower, Point, interpolated
-from dynkit.continuation.detection import Crossing, are_real, crossings, examine
-from dynkit.continuation.extended import (
+from dynkit.continuation.defining_systems import (
     BifurcationEquations,
     CriticalMultiplier,
     condition_of,
     null_vector,
 )
-from dynkit.continuation.newton import correct, error_bound
-from dynkit.continuation.problem import NoSolution, Problem
-from dynkit.validation import Array
+from dynkit.continuation.test_functions import Crossing, are_real, crossings, examine
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution, correct, error_bound
+from dynkit.orbits.problem import Problem
 
 _HALVINGS = 45
 # A torus with multipliers so nearly real is none; what unfolds a branch point is zero but for

@@ -13,14 +13,14 @@ import numpy as np
 
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
-from dynkit.continuation.trails import Trail
-from dynkit.results import Cost
-from dynkit.validation import Array, finite_scalar
+from dynkit.continuation.membership import Trail
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, finite_scalar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.orbits.problem import PeriodicOrbit
 
 
 class Finish(Enum):

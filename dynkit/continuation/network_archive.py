@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from dynkit import __version__, store
+from dynkit._version import __version__
 from dynkit.continuation.archive import (
     archived_branch,
     read_archive,
@@ -19,8 +19,9 @@ from dynkit.continuation.archive import (
 )
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.network import Finish, Link, Network, Unexplored
-from dynkit.orbits import PeriodicOrbit
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.data import store
+from dynkit.orbits.problem import PeriodicOrbit
 
 _KIND = "network of branches"
 # A residual that is no larger is that of a solution.

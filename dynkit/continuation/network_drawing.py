@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.continuation.drawing import LINES
-from dynkit.continuation.trails import Node, nodes_of
-from dynkit.figures import COLUMN_WIDTH, circles, crosses, ink, print_style, shown_axes
-from dynkit.validation import Array
+from dynkit.continuation.membership import Node, nodes_of
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import COLUMN_WIDTH, circles, crosses, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

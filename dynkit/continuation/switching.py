@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.continuation.arclength import OrbitEquations
-from dynkit.continuation.newton import NoConvergence, correct, solve
-from dynkit.continuation.problem import NoSolution, Problem
-from dynkit.continuation.starting import crossing_directions, null_vectors
-from dynkit.validation import Array
+from dynkit.continuation.initial_tangents import crossing_directions, null_vectors
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoConvergence, NoSolution, correct, solve
+from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
     from dynkit.continuation.bifurcations import Bifurcation
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.orbits.problem import PeriodicOrbit
 
 # How far to go along the new branch, in scaled unknowns: the first distance at which the branch is
 # still near its start. Below the last one an orbit and its half are one.

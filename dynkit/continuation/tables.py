@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynkit.continuation.bifurcations import shown
-from dynkit.showing import Facts, costing, span, table, told
+from dynkit.core.reprs import Facts, costing, span, table, told
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -8,11 +8,11 @@ from typing import final
 import numpy as np
 
 from dynkit.continuation.arclength import Follower, Point
-from dynkit.continuation.detection import examine
-from dynkit.continuation.endings import Ending, Reason
 from dynkit.continuation.locating import Located, locate
-from dynkit.continuation.problem import Problem
-from dynkit.validation import Array
+from dynkit.continuation.termination import Ending, Reason
+from dynkit.continuation.test_functions import examine
+from dynkit.core.validation import Array
+from dynkit.orbits.problem import Problem
 
 # How far aside of where a branch is symmetric, in scaled unknowns, it is looked at, and no fold
 # counts: as a part of the step over that place, as the branch may be small, and at most.

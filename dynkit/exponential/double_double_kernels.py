@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dynkit.compiled import kernel
-from dynkit.validation import Array
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 
 
 @kernel()

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.compiled import kernel
-from dynkit.validation import Array
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 
 EPSILON = 2.0**-52
 

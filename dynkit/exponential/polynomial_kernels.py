@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from dynkit.compiled import kernel
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 from dynkit.exponential.evaluation_kernels import DEGREE, EPSILON
-from dynkit.validation import Array
 
 ROOT, TOUCH, NEVER, LIMIT, BEYOND, PAUSED = 0, 1, 2, 3, 4, 5
 """Outcomes: sign change, double root within rounding, no root any more, step limit reached, no root

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dynkit.compiled import kernel
-from dynkit.exponential.cell_kernels import HURDLE, leap, quintic_minimum, taylor_rung
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
+from dynkit.exponential.bound_kernels import stays_in_band, tail, weighted
+from dynkit.exponential.certificate_kernels import HURDLE, leap, quintic_minimum, taylor_rung
 from dynkit.exponential.evaluation_kernels import (
     BOUND,
     EPSILON,
@@ -34,8 +36,6 @@ from dynkit.exponential.polynomial_kernels import (
     polynomial,
     polynomial_first_root,
 )
-from dynkit.exponential.tail_kernels import stays_in_band, tail, weighted
-from dynkit.validation import Array
 
 FOREVER = 2**62
 """The farthest horizon, in smallest steps; a search that comes there is at its limit."""

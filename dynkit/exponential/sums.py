@@ -11,11 +11,9 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.exponential.ladders import Propagators, cells_of_a_call, ladder, workspace
-from dynkit.exponential.pairs import Pairs
-from dynkit.results import Cost
-from dynkit.showing import span
-from dynkit.validation import (
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import span
+from dynkit.core.validation import (
     Array,
     finite_array,
     finite_scalar,
@@ -23,6 +21,8 @@ from dynkit.validation import (
     positive,
     positive_integer,
 )
+from dynkit.exponential.modes import Pairs
+from dynkit.exponential.propagators import Propagators, cells_of_a_call, ladder, workspace
 
 
 class RootKind(Enum):

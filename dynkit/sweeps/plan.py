@@ -12,13 +12,10 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.attractors import Attractor
-from dynkit.labels import OrbitKind, OrbitLabel
-from dynkit.maps import Map, checked_map
-from dynkit.no_motion import located
-from dynkit.results import Cost
-from dynkit.store import identity_of, kind_of
-from dynkit.validation import (
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import located
+from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import (
     Array,
     boolean,
     finite_array,
@@ -26,7 +23,11 @@ from dynkit.validation import (
     positive_integer,
     within_memory,
 )
-from dynkit.workers.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
+from dynkit.data.store import identity_of, kind_of
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.engine.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
+from dynkit.labels.label import OrbitKind, OrbitLabel
 
 KIND = "sweep"
 
@@ -132,7 +133,7 @@ def plan_of(
     ValueError
         Naming the argument, the limit and the value.
     """
-    checked_map(system)
+    checked_map(system, Map)
     if parameter not in system.parameters:
         known = ", ".join(system.parameters) or "none"
         raise ValueError(f"parameter must be one of: {known}; got {parameter!r}")

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit import store
-from dynkit.attractors import Attractor
-from dynkit.labels import OrbitLabel
-from dynkit.maps import Map, checked_map
-from dynkit.results import Cost
-from dynkit.showing import Facts, costing, line_of, span, table
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, costing, line_of, span, table
+from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import Array, index_in
+from dynkit.data import store
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other
+from dynkit.engine.points import Rows
+from dynkit.labels.label import OrbitLabel
 from dynkit.sweeps.plan import KIND, Plan, Values
-from dynkit.validation import Array, index_in
-from dynkit.workers.collecting import read_rows, refuse_misfits, refuse_other
-from dynkit.workers.points import Rows
 
 if TYPE_CHECKING:
     import xarray
@@ -95,7 +96,7 @@ class Sweep:
             plan.values.setflags(write=False)
             refuse_misfits(Values(plan), found)
         if system is not None:
-            if plan.parameter not in checked_map(system).parameters:
+            if plan.parameter not in checked_map(system, Map).parameters:
                 raise ValueError(
                     f"store {file} was made with parameter {plan.parameter}; "
                     "got a system without it"
@@ -240,7 +241,7 @@ class Sweep:
         -------
         Axes
         """
-        from dynkit.drawing import draw_diagram
+        from dynkit.plotting.points import draw_diagram
 
         name = self.observables[0]
         titles = [title.replace("_", " ") for title in (self.parameter, name)]
@@ -261,7 +262,7 @@ class Sweep:
         ImportError
             When xarray is not installed.
         """
-        from dynkit.xarrays import dataset, known_error
+        from dynkit.data.xarrays import dataset, known_error
 
         over, names = self.parameter, []
         if len(self._labels) == len(self):

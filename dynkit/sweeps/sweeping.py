@@ -4,11 +4,11 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
 
-from dynkit.maps import Map
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
+from dynkit.engine.collecting import collect
 from dynkit.sweeps.plan import Values, plan_of
 from dynkit.sweeps.result import Sweep
-from dynkit.validation import Array
-from dynkit.workers.collecting import collect
 
 
 def sweep(

@@ -5,8 +5,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.attractors import Attractor
-from dynkit.sections import Hyperplane
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.section import Hyperplane
 from dynkit.testing.requirements import require, require_shape, same_bits
 
 MakeAttractor: TypeAlias = Callable[[int, int], Attractor]

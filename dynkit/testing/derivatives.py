@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 VectorFunction: TypeAlias = Callable[[Array], Array]
 

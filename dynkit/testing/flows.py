@@ -6,8 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.flows import Flow
-from dynkit.no_motion import replaced
+from dynkit.core.no_motion import replaced
+from dynkit.core.validation import Array
+from dynkit.dynamics.flow import Flow
 from dynkit.testing.derivatives import VectorFunction
 from dynkit.testing.requirements import (
     FLOW_ACCURACY,
@@ -18,7 +19,6 @@ from dynkit.testing.requirements import (
     require_refusal,
     require_shape,
 )
-from dynkit.validation import Array
 
 FlowCheck: TypeAlias = Callable[[Flow, Array], None]
 

@@ -6,8 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.maps import Map
-from dynkit.no_motion import replaced
+from dynkit.core.no_motion import replaced
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
 from dynkit.testing.requirements import (
     inside_its_range,
     require,
@@ -17,7 +18,6 @@ from dynkit.testing.requirements import (
     require_shape,
     same_bits,
 )
-from dynkit.validation import Array
 
 MapCheck: TypeAlias = Callable[[Map, Array], None]
 

@@ -6,11 +6,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.no_motion import NoCrossing
-from dynkit.sections import PoincareMap
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.validation import Array
+from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.testing.maps import map_checks
 from dynkit.testing.requirements import FLOW_ACCURACY, require, require_close
-from dynkit.validation import Array
 
 PoincareMapCheck: TypeAlias = Callable[[PoincareMap, Array], None]
 

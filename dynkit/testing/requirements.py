@@ -5,10 +5,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from dynkit.family import Family
-from dynkit.no_motion import NoMotion, replaced
+from dynkit.core.no_motion import NoMotion, replaced
+from dynkit.core.parameters import Family
+from dynkit.core.validation import Array
 from dynkit.testing.derivatives import VectorFunction, numerical_derivative
-from dynkit.validation import Array
 
 FLOW_ACCURACY = 1e-7
 

@@ -6,7 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.sections import PoincareSection
+from dynkit.core.validation import Array
+from dynkit.dynamics.section import PoincareSection
 from dynkit.testing.derivatives import VectorFunction
 from dynkit.testing.requirements import (
     require,
@@ -16,7 +17,6 @@ from dynkit.testing.requirements import (
     require_refusal,
     require_shape,
 )
-from dynkit.validation import Array
 
 SectionCheck: TypeAlias = Callable[[PoincareSection, Array], None]
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.flows import Crossing
-from dynkit.no_motion import CannotFollow, NoCrossing
+from dynkit.core.no_motion import CannotFollow, NoCrossing
+from dynkit.core.validation import Array
+from dynkit.dynamics.flow import Crossing
 from dynkit.systems.flows.integration import Velocity, integrate, steps
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from scipy.integrate import DenseOutput
 
-    from dynkit.sections import PoincareSection
+    from dynkit.dynamics.section import PoincareSection
 
 # A step is looked at in so many cells: the section's value has one extremum at most in each.
 _CELLS = 4

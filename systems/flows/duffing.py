@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynkit.core.validation import Array, finite_array, finite_scalar, positive
 from dynkit.systems.flows.integrated import IntegratedFlow
-from dynkit.validation import Array, finite_array, finite_scalar, positive
 
 
 @dataclass(frozen=True, kw_only=True)

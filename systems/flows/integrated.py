@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from dynkit.differences import parameter_difference
-from dynkit.flows import Basis, Crossing, Flow, Part, every_direction
-from dynkit.no_motion import CannotFollow, replaced
+from dynkit.core.differences import parameter_difference
+from dynkit.core.no_motion import CannotFollow, replaced
+from dynkit.core.validation import Array, finite_array, in_interval, non_negative, positive
+from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
 from dynkit.systems.flows.crossings import Search
 from dynkit.systems.flows.integration import Velocity, steps
-from dynkit.validation import Array, finite_array, in_interval, non_negative, positive
 
 if TYPE_CHECKING:
     from scipy.integrate import DOP853
 
-    from dynkit.sections import PoincareSection
+    from dynkit.dynamics.section import PoincareSection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +40,8 @@ class IntegratedFlow(Flow):
        otherwise it is found by differences, to some 1e-12 and at some cost.
 
     All refuse a state that is not finite, or not of that shape, with ValueError:
-    `dynkit.validation.finite_array` does it. Give the coordinates units in which they are of order
-    one: the tolerance is absolute for coordinates below one and relative above.
+    `dynkit.core.validation.finite_array` does it. Give the coordinates units in which they are of
+    order one: the tolerance is absolute for coordinates below one and relative above.
 
     The integrator is SciPy's DOP853, a Runge-Kutta method of order 8 (not for stiff systems); the
     derivative is that of the variational equations, integrated with the state. The error of every

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from dynkit.no_motion import CannotFollow
-from dynkit.validation import Array
+from dynkit.core.no_motion import CannotFollow
+from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
     from scipy.integrate import DOP853

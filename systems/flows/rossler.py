@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynkit.core.validation import Array, finite_array, finite_scalar
 from dynkit.systems.flows.integrated import IntegratedFlow
-from dynkit.validation import Array, finite_array, finite_scalar
 
 
 @dataclass(frozen=True, kw_only=True)

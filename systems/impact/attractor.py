@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.attractors import Attractor
-from dynkit.drawing import PHASE, RELATIVE_VELOCITY, draw_points
-from dynkit.harmonics import harmonics_needed
-from dynkit.labels import OrbitLabel, Window, label_orbit, settled_label, with_multiplier
-from dynkit.results import Cost
-from dynkit.showing import Facts
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.attractor import Attractor
+from dynkit.labels.label import OrbitLabel, Window, label_orbit, settled_label, with_multiplier
+from dynkit.orbits.harmonics import harmonics_needed
+from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
 from dynkit.systems.impact.record import Ending, ImpactRecord, batch_size, twin_errors
 from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.impact.tangents import growth, returned
-from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.orbits import PeriodicOrbit
+    from dynkit.orbits.problem import PeriodicOrbit
     from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.second_moments import SecondMoments
 
@@ -139,7 +139,8 @@ class ImpactAttractor(Attractor):
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
         """Return the label of what the motion settles on, chaos before that included.
 
-        See `dynkit.labels.settled_label`; at most so many impacts are looked at besides those kept.
+        See `dynkit.labels.label.settled_label`; at most so many impacts are looked at besides those
+        kept.
 
         Examples
         --------
@@ -168,7 +169,7 @@ class ImpactAttractor(Attractor):
         NoConvergence
             When its motion is still too far from it.
         """
-        from dynkit.map_orbits import periodic_orbit
+        from dynkit.orbits.periodic_orbit import periodic_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion
         from dynkit.systems.impact.orbits.responses import free_motion
         from dynkit.systems.impact.sticking.finding import sticking_orbit_of

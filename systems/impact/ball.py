@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
+from dynkit.core.validation import Array, positive
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.validation import Array, positive
 
 if TYPE_CHECKING:
     import sympy

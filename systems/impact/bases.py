@@ -9,10 +9,10 @@ from typing import final
 
 import numpy as np
 
-from dynkit.exponential.pairs import Pairs
+from dynkit.core.validation import Array
+from dynkit.exponential.modes import Pairs
 from dynkit.systems.impact.blocks import real_blocks
 from dynkit.systems.structure.modes import Modes
-from dynkit.validation import Array
 
 _CACHED = 2**14
 """So many numbers are summed up at a time: processors hold them close by."""

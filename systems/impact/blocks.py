@@ -16,10 +16,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.clusters import Cluster, clusters_of
 from dynkit.systems.impact.energy_coordinates import EnergyCoordinates
 from dynkit.systems.structure.double_double import DoubleDouble
-from dynkit.validation import Array
 
 # Below this, relative to its blocks, a coupling is the rounding error of two equal rates.
 _NO_COUPLING = 2.0**-70

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynkit.core.validation import positive_integer, within_memory
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.structure.chain import chain_kinetic, chain_links, element_values
-from dynkit.validation import positive_integer, within_memory
 
 if TYPE_CHECKING:
     import sympy

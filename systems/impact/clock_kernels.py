@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.compiled import kernel
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
     EPSILON,
@@ -17,7 +18,6 @@ from dynkit.exponential.evaluation_kernels import (
     shift,
     start_sums,
 )
-from dynkit.validation import Array
 
 Indices = NDArray[np.intp]
 

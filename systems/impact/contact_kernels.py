@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.compiled import kernel
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 from dynkit.exponential.evaluation_kernels import (
     EPSILON,
     START,
@@ -15,7 +16,6 @@ from dynkit.exponential.evaluation_kernels import (
     start_sums,
     value_and_rates,
 )
-from dynkit.validation import Array
 
 Indices = NDArray[np.intp]
 

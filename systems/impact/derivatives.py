@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.no_motion import NoCrossing
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.validation import Array
 from dynkit.systems.impact.motion import evolve, transformed
 from dynkit.systems.impact.orbits.terms import changes_alone
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import ImpactState
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

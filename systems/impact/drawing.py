@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.drawing import displacement, draw_motion
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.plotting.points import displacement, draw_motion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

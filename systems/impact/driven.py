@@ -9,6 +9,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    in_interval,
+    index_in,
+    non_negative,
+    positive,
+    positive_integer,
+    unmasked,
+)
 from dynkit.systems.impact.mechanics import (
     Contact,
     Drive,
@@ -20,17 +31,6 @@ from dynkit.systems.impact.mechanics import (
     structure_of,
 )
 from dynkit.systems.structure.lagrangian import LagrangianStructure
-from dynkit.validation import (
-    Array,
-    finite_array,
-    finite_scalar,
-    in_interval,
-    index_in,
-    non_negative,
-    positive,
-    positive_integer,
-    unmasked,
-)
 
 _CACHES = frozenset({"_structure", "_drive", "_free", "_gaps", "_contacts"})
 

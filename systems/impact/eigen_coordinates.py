@@ -7,8 +7,8 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.mechanics import Regime
-from dynkit.validation import Array
 
 
 @final

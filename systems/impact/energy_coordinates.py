@@ -7,10 +7,10 @@ from typing import final
 
 import numpy as np
 
+from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import ROUNDING, DoubleDouble, add, divide, negative
 from dynkit.systems.structure.modes import Modes
 from dynkit.systems.structure.symmetric import exact_slices_product
-from dynkit.validation import Array
 
 
 @final

@@ -9,10 +9,10 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.exponential.ladders import padded
-from dynkit.exponential.pairs import Pairs
+from dynkit.core.validation import Array
+from dynkit.exponential.modes import Pairs
+from dynkit.exponential.propagators import padded
 from dynkit.systems.impact.bases import Basis, row_by_row
-from dynkit.validation import Array
 
 RESONANT = 1e-3
 """A mode whose rate is nearer to the drive's, relative to both, is driven step by step: the steady

@@ -11,7 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.compiled import kernel
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
+from dynkit.exponential.bound_kernels import died_out, stays_in_band
 from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
     FOUND,
@@ -26,7 +28,6 @@ from dynkit.exponential.evaluation_kernels import (
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
 from dynkit.exponential.search_kernels import FOREVER, first_root
-from dynkit.exponential.tail_kernels import died_out, stays_in_band
 from dynkit.systems.impact.clock_kernels import (
     BUDGET,
     CELLS,
@@ -59,7 +60,6 @@ from dynkit.systems.impact.contact_kernels import (
     pulls,
     transform,
 )
-from dynkit.validation import Array
 
 Indices = NDArray[np.intp]
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.core.validation import finite_array
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.lagrangian import Derivation
 from dynkit.systems.structure.symmetric import SymmetricMatrix
-from dynkit.validation import finite_array
 
 if TYPE_CHECKING:
     import sympy

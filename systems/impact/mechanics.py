@@ -10,11 +10,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.exponential.ladders import Propagators, ladder
+from dynkit.core.validation import Array
+from dynkit.exponential.propagators import Propagators, ladder
 from dynkit.systems.impact.bases import Basis, basis_of
 from dynkit.systems.impact.forced import HIDDEN, Forced, Load
 from dynkit.systems.structure.modes import Modes
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure

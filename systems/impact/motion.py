@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.exponential.ladders import cells_of_a_call, workspace
+from dynkit.core.validation import Array
+from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.bases import row_by_row
 from dynkit.systems.impact.mechanics import Regime
 from dynkit.systems.impact.runs import Run
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

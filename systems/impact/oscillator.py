@@ -10,9 +10,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 
-from dynkit.maps import Map, generic_direction
-from dynkit.no_motion import NoCrossing
-from dynkit.stretching import Stretching
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.smooth_map import generic_direction
+from dynkit.core.stretching import Stretching
+from dynkit.core.validation import (
+    Array,
+    boolean,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
+from dynkit.dynamics.map import Map
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
 from dynkit.systems.impact.driven import DrivenStructure
@@ -27,17 +36,9 @@ from dynkit.systems.impact.state import (
     start,
     unpacked,
 )
-from dynkit.validation import (
-    Array,
-    boolean,
-    finite_array,
-    non_negative_integer,
-    positive_integer,
-    within_memory,
-)
 
 if TYPE_CHECKING:
-    from dynkit.continuation.orbit_search import OrbitSearch
+    from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
     from dynkit.systems.impact.sticking.orbit import StickingOrbit
 

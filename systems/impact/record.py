@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.results import Cost
-from dynkit.showing import Facts, costing, span, table, told
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, costing, span, table, told
+from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
 from dynkit.systems.impact.state import ImpactState, on_table, phases
-from dynkit.validation import Array, finite_array, positive_integer
 
 if TYPE_CHECKING:
     import xarray
@@ -355,7 +355,7 @@ class ImpactRecord:
         >>> found.position.dims, found.attrs["parameter_restitution"]
         (('impact', 'mass'), 0.85)
         """
-        from dynkit.xarrays import dataset, known_error
+        from dynkit.data.xarrays import dataset, known_error
 
         n, each = self.system.degrees_of_freedom, "impact"
         begins, ends = self.sticking.T

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.exponential.ladders import cells_of_a_call, workspace
+from dynkit.core.validation import Array
+from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from dynkit.compiled import kernel
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 from dynkit.exponential.double_double_kernels import dd_add, dd_multiply
-from dynkit.validation import Array
 
 ROUNDING = 2.0**-104
 _MOST_STEPS = 90

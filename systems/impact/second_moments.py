@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
 from dynkit.systems.impact.eigen_coordinates import EigenCoordinates
 from dynkit.systems.impact.mechanics import Regime
 from dynkit.systems.impact.motion import evolve, transformed
 from dynkit.systems.impact.runs import Run, band_factor
 from dynkit.systems.impact.state import Motion
 from dynkit.systems.impact.tangents import before_impacts, free_states, in_steps
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
+from dynkit.core.validation import finite_scalar, non_negative
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.state import ImpactState
-from dynkit.validation import finite_scalar, non_negative
 
 if TYPE_CHECKING:
     import sympy

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.no_motion import Diverged, Refused
-from dynkit.validation import Array, finite_array, finite_scalar
+from dynkit.core.no_motion import Diverged, Refused
+from dynkit.core.validation import Array, finite_array, finite_scalar
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.compiled import kernel
-from dynkit.validation import Array
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 
 Indices = NDArray[np.intp]
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dynkit.no_motion import NoCrossing
-from dynkit.stretching import Stretching
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.stretching import Stretching
+from dynkit.core.validation import Array, non_negative_integer
 from dynkit.systems.impact.motion import evolve, transformed
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.record import Ending
-from dynkit.validation import Array, non_negative_integer
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.maps import Map
-from dynkit.validation import Array, finite_array, in_interval, non_negative
+from dynkit.core.validation import Array, finite_array, in_interval, non_negative
+from dynkit.dynamics.map import Map
 
 _TURN = 2.0 * np.pi
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.maps import Map
-from dynkit.validation import Array, finite_array, finite_scalar
+from dynkit.core.validation import Array, finite_array, finite_scalar
+from dynkit.dynamics.map import Map
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynkit.core.validation import finite_array, positive_integer
 from dynkit.systems.structure.lagrangian import LagrangianStructure
-from dynkit.validation import finite_array, positive_integer
 
 if TYPE_CHECKING:
     import sympy

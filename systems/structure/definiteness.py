@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 
 def check_definite(name: str, matrix: Array) -> None:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 # Veltkamp's constant 2^27 + 1 cuts the 53 bits of a double into 26 and 26 (the sign holds one).
 _SPLITTER = 134217729.0

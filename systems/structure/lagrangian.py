@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from dynkit.showing import Facts, Shown
+from dynkit.core.reprs import Facts, Shown
+from dynkit.core.validation import Array, positive_integer
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.energies import quadratic_form, symbols
 from dynkit.systems.structure.modes import Modes, modes_of
 from dynkit.systems.structure.symmetric import SymmetricMatrix
-from dynkit.validation import Array, positive_integer
 
 if TYPE_CHECKING:
     import sympy

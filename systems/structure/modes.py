@@ -6,8 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from dynkit.results import Cost
-from dynkit.showing import span
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import span
+from dynkit.core.validation import Array, finite_array
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.double_double import (
     ROUNDING,
@@ -20,7 +21,6 @@ from dynkit.systems.structure.double_double import (
 )
 from dynkit.systems.structure.refinement import Eigenpairs, refine
 from dynkit.systems.structure.symmetric import SymmetricMatrix
-from dynkit.validation import Array, finite_array
 
 # A larger ratio of damping to stiffness or mass is not worked with: it may overflow.
 _LARGEST_RATIO = Fraction(2) ** 1000

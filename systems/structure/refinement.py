@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import (
     ROUNDING,
     DoubleDouble,
@@ -35,7 +36,6 @@ from dynkit.systems.structure.double_double import (
     two_sum,
 )
 from dynkit.systems.structure.symmetric import BLOCK, SymmetricMatrix
-from dynkit.validation import Array
 
 # A larger correction is no small one: its pair of modes is not separated yet.
 _SMALL = 2.0**-7

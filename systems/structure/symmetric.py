@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import (
     DoubleDouble,
     add,
@@ -16,7 +17,6 @@ from dynkit.systems.structure.double_double import (
     scale,
     two_sum,
 )
-from dynkit.validation import Array
 
 # Columns that are worked on together: 1000 x 32 doubles and their companions fit a second-level
 # cache.

@@ -10,8 +10,8 @@ import pytest
 from scipy import signal
 
 from dynkit.analysis.averages import TimeAverages
+from dynkit.core.validation import Array
 from dynkit.systems import ImpactChain
-from dynkit.validation import Array
 
 RUNS = 200
 

@@ -12,13 +12,13 @@ from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.coordinates import angles_of, correlation_time, extents_of
 from dynkit.analysis.dimension.scaling import TOLERANCE, Outcome
 from dynkit.analysis.dimension.sums import Norm
-from dynkit.attractors import Attractor
-from dynkit.figures import new_figure
-from dynkit.labels import OrbitLabel
-from dynkit.maps import Map
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.labels.label import OrbitLabel
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, HighBounce, ImpactChain
-from dynkit.validation import Array
 
 TURN = 2.0 * np.pi
 

@@ -11,8 +11,8 @@ import pytest
 from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.coordinates import grid_of
 from dynkit.analysis.dimension.scaling import Outcome
-from dynkit.figures import new_figure
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import new_figure
 from tests.validation.dimensions import (
     arcsines,
     henon,

@@ -10,8 +10,8 @@ from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.errors import standard_errors
 from dynkit.analysis.dimension.scaling import takens
 from dynkit.analysis.dimension.sums import CorrelationSums, correlation_sums
+from dynkit.core.validation import Array
 from dynkit.systems import Henon
-from dynkit.validation import Array
 
 # 1.21 to 1.22: P. Grassberger, I. Procaccia, Phys. Rev. Lett. 50 (1983) 346-349; J. C. Sprott, G.
 # Rowlands, Int. J. Bifurcation Chaos 11 (2001) 1865-1880

@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from dynkit.analysis.dimension.counting import count
 from dynkit.analysis.dimension.sums import Norm, correlation_sums
+from dynkit.core.validation import Array
 from dynkit.systems import Henon
-from dynkit.validation import Array
 
 TURN = 2.0 * np.pi
 RADII = np.array([0.05, 0.1, 0.25, 0.5, 0.7, 1.0, 1.1, 2.0, 3.0])

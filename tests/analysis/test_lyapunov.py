@@ -11,7 +11,8 @@ from scipy import integrate
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap
 from dynkit.analysis.lyapunov import LyapunovSpectrum, kaplan_yorke
-from dynkit.maps import Map
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.map import Map
 from dynkit.systems import (
     Duffing,
     Henon,
@@ -21,7 +22,6 @@ from dynkit.systems import (
     Lorenz,
     Rossler,
 )
-from dynkit.validation import Array, finite_array
 from tests.example_systems import CircleRotation, DampedRotation, DelayedLogistic
 
 # J. C. Sprott, Chaos and Time-Series Analysis, Oxford 2003, appendix A.
@@ -259,7 +259,7 @@ def test_the_repr_is_one_line_and_says_when_the_run_is_too_short() -> None:
 
 
 def test_the_plot_ends_in_the_exponents() -> None:
-    from dynkit.figures import new_figure
+    from dynkit.plotting.figures import new_figure
 
     _, (axes,) = new_figure()
     assert henon().plot(axes) is axes

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from dynkit.analysis.lyapunov import LyapunovSpectrum
-from dynkit.attractors import Attractor
-from dynkit.figures import new_figure
-from dynkit.maps import Map
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
-from dynkit.validation import Array
 from tests.impact.one_mass import periodic_orbits
 
 

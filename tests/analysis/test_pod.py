@@ -7,18 +7,17 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import signal
 
 from dynkit.analysis import POD
-from dynkit.attractors import MapAttractor
-from dynkit.figures import new_figure
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import MapAttractor
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
-from dynkit.validation import Array
 
 # Frequency, damping and number of modes for 99% of the power: J. P. Cusumano, B.-Y. Bai, Chaos,
 # Solitons & Fractals 3 (1993) 515-535, Table 1. Of the paper's ten rows two are as an independent

@@ -13,12 +13,12 @@ from scipy.stats import binom
 from dynkit import MapAttractor
 from dynkit.analysis import POD, CorrelationDimension, LyapunovSpectrum, PowerSpectrum
 from dynkit.analysis.regimes import _statistic, regime_change
-from dynkit.attractors import Attractor
-from dynkit.labels import OrbitKind, OrbitLabel
-from dynkit.maps import Map
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.systems import Henon, ImpactChain
-from dynkit.validation import Array
 from tests.validation.regimes import CLAIM, FAILURE, SYSTEMS, FalseAlarms, false_alarms
 
 ITERATES = 4000

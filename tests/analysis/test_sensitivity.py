@@ -8,7 +8,7 @@ import pytest
 from dynkit import MapAttractor
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.analysis.sensitivity import Sensitivity
-from dynkit.attractors import Attractor
+from dynkit.dynamics.attractor import Attractor
 from dynkit.systems import Henon, ImpactChain
 from tests.example_systems import CircleRotation
 
@@ -74,7 +74,7 @@ def test_it_is_worked_out_on_demand_with_its_cost_and_error() -> None:
 
 
 def test_the_plot_shows_the_distances() -> None:
-    from dynkit.figures import new_figure
+    from dynkit.plotting.figures import new_figure
 
     _, (axes,) = new_figure()
     attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)

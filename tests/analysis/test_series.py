@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dynkit.analysis import TimeSeries
-from dynkit.attractors import MapAttractor
-from dynkit.figures import new_figure
+from dynkit.dynamics.attractor import MapAttractor
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 from dynkit.systems.impact.attractor import ImpactAttractor
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from dynkit.analysis import SpaceTime
 from dynkit.analysis.space_time import new_surfaces
-from dynkit.attractors import MapAttractor
-from dynkit.figures import new_figure
+from dynkit.dynamics.attractor import MapAttractor
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 
 

@@ -10,11 +10,11 @@ import pytest
 from scipy import signal
 
 from dynkit.analysis import PowerSpectrum
-from dynkit.attractors import MapAttractor
-from dynkit.figures import new_figure
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import MapAttractor
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.validation import Array
 
 
 def attractor_of(frequency: float = 0.87) -> ImpactAttractor:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from dynkit.cli.output import writable_file
-from dynkit.files import whole
+from dynkit.data.atomic_files import whole
 
 
 class Program(ArgumentParser):

@@ -18,7 +18,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from dynkit import ParameterMap, parameter_map
-from dynkit.figures import new_figure, print_style
+from dynkit.plotting.figures import new_figure, print_style
 from dynkit.systems import ImpactChain
 from tests.benchmarks.report import table
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from time import process_time
 
 from dynkit import continue_orbit
-from dynkit.continuation.newton import solve
+from dynkit.orbits.newton import solve
 from dynkit.systems import ImpactChain
 from tests.benchmarks.lyapunov import processor_time
 from tests.benchmarks.report import table

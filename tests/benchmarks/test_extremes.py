@@ -20,8 +20,7 @@ from tests.benchmarks.extremes.__main__ import main
 from tests.benchmarks.extremes.cases import GROUPS, Case, read_cases
 from tests.benchmarks.extremes.measures import measure
 from tests.effort import is_thorough
-from tests.reference.extreme_campaign import Extreme
-from tests.reference.extreme_campaign import extremes as exact_extremes
+from tests.reference.extreme_campaign import Extreme, extremes as exact_extremes
 from tests.reference.extreme_values import FILE, values_of
 
 CASES = {case.name: case for case in read_cases()}

@@ -9,9 +9,9 @@ from random import Random
 import numpy as np
 
 from dynkit import Bifurcation, Branch, Map, continue_orbit, periodic_orbit
-from dynkit.maps import Map as MapBase
-from dynkit.orbits import PeriodicOrbit
-from dynkit.validation import Array, finite_array
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.map import Map as MapBase
+from dynkit.orbits.problem import PeriodicOrbit
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
-from dynkit.maps import Map
-from dynkit.orbits import PeriodicOrbit
-from dynkit.results import Cost
-from dynkit.validation import Array
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.problem import Condition, Event, PeriodicOrbit, Problem
 
 
 class ToyMap(Map):

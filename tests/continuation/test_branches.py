@@ -10,8 +10,8 @@ import pytest
 from dynkit.continuation.arclength import Follower, OrbitEquations, Steps
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.continuation.endings import Bound
-from dynkit.continuation.starting import start_points
+from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.termination import Bound
 from tests.continuation.families import BEHIND, Cycle, Flat, Logistic, VeiledOrbit
 from tests.continuation.starts import flat, henon, logistic
 

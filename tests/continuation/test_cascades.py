@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, Map, continue_orbit, explore, periodic_orbit
-from dynkit.orbits import PeriodicOrbit
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import Henon, ImpactChain, Logistic
 from tests.continuation.cascades import Hump, Ricker, Sine, cascade, random_hump
 

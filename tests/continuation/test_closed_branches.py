@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynkit import Map, continue_orbit, periodic_orbit
-from dynkit.continuation.trails import Trail
-from dynkit.validation import Array, finite_array
+from dynkit.continuation.membership import Trail
+from dynkit.core.validation import Array, finite_array
 
 
 @dataclass(frozen=True)

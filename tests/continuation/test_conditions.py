@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit.continuation.extended import BifurcationEquations
-from dynkit.continuation.problem import Condition
-from dynkit.validation import Array
+from dynkit.continuation.defining_systems import BifurcationEquations
+from dynkit.core.validation import Array
+from dynkit.orbits.problem import Condition
 from tests.continuation.starts import henon
 
 

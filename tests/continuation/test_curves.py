@@ -10,7 +10,7 @@ import pytest
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
-from dynkit.orbits import PeriodicOrbit
+from dynkit.orbits.problem import PeriodicOrbit
 from tests.continuation.families import Cycle, Edge, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.continuation.newton import NoConvergence, solve
-from dynkit.orbits import PeriodicOrbit
+from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import ImpactChain
 from tests.continuation.families import Cycle, CycleProblem, Flat, Logistic
 from tests.continuation.starts import flat, logistic

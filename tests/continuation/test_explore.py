@@ -14,8 +14,8 @@ from dynkit import Network, explore, periodic_orbit
 from dynkit.continuation import exploring
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish
-from dynkit.continuation.trails import Trail
 from dynkit.systems import Henon, ImpactChain, Logistic
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tests.impact.one_mass import DIGITS, flight_matrix

@@ -9,8 +9,8 @@ import pytest
 
 from dynkit import Network, explore
 from dynkit.continuation.branch import Branch
+from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish
-from dynkit.continuation.trails import Trail
 from dynkit.systems import PlayOscillator
 from dynkit.systems.impact.orbits.problem import ImpactProblem
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from dynkit import NoConvergence, NoMotion, explore, periodic_orbit
-from dynkit.continuation.orbit_search import OrbitSearch
+from dynkit.core.validation import Array
+from dynkit.orbits.search import OrbitSearch
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.validation import Array
 from tests.reference.one_mass_orbits import Mass, brute_force, near
 
 MORE = int(os.environ.get("CASES", "1"))

@@ -10,7 +10,7 @@ import pytest
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.continuation.extended import null_vector
+from dynkit.continuation.defining_systems import null_vector
 from tests.continuation.families import Cycle, Exchange, Flat, Logistic, PoleOrbit, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon, iterated, logistic
 

@@ -13,7 +13,7 @@ from matplotlib.text import Annotation
 from dynkit import Network, explore
 from dynkit.continuation.network import Finish
 from dynkit.continuation.network_drawing import draw_branches, write_names
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
 from dynkit.systems import ImpactChain
 
 NONE = Network((), (), (), Finish.COMPLETE, Finish.COMPLETE.value, Cost(0.0))

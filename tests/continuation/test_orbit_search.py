@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from dynkit import Diverged, Map, NoConvergence, Refused, find_orbits, periodic_orbit
-from dynkit.continuation.orbit_search import OrbitSearch
-from dynkit.map_orbits import MapOrbit
+from dynkit.core.validation import Array, finite_array
+from dynkit.orbits.map_orbit import MapOrbit
+from dynkit.orbits.search import OrbitSearch
 from dynkit.systems import Henon, HighBounce, Logistic
-from dynkit.validation import Array, finite_array
 
 MORE = int(os.environ.get("CASES", "1"))
 

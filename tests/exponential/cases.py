@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.exponential.evaluation_kernels import BOUND, START
-from dynkit.exponential.ladders import workspace
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER
+from dynkit.exponential.propagators import workspace
 from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.exponential.sums import ExponentialSum
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from dynkit.exponential.drifts import Responses
+from dynkit.core.validation import Array
+from dynkit.exponential.asymptotics import Responses
+from dynkit.exponential.bound_kernels import stays_in_band, tail
 from dynkit.exponential.evaluation_kernels import START, STATES
-from dynkit.exponential.ladders import Propagators, ladder
-from dynkit.exponential.pairs import Pairs
-from dynkit.exponential.tail_kernels import stays_in_band, tail
-from dynkit.validation import Array
+from dynkit.exponential.modes import Pairs
+from dynkit.exponential.propagators import Propagators, ladder
 from tests.exponential.test_pairs import generator, oscillators
 
 TIMES = np.concatenate([[0.0], np.logspace(-3, 4, 400)])

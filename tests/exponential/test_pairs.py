@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from dynkit.exponential.pairs import Pairs
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.exponential.modes import Pairs
 
 pytestmark = pytest.mark.plain
 

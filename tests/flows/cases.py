@@ -10,9 +10,9 @@ import mpmath
 import numpy as np
 from flint import arb, arb_poly, arb_series, ctx
 
-from dynkit.sections import PoincareSection
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.section import PoincareSection
 from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
-from dynkit.validation import Array, finite_array
 
 ROUNDING = 2.0**-52
 

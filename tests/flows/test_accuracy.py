@@ -9,9 +9,9 @@ import pytest
 from flint import arb, ctx
 
 from dynkit import Hyperplane, PoincareMap, Stroboscope
+from dynkit.core.validation import Array
 from dynkit.systems import Duffing, IntegratedFlow
 from dynkit.systems.flows.integration import steps
-from dynkit.validation import Array
 from tests.flows.cases import (
     BITS,
     FLOWS,

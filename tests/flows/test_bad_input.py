@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, PoincareMap, Stroboscope
-from dynkit.no_motion import CannotFollow, NoCrossing
+from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
 from dynkit.systems.flows import integration
 

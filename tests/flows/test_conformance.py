@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap, Stroboscope
-from dynkit.sections import PoincareSection
+from dynkit.dynamics.section import PoincareSection
 from dynkit.systems import Duffing, Lorenz, Rossler
 from dynkit.testing import (
     AttractorCheck,

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from dynkit import Hyperplane, PoincareMap, PoincareSection
-from dynkit.flows import Crossing
-from dynkit.no_motion import CannotFollow, NoCrossing
+from dynkit.core.no_motion import CannotFollow, NoCrossing
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.flow import Crossing
 from dynkit.systems import IntegratedFlow, Lorenz
-from dynkit.validation import Array, finite_array
 from tests.flows.cases import FLOWS, ROUNDING, STATES, Parabola, Rotation
 
 SECTIONS: list[PoincareSection] = [

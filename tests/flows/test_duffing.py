@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap, Stroboscope
+from dynkit.core.validation import Array
 from dynkit.systems import Duffing
-from dynkit.validation import Array
 from tests.flows.cases import STATES
 
 WELLS = [(-1.0, 1.0), (1.0, 0.3), (0.0, 1.0), (2.0, -0.1)]

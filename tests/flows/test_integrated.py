@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, PoincareMap
+from dynkit.core.validation import Array, finite_array
 from dynkit.systems import IntegratedFlow, Lorenz
-from dynkit.validation import Array, finite_array
 from tests.flows.cases import ROUNDING, STATES, Rotation
 
 

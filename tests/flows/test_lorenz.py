@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap
+from dynkit.core.validation import Array
 from dynkit.systems import Lorenz
-from dynkit.validation import Array
 from tests.flows.cases import ROUNDING, STATES
 
 PARAMETERS = [(10.0, 28.0, 8.0 / 3.0), (10.0, 15.0, 8.0 / 3.0), (16.0, 45.92, 4.0)]

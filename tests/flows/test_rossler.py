@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap
+from dynkit.core.validation import Array
 from dynkit.systems import Rossler
-from dynkit.validation import Array
 from tests.flows.cases import ROUNDING, STATES
 
 PARAMETERS = [(0.2, 0.2, 5.7), (0.1, 0.1, 14.0), (0.36, 0.4, 4.5)]

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from hypothesis import assume
-from hypothesis import strategies as st
+from hypothesis import assume, strategies as st
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.record import ImpactRecord
 from dynkit.systems.impact.state import ImpactState
-from dynkit.validation import Array
 
 RESTITUTIONS = st.floats(1e-3, 1.0) | st.sampled_from([0.0, 1.0])
 

@@ -17,9 +17,9 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 from mpmath import mp, mpf
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
-from dynkit.validation import Array
 from tests.reference.impact_chain import to_mpf
 
 DIGITS = 40

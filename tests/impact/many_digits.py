@@ -9,9 +9,9 @@ import mpmath
 import numpy as np
 from mpmath import mp, mpf
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.record import ImpactRecord
-from dynkit.validation import Array
 from tests.reference.impact_chain import History, Impact, ReferenceChain
 
 

@@ -7,14 +7,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from dynkit import NoConvergence, Sweep, continue_orbit, sweep
-from dynkit.no_motion import NoMotion
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.validation import Array
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, begins, certain
 

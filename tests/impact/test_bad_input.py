@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.no_motion import NoCrossing
+from dynkit.core.no_motion import NoCrossing
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.record import Ending, ImpactRecord
 

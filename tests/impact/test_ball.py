@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from dynkit.labels import OrbitKind
+from dynkit.core.validation import Array
+from dynkit.labels.label import OrbitKind
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.maps.high_bounce import HighBounce
-from dynkit.validation import Array
 from tests.impact.one_mass import DIGITS, Real, flight_matrix, next_impact_derivative
 
 ROUNDING = 2.0**-52

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 from flint import arb, arb_mat, ctx, fmpq
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.blocks import Blocks, real_blocks
 from dynkit.systems.impact.clusters import LARGEST_PROJECTOR, SMALL_PROJECTOR
 from dynkit.systems.structure.modes import Modes
-from dynkit.validation import Array
 
 BITS = 500
 HALF_ULP = 2.0**-53

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.validation import Array
 from tests.impact.many_digits import reference_of, state_error, time_error
 from tests.reference.impact_chain import History
 

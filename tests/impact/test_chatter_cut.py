@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
-from dynkit.validation import Array
 from tests.reference.general_oscillator import GeneralOscillator, History, Impact
 
 BITS, LAST = 256, 1e-9

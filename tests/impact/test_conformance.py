@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.testing import (
     AttractorCheck,
@@ -16,7 +17,6 @@ from dynkit.testing import (
     map_checks,
     numerical_derivative,
 )
-from dynkit.validation import Array
 from tests.impact.test_structures import Rod, TaperedChain
 
 SMOOTH: dict[str, ImpactChain] = {

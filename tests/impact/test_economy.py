@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.exponential.ladders import padded
+from dynkit.core.validation import Array
+from dynkit.exponential.propagators import padded
 from dynkit.systems.impact.bases import Basis, CoupledModes, NormalModes
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.runs import Course
-from dynkit.validation import Array
 
 
 def terms(system: ImpactOscillator) -> int:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from dynkit.exponential.ladders import Propagators
-from dynkit.exponential.pairs import Pairs
+from dynkit.exponential.modes import Pairs
+from dynkit.exponential.propagators import Propagators
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator

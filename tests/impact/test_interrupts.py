@@ -11,12 +11,11 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from dynkit.analysis.dimension import counting
 from dynkit.exponential import sums
-from dynkit.exponential.ladders import cells_of_a_call
+from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact import clock_kernels, kernels, motion, runs, second_moments, tangents

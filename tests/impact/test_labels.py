@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit.labels import OrbitKind
+from dynkit.labels.label import OrbitKind
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.chain import ImpactChain
 from tests.impact.many_digits import state_error

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.compiled import kernel
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.validation import Array
 from tests.reference.brute_force import BruteForceChain
 
 UNEQUAL: dict[str, Any] = {"masses": (1.0, 0.5, 2.0), "springs": (1.0, 3.0, 0.7)}

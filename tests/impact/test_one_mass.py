@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from dynkit import sweep
+from dynkit.core.validation import Array
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -27,7 +28,6 @@ from dynkit.testing import (
     map_checks,
     numerical_derivative,
 )
-from dynkit.validation import Array
 from tests.effort import shorter_searches
 
 NAN, INF = math.nan, math.inf

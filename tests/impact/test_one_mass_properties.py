@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -18,7 +18,6 @@ from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.record import ImpactRecord
 from dynkit.systems.impact.single import SingleImpactOscillator
 from dynkit.systems.impact.state import ImpactState
-from dynkit.validation import Array
 from tests.effort import shorter_searches
 
 SHARE = st.just(0.0) | st.floats(1e-100, 1.0)

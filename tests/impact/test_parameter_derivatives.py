@@ -7,10 +7,10 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from dynkit.differences import parameter_difference
-from dynkit.exponential.ladders import Propagators
-from dynkit.maps import Map
-from dynkit.no_motion import replaced
+from dynkit.core.differences import parameter_difference
+from dynkit.core.no_motion import replaced
+from dynkit.dynamics.map import Map
+from dynkit.exponential.propagators import Propagators
 from dynkit.systems import BouncingBall, ImpactChain, PlayOscillator
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -9,11 +9,10 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from mpmath import mp, mpf
 
-from dynkit.labels import OrbitKind
+from dynkit.labels.label import OrbitKind
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.record import Ending, ImpactRecord

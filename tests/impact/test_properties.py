@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.record import ImpactRecord
 from dynkit.systems.impact.state import ImpactState, Motion
-from dynkit.validation import Array
 
 SIZES = st.floats(0.2, 5.0)
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.validation import Array
 
 UNEQUAL: dict[str, Any] = {
     "masses": (1.0, 0.5, 2.0),

@@ -7,13 +7,12 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from mpmath import mp
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.schur import SchurForm
 from dynkit.systems.structure.double_double import DoubleDouble
-from dynkit.validation import Array
 
 DOUBLE_DOUBLE = 2.0**-104
 

@@ -8,10 +8,10 @@ import mpmath
 import numpy as np
 import pytest
 
+from dynkit.core.validation import Array
 from dynkit.systems import BouncingBall, ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
-from dynkit.validation import Array
 from tests.benchmarks.extremes.cases import Case, read_cases
 
 # The lowest natural frequency of three equal masses.

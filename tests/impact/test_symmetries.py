@@ -6,12 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.validation import Array
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, alive, begins, certain
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from dynkit.no_motion import NoCrossing
+from dynkit.core.no_motion import NoCrossing
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
 from dynkit.systems.impact.derivatives import _lift
 from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -19,8 +19,8 @@ from tests.impact.test_structures import Rod
 from tests.impact_orbits.structures import SYSTEMS
 
 if TYPE_CHECKING:
+    from dynkit.core.validation import Array
     from dynkit.systems.impact.state import ImpactState
-    from dynkit.validation import Array
 
 ROUNDING = 2.0**-52
 

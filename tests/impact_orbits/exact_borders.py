@@ -9,7 +9,7 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 
 from dynkit import Bifurcation, NoConvergence
-from dynkit.continuation.newton import solve
+from dynkit.orbits.newton import solve
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.watching import Watched, items
 from tests.impact_orbits.exact_orbits import Ball, size

@@ -15,9 +15,9 @@ import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx
 from scipy.optimize import linear_sum_assignment
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.validation import Array
 
 BITS = 600
 STEP = (1, -200)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.validation import Array
 
 SAMPLES = 4000
 """Of a flight."""

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.single import SingleImpactOscillator
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.validation import Array
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 
 TURN = 2.0 * math.pi

@@ -11,15 +11,15 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from dynkit import continue_orbit
-from dynkit.continuation.newton import solve
-from dynkit.continuation.problem import Condition
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import solve
+from dynkit.orbits.problem import Condition
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.flights import smallest_minimum
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.validation import Array
 from tests.impact_orbits.gaps import dip, gap, lowest, stops
 from tests.impact_orbits.structures import SYSTEMS
 from tests.impact_orbits.test_many_impacts import FREQUENCIES, SEARCHED, searched, settled

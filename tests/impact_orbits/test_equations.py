@@ -18,10 +18,10 @@ import pytest
 import scipy.linalg
 import sympy
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.validation import Array
 from tests.impact_orbits.exact_orbits import exact_orbit
 from tests.impact_orbits.structures import SYSTEMS
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.validation import Array
 from tests.impact.one_mass import Orbit, periodic_orbits
 from tests.impact_orbits.exact_orbits import (
     ExactOrbit,

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.continuation.newton import NoConvergence
-from dynkit.orbits import PeriodicOrbit
+from dynkit.orbits.newton import NoConvergence
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator

@@ -15,10 +15,10 @@ from scipy.optimize import brentq, minimize_scalar
 from dynkit import continue_orbit
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
-from dynkit.continuation.newton import solve
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import solve
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.validation import Array
 from tests.impact_orbits.sticking_cases import differences, releases_of, returned
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from dynkit.analysis.lyapunov import LyapunovSpectrum
+from dynkit.core.validation import Array
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.passage import Word
 from dynkit.systems.impact.sticking.problem import StickingProblem
-from dynkit.validation import Array
 from tests.impact_orbits.sticking_cases import (
     SEVERAL,
     SYSTEMS,

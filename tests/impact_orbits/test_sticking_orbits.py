@@ -13,11 +13,11 @@ import pytest
 from mpmath import mp, mpf
 from scipy.optimize import brentq
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.validation import Array
 from tests.impact_orbits.sticking_cases import (
     SEVERAL,
     SYSTEMS,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dynkit import Map, sweep
+from dynkit.core.validation import Array
 from dynkit.systems import ImpactChain
-from dynkit.validation import Array
 
 
 class Shifted(Map):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dynkit import MapAttractor
-from dynkit.no_motion import Diverged
+from dynkit.core.no_motion import Diverged
+from dynkit.core.validation import Array
 from dynkit.systems.maps.henon import Henon
-from dynkit.validation import Array
 
 ROUNDING = 2.0**-52
 PARAMETERS = [(1.4, 0.3), (0.2, 0.3), (0.9, -0.5), (3.0, 1.0)]

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import brentq
 
 from dynkit import MapAttractor
+from dynkit.core.validation import Array
 from dynkit.systems.maps.high_bounce import HighBounce
-from dynkit.validation import Array
 
 ROUNDING = 2.0**-52
 TURN = 2.0 * np.pi

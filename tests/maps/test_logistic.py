@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dynkit import MapAttractor
+from dynkit.core.validation import Array
 from dynkit.systems.maps.logistic import Logistic
-from dynkit.validation import Array
 
 ROUNDING = 2.0**-52
 BIRTH_OF_PERIOD_3 = 1.0 + np.sqrt(8.0)

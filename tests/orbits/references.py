@@ -7,9 +7,9 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from dynkit.map_orbits import MapOrbit
+from dynkit.core.validation import Array
+from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.systems import Henon, Logistic
-from dynkit.validation import Array
 
 DIGITS = 60
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dynkit import Map, MapAttractor
-from dynkit.continuation.newton import NoConvergence
+from dynkit.core.validation import Array, finite_array
+from dynkit.orbits.newton import NoConvergence
 from dynkit.systems import Henon, HighBounce, Logistic
-from dynkit.validation import Array, finite_array
 from tests.example_systems import CircleRotation, DelayedLogistic
 
 

@@ -13,10 +13,10 @@ import pytest
 
 from dynkit import Branch, MapOrbit, continue_orbit, periodic_orbit
 from dynkit.continuation.bifurcations import Bifurcation
-from dynkit.continuation.endings import Reason
+from dynkit.continuation.termination import Reason
+from dynkit.core.validation import Array
 from dynkit.systems import BouncingBall
 from dynkit.systems.impact.orbits.ball import BallProblem, Bounces
-from dynkit.validation import Array
 from tests.orbits.test_impact_maps import bounce, strengths
 
 GRAZING = 2.504299953651670338229607748670140185784

@@ -15,9 +15,9 @@ from dynkit import (
     Stroboscope,
     periodic_orbit,
 )
+from dynkit.core.validation import Array
 from dynkit.systems import Duffing, Lorenz, Rossler
 from dynkit.testing import numerical_derivative
-from dynkit.validation import Array
 
 PLANE = Hyperplane(np.array([0.0, 0.0, 1.0]), 27.0, -1)
 SYSTEMS: dict[str, tuple[PoincareMap, list[list[float]]]] = {

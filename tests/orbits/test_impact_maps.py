@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dynkit import periodic_orbit
-from dynkit.continuation.newton import NoConvergence
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoConvergence
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
-from dynkit.validation import Array
 from tests.impact.one_mass import periodic_orbits
 
 ROUNDING = 2.0**-52

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from dynkit import MapOrbit, periodic_orbit
-from dynkit.continuation.newton import NoConvergence
-from dynkit.maps import Map
-from dynkit.no_motion import Diverged, Refused
+from dynkit.core.no_motion import Diverged, Refused
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.map import Map
+from dynkit.orbits.newton import NoConvergence
 from dynkit.systems import Henon, HighBounce, Logistic
-from dynkit.validation import Array, finite_array
 from tests.example_systems import CircleRotation, DelayedLogistic
 from tests.orbits.references import cycles_at_four, eigenvalues, exact_orbit
 

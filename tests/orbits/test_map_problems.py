@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, Map, PoincareMap, Stroboscope, periodic_orbit
-from dynkit.continuation.problem import NoSolution
-from dynkit.map_problems import MapProblem
+from dynkit.core.validation import Array
+from dynkit.orbits.map_problem import MapProblem
+from dynkit.orbits.newton import NoSolution
 from dynkit.systems import BouncingBall, Duffing, Henon, HighBounce, Logistic, Lorenz
 from dynkit.testing import numerical_derivative
-from dynkit.validation import Array
 
 ROUNDING = 2.0**-52
 

@@ -3,11 +3,10 @@
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from dynkit.multipliers import log_product_eigenvalues, product_eigenvalues
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.orbits.multipliers import log_product_eigenvalues, product_eigenvalues
 
 ROUNDING = 2.0**-52
 

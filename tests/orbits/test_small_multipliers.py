@@ -18,9 +18,9 @@ from dynkit import (
     periodic_orbit,
 )
 from dynkit.analysis.lyapunov import LyapunovSpectrum
-from dynkit.maps import Map
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.map import Map
 from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
-from dynkit.validation import Array, finite_array
 from tests.validation.cycles import VAN_DER_POL, VanDerPol, exact_multiplier, van_der_pol
 
 TOP = Hyperplane(np.array([0.0, 1.0]), direction=-1)

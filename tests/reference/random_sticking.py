@@ -68,7 +68,7 @@ def random_sticking(number: int) -> MatrixOscillator:
 
 def sticking_orbit(number: int) -> StickingOrbit | None:
     """The orbit that the default start settles on, if it is one that sticks."""
-    from dynkit.continuation.newton import NoConvergence
+    from dynkit.orbits.newton import NoConvergence
 
     try:
         found = random_sticking(number).attractor(transient=500, impacts=200).periodic_orbit()

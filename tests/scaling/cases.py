@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from dynkit import Basins, Network, ParameterMap, Sweep, basins, explore, parameter_map, sweep
-from dynkit.no_motion import Refused
+from dynkit.core.no_motion import Refused
+from dynkit.core.validation import Array
 from dynkit.systems import Henon, Logistic
-from dynkit.validation import Array
 
 SHORT: dict[str, Any] = {"transient": 60, "keep": 30, "progress": False}
 VALUES = {"a": np.linspace(0.2, 1.3, 7), "b": np.linspace(-0.3, 0.3, 6)}

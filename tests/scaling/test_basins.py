@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dynkit import Basins, PoincareMap, Stroboscope, basins
-from dynkit.labels import OrbitKind
-from dynkit.maps import Map
-from dynkit.no_motion import Refused
+from dynkit.core.no_motion import Refused
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.map import Map
+from dynkit.labels.label import OrbitKind
 from dynkit.systems import Duffing, Henon, ImpactChain, Logistic, PlayOscillator
-from dynkit.validation import Array, finite_array
 from tests.scaling.cases import SHORT, STARTS, attracted, bits
 
 BRIEF: dict[str, Any] = {"transient": 40, "keep": 20, "progress": False}

@@ -7,8 +7,8 @@ import pytest
 from matplotlib.axes import Axes
 
 from dynkit import basins, parameter_map
-from dynkit.figures import new_figure
-from dynkit.regions import Region, draw_regions, shades
+from dynkit.plotting.figures import new_figure
+from dynkit.plotting.regions import Region, draw_regions, shades
 from dynkit.systems import Henon
 from tests.scaling.cases import SHORT, attracted, mapped
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dynkit.store
+import dynkit.data.store
 from dynkit import Sweep, WorkerLost, explore, parameter_map, sweep
-from dynkit.no_motion import Refused
+from dynkit.core.no_motion import Refused
+from dynkit.engine import executors as executing
+from dynkit.engine.executors import finished
+from dynkit.engine.points import chunks_of
 from dynkit.systems import Henon, Logistic
-from dynkit.workers import executing
-from dynkit.workers.executing import finished
-from dynkit.workers.points import chunks_of
 from tests.scaling.cases import (
     SHORT,
     START,
@@ -228,9 +228,9 @@ def test_the_store_of_other_values_is_refused(tmp_path: Path) -> None:
 def test_a_store_that_lacks_a_part_is_refused(tmp_path: Path) -> None:
     store = tmp_path / "x.h5"
     mapped(store=store)
-    archive = dynkit.store.read(store)
+    archive = dynkit.data.store.read(store)
     arrays = {name: array for name, array in archive.arrays.items() if name != "done"}
-    dynkit.store.write(store, dynkit.store.Archive(archive.entries, arrays))
+    dynkit.data.store.write(store, dynkit.data.store.Archive(archive.entries, arrays))
     with pytest.raises(ValueError, match="store must hold all of a map of two parameters"):
         mapped(store=store)
 
@@ -262,18 +262,18 @@ def test_independent_values_all_start_from_the_start() -> None:
 def test_rows_of_a_store_that_would_broadcast_are_refused(tmp_path: Path) -> None:
     store = tmp_path / "x.h5"
     mapped(store=store)
-    archive = dynkit.store.read(store)
+    archive = dynkit.data.store.read(store)
     for name in ("found/largest", "found/sizes", "texts/ending"):
         arrays = {**archive.arrays, name: archive.arrays[name][:1]}
-        dynkit.store.write(store, dynkit.store.Archive(archive.entries, arrays))
+        dynkit.data.store.write(store, dynkit.data.store.Archive(archive.entries, arrays))
         with pytest.raises(ValueError, match=f"all of a map of two parameters.*{name[6:]} has 1"):
             mapped(store=store)
     narrow = {**archive.arrays, "found/sizes": archive.arrays["found/sizes"][:, :1]}
-    dynkit.store.write(store, dynkit.store.Archive(archive.entries, narrow))
+    dynkit.data.store.write(store, dynkit.data.store.Archive(archive.entries, narrow))
     with pytest.raises(ValueError, match="sizes is float64"):
         mapped(store=store)
-    dynkit.store.write(
-        store, dynkit.store.Archive({**archive.entries, "points": str(10**15)}, archive.arrays)
+    dynkit.data.store.write(
+        store, dynkit.data.store.Archive({**archive.entries, "points": str(10**15)}, archive.arrays)
     )
     with pytest.raises(ValueError, match="1000000000000000 points"):
         mapped(store=store)

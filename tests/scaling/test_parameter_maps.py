@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit import ParameterMap, parameter_map
-from dynkit.labels import OrbitKind
+from dynkit.labels.label import OrbitKind
 from dynkit.systems import Henon, ImpactChain
 from tests.scaling.cases import SHORT, START, VALUES, bits, mapped
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit import MapAttractor, PoincareMap, Stroboscope, continue_orbit, periodic_orbit
-from dynkit.maps import Map
+from dynkit.dynamics.map import Map
 from dynkit.systems import (
     BouncingBall,
     Duffing,

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from dynkit import Basins, ParameterMap, basins, parameter_map, store
-from dynkit.maps import Map
-from dynkit.validation import Array
+from dynkit import Basins, ParameterMap, basins, parameter_map
+from dynkit.core.validation import Array
+from dynkit.data import store
+from dynkit.dynamics.map import Map
 from tests.sweeps.test_leaving import Cubic
 
 BRIEF: dict[str, Any] = {"transient": 40, "keep": 20, "progress": False}

@@ -7,9 +7,9 @@ from typing import Any
 import mpmath
 import numpy as np
 
+from dynkit.core.validation import Array
 from dynkit.systems.structure.chain import Chain
 from dynkit.systems.structure.modes import Modes
-from dynkit.validation import Array
 
 DIGITS = 60
 

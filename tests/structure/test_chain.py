@@ -2,11 +2,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
+from dynkit.core.validation import Array
 from dynkit.systems.structure.chain import Chain
-from dynkit.validation import Array
 
 SIZES = st.floats(1e-12, 1e12)
 LINKS = st.just(0.0) | SIZES

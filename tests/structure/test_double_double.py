@@ -2,9 +2,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
+from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import (
     ROUNDING,
     DoubleDouble,
@@ -20,7 +20,6 @@ from dynkit.systems.structure.double_double import (
     two_sum,
 )
 from dynkit.systems.structure.symmetric import SymmetricMatrix, exact_slices_product
-from dynkit.validation import Array
 
 NUMBERS = st.floats(min_value=1e-60, max_value=1e60) | st.floats(min_value=-1e60, max_value=-1e-60)
 

@@ -6,10 +6,10 @@ import pytest
 from flint import arb, arb_mat, ctx
 from mpmath import mp, mpf
 
+from dynkit.core.validation import Array
 from dynkit.systems.structure.chain import Chain
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Modes
-from dynkit.validation import Array
 from tests.reference.impact_chain import to_mpf
 from tests.structure import reference
 from tests.structure.reference import column_error, matrix_error, relative_errors, value

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dynkit import Sweep, sweep
+from dynkit.core.validation import Array
 from dynkit.systems import ImpactChain
-from dynkit.validation import Array
 from tests.example_systems import Logistic
 
 CHAIN = ImpactChain(masses=3, frequency=0.9)

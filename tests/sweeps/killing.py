@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-import dynkit.store
+import dynkit.data.store
 from dynkit import Sweep, sweep
-from dynkit.workers import collecting
+from dynkit.engine import collecting
 from tests.example_systems import Logistic
 
 KILLS, ROUNDS, WRITERS = 200, 10, 4
@@ -39,7 +39,7 @@ def swept(store: Path | None) -> Sweep:
 
 
 def rows_of(store: Path) -> dict[str, Any]:
-    return {name: array.tolist() for name, array in dynkit.store.read(store).arrays.items()}
+    return {name: array.tolist() for name, array in dynkit.data.store.read(store).arrays.items()}
 
 
 def forked(work: Callable[..., None], *arguments: Any) -> int:
@@ -105,13 +105,13 @@ def _found(store: Path, whole: dict[str, Any], reported: list[int]) -> dict[str,
 
 def _sweep_and_tell(store: Path, tell: int, seed: int | None) -> None:
     """Sweep; tell how much is stored after each write; die at some call of the system."""
-    write = dynkit.store.write
+    write = dynkit.data.store.write
 
-    def write_and_tell(path: Path, archive: dynkit.store.Archive) -> None:
+    def write_and_tell(path: Path, archive: dynkit.data.store.Archive) -> None:
         write(path, archive)
         os.write(tell, bytes([len(archive.arrays["done"])]))
 
-    dynkit.store.write = write_and_tell
+    dynkit.data.store.write = write_and_tell
     if seed is not None:
         _die_at(random.Random(seed))
     swept(store)

@@ -4,9 +4,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dynkit.store
+import dynkit.data.store
 from dynkit import sweep
-from dynkit.no_motion import Diverged
+from dynkit.core.no_motion import Diverged
 from tests.example_systems import Logistic
 from tests.sweeps.cases import (
     CHAIN,
@@ -62,7 +62,7 @@ def test_a_motion_that_is_refused_on_the_way_keeps_what_was_finished(tmp_path: P
     store = tmp_path / "x.h5"
     with pytest.raises(Diverged, match=r"runs away: state\[0\] is -inf .*\nat rate 4\.5$"):
         sweep(Logistic(3.0), "rate", [3.2, 4.5], start=START, store=store, progress=False)
-    assert len(dynkit.store.read(store).arrays["done"]) == 1
+    assert len(dynkit.data.store.read(store).arrays["done"]) == 1
 
 
 @pytest.mark.parametrize("place", [-1, 40])

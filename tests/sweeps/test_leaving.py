@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dynkit.store
+import dynkit.data.store
 from dynkit import MapAttractor, Sweep, sweep
-from dynkit.maps import Map
-from dynkit.sections import Hyperplane, PoincareMap
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.map import Map
+from dynkit.dynamics.poincare_map import PoincareMap
+from dynkit.dynamics.section import Hyperplane
 from dynkit.systems import Henon, ImpactChain, IntegratedFlow, Logistic, PlayOscillator
-from dynkit.validation import Array, finite_array
 from tests.sweeps.cases import CHAIN, FREQUENCIES, SHORT, assert_same_bits
 
 BRIEF: dict[str, Any] = {"transient": 200, "keep": 40, "progress": False}
@@ -189,12 +190,14 @@ def test_a_sweep_that_left_an_orbit_resumes_with_the_same_bits(
 ) -> None:
     values = np.linspace(1.8, 2.4, 6)
     whole = ricker(tmp_path / "whole.h5", values)
-    archive = dynkit.store.read(tmp_path / "whole.h5")
+    archive = dynkit.data.store.read(tmp_path / "whole.h5")
     arrays = {
         name: rows if name.startswith("given/") else rows[:finished]
         for name, rows in archive.arrays.items()
     }
-    dynkit.store.write(tmp_path / "part.h5", dynkit.store.Archive(archive.entries, arrays))
+    dynkit.data.store.write(
+        tmp_path / "part.h5", dynkit.data.store.Archive(archive.entries, arrays)
+    )
     resumed = ricker(tmp_path / "part.h5", values)
     assert np.flatnonzero(resumed.displaced).tolist() == np.flatnonzero(whole.displaced).tolist()
     for name in whole.observables:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dynkit.store
+import dynkit.data.store
 from dynkit import sweep
-from dynkit.workers import collecting
+from dynkit.engine import collecting
 from tests.example_systems import Logistic
 from tests.sweeps.cases import (
     CHAIN,
@@ -97,7 +97,7 @@ def test_a_damaged_store_is_refused_untouched(tmp_path: Path) -> None:
 
 def test_a_store_of_something_else_is_refused(tmp_path: Path) -> None:
     store = tmp_path / "x.h5"
-    dynkit.store.write(store, dynkit.store.Archive({"kind": "branch"}, {}))
+    dynkit.data.store.write(store, dynkit.data.store.Archive({"kind": "branch"}, {}))
     with pytest.raises(ValueError, match=r"store must hold a sweep; got .*x\.h5"):
         sweep_rates(store)
 
@@ -116,7 +116,7 @@ def test_an_unfinished_store_of_another_version_is_refused(
 
 def test_a_store_in_use_is_refused(tmp_path: Path) -> None:
     with (
-        dynkit.store.locked(tmp_path / "x.h5"),
+        dynkit.data.store.locked(tmp_path / "x.h5"),
         pytest.raises(ValueError, match=r"store must not be in use by another writer; got .*x\.h5"),
     ):
         sweep_rates(tmp_path / "x.h5")
@@ -150,7 +150,7 @@ def test_a_disk_that_fills_up_leaves_what_was_stored(
         full.setattr(collecting, "_SHARE", np.inf)
         with pytest.raises(OSError, match="No space left"):
             sweep_rates(store)
-    assert len(dynkit.store.read(store).arrays["done"]) == 4
+    assert len(dynkit.data.store.read(store).arrays["done"]) == 4
     assert_same_bits(sweep_rates(store), sweep_rates())
 
 
@@ -173,11 +173,11 @@ def test_a_system_that_cannot_be_told_apart_is_refused_a_store(tmp_path: Path) -
 def test_a_store_that_leaves_out_a_value_before_others_is_refused(tmp_path: Path) -> None:
     store = tmp_path / "x.h5"
     sweep_rates(store)
-    whole = dynkit.store.read(store)
+    whole = dynkit.data.store.read(store)
     rest = {
         name: rows if name.startswith("given/") else np.delete(rows, 3, axis=0)
         for name, rows in whole.arrays.items()
     }
-    dynkit.store.write(store, dynkit.store.Archive(whole.entries, rest))
+    dynkit.data.store.write(store, dynkit.data.store.Archive(whole.entries, rest))
     with pytest.raises(ValueError, match=r"all of a sweep.*done leaves out a point before others"):
         sweep_rates(store)

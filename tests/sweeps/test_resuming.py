@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import dynkit.store
+import dynkit.data.store
 from dynkit import Sweep, sweep
 from tests.sweeps.cases import (
     CHAIN,
@@ -50,7 +50,7 @@ CHILD = """
 import os, signal, sys, threading, time
 import numpy as np
 from dynkit import sweep
-from dynkit.workers import collecting
+from dynkit.engine import collecting
 from dynkit.systems import ImpactChain
 
 collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
@@ -87,7 +87,7 @@ def killed(store: Path, moment: str, number: float) -> int:
     """Sweep in a process that kills itself, and return how many values survived."""
     command = [sys.executable, "-c", CHILD, str(store), moment, str(number)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
-    return len(dynkit.store.read(store).arrays["done"]) if store.exists() else 0
+    return len(dynkit.data.store.read(store).arrays["done"]) if store.exists() else 0
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_loading_an_unfinished_sweep_is_refused(tmp_path: Path) -> None:
 
 def test_only_what_was_asked_for_is_stored(tmp_path: Path) -> None:
     sweep(CHAIN, "frequency", FREQUENCIES, store=tmp_path / "x.h5", **SHORT)
-    arrays = dict(dynkit.store.read(tmp_path / "x.h5").arrays)
+    arrays = dict(dynkit.data.store.read(tmp_path / "x.h5").arrays)
     assert arrays.pop("found/observables/relative_velocity").nbytes == 8 * 12 * 20
     state = CHAIN.pack_state(CHAIN.state()).nbytes
     value, count, ending, number, displaced = 8, 8, 8, 8, 1

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynkit.sections import Hyperplane
+from dynkit.dynamics.section import Hyperplane
 
 STATES = np.array([[0.3, 0.1], [-0.7, 0.2], [1.1, -0.3]])
 STATES_3D = np.array([[0.9, 0.2, 0.5], [-0.3, 1.4, -0.2]])

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from dynkit import testing
-from dynkit.attractors import Attractor, MapAttractor
-from dynkit.labels import OrbitLabel
-from dynkit.maps import Map
-from dynkit.results import Cost
-from dynkit.sections import PoincareSection
-from dynkit.validation import Array
+from dynkit.core.cost import Cost
+from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import Attractor, MapAttractor
+from dynkit.dynamics.map import Map
+from dynkit.dynamics.section import PoincareSection
+from dynkit.labels.label import OrbitLabel
 from tests.example_systems import Henon, Logistic
 
 
@@ -32,7 +33,7 @@ class Wrapped(Attractor):
         self.inner = henon_attractor(transient, kept)
 
     @property
-    def system(self) -> Map:
+    def system(self) -> SmoothMap:
         return self.inner.system
 
     @property

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynkit import testing
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 
 @pytest.mark.parametrize("order", range(1, 6))

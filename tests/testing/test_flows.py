@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dynkit import testing
-from dynkit.flows import Flow
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.dynamics.flow import Flow
 from tests.example_systems import DampedRotation
 from tests.testing.cases import STATES_3D
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dynkit import testing
-from dynkit.maps import Map
-from dynkit.sections import PoincareMap
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
+from dynkit.dynamics.poincare_map import PoincareMap
 from tests.example_systems import CircleRotation, DampedRotation, Henon, Logistic
 from tests.testing.cases import PLANE, POINTS, STATES
 

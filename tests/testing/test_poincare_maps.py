@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from dynkit import testing
-from dynkit.flows import Crossing, Flow
-from dynkit.sections import Hyperplane, PoincareMap, PoincareSection
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.dynamics.flow import Crossing, Flow
+from dynkit.dynamics.poincare_map import PoincareMap
+from dynkit.dynamics.section import Hyperplane, PoincareSection
 from tests.example_systems import DampedRotation
 from tests.testing.cases import PLANE, POINTS
 

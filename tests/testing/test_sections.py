@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynkit import testing
-from dynkit.sections import Hyperplane, PoincareSection, Stroboscope
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.dynamics.section import Hyperplane, PoincareSection, Stroboscope
 from tests.example_systems import Sphere
 from tests.testing.cases import PLANE, POINTS
 

@@ -15,12 +15,12 @@ LACKING = {
     ("dynkit.analysis.space_time", "new_surfaces"),
     ("dynkit.continuation.exploring", "at_motions"),
     *(
-        ("dynkit.figures", name)
+        ("dynkit.plotting.figures", name)
         for name in ("COLUMN_WIDTH", "DOTS", "ink", "new_figure", "print_style", "save_figure")
     ),
-    ("dynkit.files", "whole"),
-    ("dynkit.harmonics", "Harmonics"),
-    ("dynkit.labels", "OrbitKind"),
+    ("dynkit.data.atomic_files", "whole"),
+    ("dynkit.orbits.harmonics", "Harmonics"),
+    ("dynkit.labels.label", "OrbitKind"),
     ("dynkit.systems.impact.attractor", "ImpactAttractor"),
     ("dynkit.systems.impact.orbits.orbit", "ImpactOrbit"),
     ("dynkit.systems.impact.record", "ImpactRecord"),

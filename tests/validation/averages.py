@@ -9,8 +9,8 @@ import numpy as np
 from flint import acb, acb_mat, arb, ctx
 
 from dynkit.analysis import POD
+from dynkit.core.validation import Array
 from dynkit.systems.impact.record import ImpactRecord
-from dynkit.validation import Array
 from tests.impact_orbits.exact_orbits import BITS, ImpactMap
 from tests.reference.random_cases import STARTS, random_case
 

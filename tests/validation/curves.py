@@ -17,9 +17,9 @@ from dynkit import (
     continue_orbit,
     periodic_orbit,
 )
-from dynkit.orbits import PeriodicOrbit
+from dynkit.core.validation import Array
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import Henon, HighBounce, ImpactChain, MatrixOscillator
-from dynkit.validation import Array
 from tests.reference.random_cases import STARTS, random_case
 from tests.validation.exact_impacts import Impacts
 from tests.validation.random_maps import (

@@ -13,8 +13,8 @@ from flint import arb, ctx
 from scipy.optimize import linear_sum_assignment
 
 from dynkit import Hyperplane, MapOrbit, PoincareMap, periodic_orbit
+from dynkit.core.validation import Array, finite_array
 from dynkit.systems import IntegratedFlow
-from dynkit.validation import Array, finite_array
 
 CYCLES, DIGITS, ORDER = 600, 50, 60
 TOLERANCES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)

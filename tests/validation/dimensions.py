@@ -15,8 +15,8 @@ import numpy as np
 
 from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.scaling import Outcome
+from dynkit.core.validation import Array
 from dynkit.systems import Henon
-from dynkit.validation import Array
 
 CANTOR = float(np.log(2.0) / np.log(3.0))
 UNEVEN = float(-np.log(0.7**2 + 0.3**2) / np.log(3.0))

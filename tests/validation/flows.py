@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dynkit import Hyperplane, PoincareMap, Stroboscope
-from dynkit.no_motion import NoCrossing
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.validation import Array
 from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
-from dynkit.validation import Array
 
 CASES = 1500
 ORDER, LONGEST = 30, 0.02

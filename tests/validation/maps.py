@@ -12,10 +12,10 @@ import numpy as np
 from mpmath import mp, mpf
 
 from dynkit import MapAttractor, NoConvergence, periodic_orbit
-from dynkit.map_orbits import MapOrbit
-from dynkit.no_motion import Diverged
+from dynkit.core.no_motion import Diverged
+from dynkit.core.validation import Array
+from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.systems import Henon, HighBounce, Logistic
-from dynkit.validation import Array
 
 CASES, DIGITS = 3600, 70
 

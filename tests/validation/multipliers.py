@@ -12,10 +12,10 @@ from flint import acb_mat, arb, arb_mat, ctx
 from scipy.optimize import linear_sum_assignment
 
 from dynkit import continue_orbit, periodic_orbit
-from dynkit.map_orbits import MapOrbit
+from dynkit.core.validation import Array
+from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.systems import Henon, Logistic
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.validation import Array
 from tests.impact_orbits.exact_orbits import exact_orbit
 from tests.validation.branches import BRANCHES
 from tests.validation.maps import orbits_of_maps

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from dynkit.harmonics import harmonics_of
+from dynkit.core.validation import Array
+from dynkit.orbits.harmonics import harmonics_of
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.validation import Array
 from tests.impact_orbits.exact_orbits import exact_orbit, one_impact_orbits
 from tests.reference.random_cases import STARTS, Kept, random_case
 from tests.reference.random_sticking import FILE, random_sticking, sticking_orbit

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
-from dynkit.maps import Map
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Map
 from dynkit.systems import Henon, HighBounce
-from dynkit.validation import Array
 
 BITS = 600
 STEP = (1, -200)

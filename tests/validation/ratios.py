@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 LOST = 0.1
 """Where this error is claimed, of numbers about 1, nothing is claimed any more."""

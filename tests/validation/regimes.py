@@ -15,8 +15,8 @@ import numpy as np
 from scipy.stats import binom
 
 from dynkit.analysis.regimes import regime_change
+from dynkit.core.validation import Array
 from dynkit.systems import ImpactChain, SingleImpactOscillator
-from dynkit.validation import Array
 from tests.analysis import test_averages as averages
 
 LENGTH = 500

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr, stdtrit
 
 from dynkit.analysis.averages import TimeAverages
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 SERIES, LENGTH = 10_000, 1024
 

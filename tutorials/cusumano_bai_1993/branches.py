@@ -11,7 +11,7 @@ import numpy as np
 from dynkit import explore
 from dynkit.analysis import BifurcationDiagram
 from dynkit.continuation.exploring import at_motions
-from dynkit.figures import DOTS, new_figure, print_style, save_figure
+from dynkit.plotting.figures import DOTS, new_figure, print_style, save_figure
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.paper import SYMBOLS

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dynkit.analysis import ChatterRatios
-from dynkit.figures import DOTS, ink, new_figure, print_style, save_figure
+from dynkit.plotting.figures import DOTS, ink, new_figure, print_style, save_figure
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact.state import ImpactState
 from tutorials.cusumano_bai_1993 import paper

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.analysis import BifurcationDiagram
-from dynkit.figures import new_figure, save_figure
+from dynkit.plotting.figures import new_figure, save_figure
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.paper import SYMBOLS
 from tutorials.cusumano_bai_1993.section import Finding, Section, table

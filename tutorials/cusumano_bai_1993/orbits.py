@@ -10,8 +10,8 @@ import numpy as np
 
 from dynkit import OrbitLabel
 from dynkit.analysis import ImpactSection, PowerSpectrum, StroboscopicSection, TimeSeries
-from dynkit.figures import DOTS, new_figure, print_style, save_figure
-from dynkit.labels import OrbitKind
+from dynkit.labels.label import OrbitKind
+from dynkit.plotting.figures import DOTS, new_figure, print_style, save_figure
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.section import Finding, Section, table
 from tutorials.cusumano_bai_1993.settling import FAR
@@ -20,7 +20,7 @@ from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.harmonics import Harmonics
+    from dynkit.orbits.harmonics import Harmonics
     from dynkit.systems.impact.attractor import ImpactAttractor
     from tutorials.cusumano_bai_1993.arrays import Array
 

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from string import Template
 
-from dynkit.files import whole
+from dynkit.data.atomic_files import whole
 from tutorials.cusumano_bai_1993.markdown import inline, to_html, to_table
 from tutorials.cusumano_bai_1993.section import Section
 

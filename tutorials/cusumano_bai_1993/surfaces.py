@@ -11,7 +11,7 @@ import numpy as np
 from dynkit import OrbitLabel
 from dynkit.analysis import SpaceTime
 from dynkit.analysis.space_time import new_surfaces
-from dynkit.figures import print_style, save_figure
+from dynkit.plotting.figures import print_style, save_figure
 from dynkit.systems.impact.attractor import ImpactAttractor
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.section import Finding, Section, table

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from dynkit.labels import OrbitKind
+from dynkit.labels.label import OrbitKind
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.state import ImpactState

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Any, Self, cast, final
 import numpy as np
 from scipy.optimize import brentq
 
-from dynkit.continuation.problem import Condition, Event, NoSolution, Problem
-from dynkit.map_problems import ROUNDINGS, StatesProblem
-from dynkit.maps import Map
+from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.validation import Array
+from dynkit.orbits.map_orbit import StatesProblem
+from dynkit.orbits.map_problem import ROUNDINGS
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.problem import Condition, Event, Problem
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.ball import BouncingBall
@@ -130,7 +132,9 @@ class BallProblem(StatesProblem):
     Physical Review E 48 (1993) 3988-3997.
     """
 
-    def __init__(self, ball: Map, states: Array, turns: Any, names: Sequence[str] = ()) -> None:
+    def __init__(
+        self, ball: SmoothMap, states: Array, turns: Any, names: Sequence[str] = ()
+    ) -> None:
         super().__init__(ball, states, names)
         self._turns = turns
         s = Bounces(cast("BouncingBall", ball), states, turns)
@@ -147,7 +151,7 @@ class BallProblem(StatesProblem):
     def label(self) -> str:
         return f"P({len(self._like)},{self.periods})"
 
-    def made_of(self, system: Map, states: Array, which: Any, names: Sequence[str]) -> Self:
+    def made_of(self, system: SmoothMap, states: Array, which: Any, names: Sequence[str]) -> Self:
         return type(self)(system, states, self._turns[which], names)
 
     def states(self, x: Array) -> Array:

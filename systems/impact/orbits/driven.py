@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.orbits import PeriodicOrbit
-from dynkit.results import Cost
-from dynkit.showing import Facts, told
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, told
+from dynkit.core.validation import Array
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.continuation.problem import Problem
+    from dynkit.orbits.problem import Problem
     from dynkit.systems.impact.oscillator import ImpactOscillator
 
 NONE = np.empty(0)

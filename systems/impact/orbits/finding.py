@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.continuation.newton import FixedParameters, NoConvergence, correct, solve
-from dynkit.continuation.problem import NoSolution
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
+from dynkit.orbits.newton import FixedParameters, NoConvergence, NoSolution, correct, solve
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.orbits.responses import free_motion
 from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array, finite_array, positive_integer, within_memory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.solution import Solution

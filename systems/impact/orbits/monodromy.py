@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.multipliers import product_eigenvalues
+from dynkit.core.validation import Array
+from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.systems.impact.orbits.solution import LATE, ROUNDING
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.responses import Transitions

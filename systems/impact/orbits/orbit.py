@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from dynkit.core.validation import Array, finite_array
 from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
 from dynkit.systems.impact.orbits.solution import ROUNDING
 from dynkit.systems.impact.orbits.watching import section_states
-from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.problem import ImpactProblem

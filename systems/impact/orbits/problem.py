@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event, NoSolution, Problem, fractions
-from dynkit.no_motion import Refused, replaced
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import Refused, replaced
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.problem import Condition, Event, Problem, fractions
 from dynkit.systems.impact.orbits.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
@@ -24,7 +26,6 @@ from dynkit.systems.impact.orbits.structural import (
 from dynkit.systems.impact.orbits.terms import EXACT, OUTSIDE, Terms, changes_alone
 from dynkit.systems.impact.orbits.watching import condition_of, flights_are_open, watched
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

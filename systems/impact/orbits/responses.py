@@ -8,10 +8,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from dynkit.continuation.problem import NoSolution
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.mechanics import Drive, Regime, Structure, free_regime
 from dynkit.systems.impact.motion import evolve
-from dynkit.validation import Array
 
 
 @final

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.continuation.orbit_search import OrbitSearch
-from dynkit.continuation.problem import NoSolution
-from dynkit.continuation.seeds import told_of_counts
-from dynkit.recurrences import Recurrences
-from dynkit.results import Cost
+from dynkit.continuation.initial_orbits import told_of_counts
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, positive_integer
+from dynkit.labels.recurrence import Recurrences
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.search import OrbitSearch
 from dynkit.systems.impact.orbits.finding import (
     STARTS,
     Found,
@@ -28,7 +29,6 @@ from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array, positive_integer
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -7,11 +7,11 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.orbits.responses import FreeMotion, Transitions
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array
 
 ROUNDING = 32.0 * 2.0**-52
 """Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""

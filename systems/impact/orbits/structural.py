@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.solution import Solution

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.continuation.problem import NoSolution
-from dynkit.validation import Array
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event
+from dynkit.core.validation import Array
+from dynkit.orbits.problem import Condition, Event
 from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.problem import ImpactProblem

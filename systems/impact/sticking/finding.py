@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.continuation.newton import FixedParameters, correct, solve
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, positive_integer
+from dynkit.orbits.newton import FixedParameters, correct, solve
 from dynkit.systems.impact.motion import sample_run
 from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import TWO_PI, ImpactState
@@ -17,7 +18,6 @@ from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.passage import Scene, Word
 from dynkit.systems.impact.sticking.problem import StickingProblem
 from dynkit.systems.impact.tangents import free_states
-from dynkit.validation import Array, positive_integer
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.motion import evolve
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from dynkit.core.validation import Array, finite_array
 from dynkit.systems.impact.motion import evolve, moved, sample_run
 from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.passage import PASSED
-from dynkit.validation import Array, finite_array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.sticking.passage import Passage

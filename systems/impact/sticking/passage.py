@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.continuation.problem import NoSolution
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.motion import evolve
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.runs import Run
@@ -23,7 +24,6 @@ from dynkit.systems.impact.tangents import (
     onto,
     rates_of,
 )
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

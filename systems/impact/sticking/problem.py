@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event, NoSolution, Problem, fractions
-from dynkit.multipliers import product_eigenvalues
-from dynkit.no_motion import Refused, replaced
-from dynkit.results import Cost
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import Refused, replaced
+from dynkit.core.validation import Array
+from dynkit.orbits.multipliers import product_eigenvalues
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.problem import Condition, Event, Problem, fractions
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.passage import PASSED, Passage, Scene, Word
 from dynkit.systems.impact.sticking.watching import condition_of, is_motion, touched, watched
 from dynkit.systems.impact.sticking.words import neighbours_of
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator

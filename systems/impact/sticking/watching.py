@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
 
-from dynkit.continuation.problem import Condition, Event, NoSolution
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.problem import Condition, Event
 from dynkit.systems.impact.orbits.flights import LEAST, MOST, smallest_minimum
 from dynkit.systems.impact.orbits.watching import SAME
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.passage import Passage
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.sticking.problem import StickingProblem

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.continuation.problem import Problem
+from dynkit.core.validation import Array
+from dynkit.orbits.problem import Problem
 from dynkit.systems.impact.sticking.passage import Word
 from dynkit.systems.impact.sticking.watching import items, lowest_gap
-from dynkit.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.sticking.problem import StickingProblem

@@ -23,7 +23,7 @@ from dynkit.analysis.work_precision.methods import (
     Unsuited,
 )
 from dynkit.analysis.work_precision.models import ImpactModel
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 LARGE = 20
 """From so many coordinates on, heyoka's code is made compact, which compiles much faster."""

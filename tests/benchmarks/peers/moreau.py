@@ -17,7 +17,7 @@ from dynkit.analysis.work_precision.methods import (
     Simulation,
 )
 from dynkit.analysis.work_precision.models import ImpactModel
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 MOST = 20_000
 """Impacts that are kept."""

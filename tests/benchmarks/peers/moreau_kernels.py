@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from dynkit.compiled import kernel
-from dynkit.validation import Array
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
 
 DONE, BUDGET, FULL = 0, 1, 2
 """How a simulation ended."""

@@ -19,7 +19,7 @@ from dynkit.analysis.work_precision.methods import (
     Unsuited,
 )
 from dynkit.analysis.work_precision.models import ImpactModel
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 SAMPLES = 20
 """Samples in the shortest period, of the table or of a mode that oscillates."""

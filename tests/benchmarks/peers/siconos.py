@@ -17,7 +17,7 @@ from dynkit.analysis.work_precision.methods import (
     Unsuited,
 )
 from dynkit.analysis.work_precision.models import ImpactModel
-from dynkit.validation import Array
+from dynkit.core.validation import Array
 
 CONTACT = 3
 """So many steps in a row with an impulse are a contact; fewer are bounces."""

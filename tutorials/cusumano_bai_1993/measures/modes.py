@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynkit.analysis import POD
-from dynkit.figures import COLUMN_WIDTH, new_figure, print_style, save_figure
+from dynkit.plotting.figures import COLUMN_WIDTH, new_figure, print_style, save_figure
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.measures.motions import Motion
 from tutorials.cusumano_bai_1993.section import Finding, Section, table

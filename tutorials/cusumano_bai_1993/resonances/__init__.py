@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynkit import Sweep
-from dynkit.figures import save_figure
+from dynkit.plotting.figures import save_figure
 from dynkit.systems import ImpactChain
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.resonances.branches import Ridge, contacts_of, ridge

@@ -1,0 +1,15 @@
+# Public names and the modules that define them, for type checkers and for lazy_loader.
+from .chatter import ChatterRatios as ChatterRatios
+from .diagram import BifurcationDiagram as BifurcationDiagram
+from .dimension.dimension import CorrelationDimension as CorrelationDimension
+from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
+from .pod import POD as POD
+from .sections import ImpactSection as ImpactSection, StroboscopicSection as StroboscopicSection
+from .sensitivity import Sensitivity as Sensitivity
+from .series import TimeSeries as TimeSeries
+from .space_time import SpaceTime as SpaceTime
+from .spectrum import PowerSpectrum as PowerSpectrum
+from .work_precision.exact import ExactImpacts as ExactImpacts
+from .work_precision.measuring import WorkPrecision as WorkPrecision
+from .work_precision.methods import FoundImpacts as FoundImpacts, ImpactMethod as ImpactMethod
+from .work_precision.standard_methods import impact_methods as impact_methods

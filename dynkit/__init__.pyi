@@ -1,0 +1,40 @@
+# Public names and the modules that define them, for type checkers and for lazy_loader.
+from ._version import __version__ as __version__
+from .continuation.bifurcations import Bifurcation as Bifurcation
+from .continuation.branch import Branch as Branch
+from .continuation.continuing import continue_orbit as continue_orbit
+from .continuation.curves import (
+    BifurcationCurve as BifurcationCurve,
+    continue_curve as continue_curve,
+)
+from .continuation.exploring import explore as explore
+from .continuation.network import Network as Network
+from .core.cost import Cost as Cost
+from .core.no_motion import (
+    CannotFollow as CannotFollow,
+    Diverged as Diverged,
+    NoCrossing as NoCrossing,
+    NoMotion as NoMotion,
+    Refused as Refused,
+    TangentCrossing as TangentCrossing,
+)
+from .dynamics.attractor import Attractor as Attractor, MapAttractor as MapAttractor
+from .dynamics.flow import Flow as Flow
+from .dynamics.map import Map as Map
+from .dynamics.poincare_map import PoincareMap as PoincareMap
+from .dynamics.section import (
+    Hyperplane as Hyperplane,
+    PoincareSection as PoincareSection,
+    Stroboscope as Stroboscope,
+)
+from .engine import WorkerLost as WorkerLost
+from .exponential.sums import ExponentialSum as ExponentialSum
+from .labels.label import OrbitLabel as OrbitLabel
+from .orbits.map_orbit import MapOrbit as MapOrbit
+from .orbits.newton import NoConvergence as NoConvergence
+from .orbits.periodic_orbit import periodic_orbit as periodic_orbit
+from .orbits.problem import PeriodicOrbit as PeriodicOrbit
+from .orbits.search import OrbitSearch as OrbitSearch, find_orbits as find_orbits
+from .sweeps import Sweep as Sweep, sweep as sweep
+from .sweeps.basins import Basin as Basin, Basins as Basins, basins as basins
+from .sweeps.planes import ParameterMap as ParameterMap, parameter_map as parameter_map

@@ -1,0 +1,317 @@
+"""Extended systems: an orbit together with what makes it a bifurcation."""
+
+# ruff: noqa: ARG002 (arguments that a default has no use for)
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from contextlib import suppress
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import ROUNDING, Equations, NoSolution
+from dynkit.orbits.problem import Condition, Problem
+
+DIFFERENCE = 2.0 ** (-52.0 / 3.0)
+"""Step of central differences, in scaled unknowns: rounding and curvature balance each other."""
+
+# A condition, of numbers of order one, changes over a step by no more than this: otherwise the step
+# is divided by 16, at most so often. Over many turns within a period a frequency counts so much.
+_CHANGE, _SHORTER = 1e-2, 4
+# Of a multiplier, relative, to tell how D depends on it.
+_DISTURBED = 1e-7
+
+
+class CriticalMultiplier(Condition):
+    """A multiplier of the orbit has a given place on the unit circle: D(mu) is singular.
+
+    The number g of the bordered system [D b; c^H 0] [v; g] = [0; 1] is zero just there (W.
+    Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, section 3.3).
+    The borders b and c are null vectors nearby.
+    """
+
+    unknowns = 0
+
+    def __init__(self, problem: Problem, x: Array, own: Array, p: Array) -> None:
+        self._problem = problem
+        self._units = problem.scale(x)
+        matrix = self._scaled(x, p, self.multiplier(own))
+        left, _, right = np.linalg.svd(matrix)
+        # D = left sizes right: the last row is already the conjugate of a null vector
+        self._left, self._right = left[:, -1], right[-1]
+        self._made_of = x, own, p, matrix
+
+    @cached_property
+    def rounding(self) -> float:
+        """What rounding leaves in g: that of the elements of D, and of what multiplies a state.
+
+        That is an error of the factors of the monodromy, and as good as one of the multiplier: g
+        follows it as D does. It follows by much where the multiplier is almost one of the free
+        motion.
+        """
+        x, own, p, matrix = self._made_of
+        mu, factors = self.multiplier(own), self._problem.factors(x, p)
+        off = 16.0 * ROUNDING
+        if factors is not None:
+            sizes = np.linalg.norm(factors[0], axis=(1, 2))
+            # a factor that is zero has no critical multiplier
+            off = float((factors[1][sizes > 0.0] / sizes[sizes > 0.0]).sum())
+        ends = [self._scaled(x, p, mu * (1.0 + s * _DISTURBED)) for s in (1.0, -1.0)]
+        slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
+        return 16.0 * ROUNDING * max(1.0, float(abs(matrix).max())) + off * float(abs(slope))
+
+    @abstractmethod
+    def multiplier(self, own: Array) -> complex:
+        """Return the critical multiplier."""
+
+    def direction(self, x: Array, own: Array, p: Array) -> Any:
+        """Return the critical null vector, (m,), of unit length in scaled unknowns."""
+        matrix = self._bordered(x, own, p)
+        target = np.zeros(len(matrix))
+        target[-1] = 1.0
+        null = np.linalg.solve(matrix, target)[:-1]
+        return null / np.linalg.norm(null) * self._units
+
+    @property
+    def unfolding(self) -> Array | None:
+        """What is added to the orbit's equations, times the first of the own unknowns, (m,)."""
+        return None
+
+    def residual(self, x: Array, own: Array, p: Array) -> Array:
+        matrix = self._bordered(x, own, p)
+        target = np.zeros(len(matrix))
+        target[-1] = 1.0
+        return self._equations(np.linalg.solve(matrix, target)[-1])
+
+    def _equations(self, g: Any) -> Array:
+        return np.array([g.real])
+
+    def _bordered(self, x: Array, own: Array, p: Array) -> Any:
+        matrix = self._scaled(x, p, self.multiplier(own))
+        m = len(matrix)
+        bordered = np.zeros((m + 1, m + 1), dtype=matrix.dtype)
+        bordered[:m, :m] = matrix
+        bordered[:m, m] = self._left
+        bordered[m, :m] = self._right
+        return bordered
+
+    def _scaled(self, x: Array, p: Array, multiplier: complex) -> Any:
+        return self._problem.linearization(x, p, multiplier) * self._units
+
+
+@final
+class Fold(CriticalMultiplier):
+    """SN: a multiplier is 1, and the branch turns back."""
+
+    def multiplier(self, own: Array) -> complex:
+        return 1.0
+
+
+@final
+class PeriodDoubling(CriticalMultiplier):
+    """PD: a multiplier is -1."""
+
+    def multiplier(self, own: Array) -> complex:
+        return -1.0
+
+
+@final
+class NeimarkSacker(CriticalMultiplier):
+    """NS: a pair of multipliers is exp(±i theta); theta is an unknown."""
+
+    unknowns = 1
+
+    def multiplier(self, own: Array) -> complex:
+        return complex(np.exp(1j * own[0]))
+
+    def _equations(self, g: Any) -> Array:
+        return np.array([g.real, g.imag])
+
+
+@final
+class BranchPoint(CriticalMultiplier):
+    """BP: a multiplier is 1, and another branch crosses.
+
+    The derivative of F by all unknowns and the first parameter has a rank defect. That makes the
+    orbit's equations singular too, so they are unfolded by a number that comes out as zero.
+    """
+
+    unknowns = 1
+
+    def multiplier(self, own: Array) -> complex:
+        return 1.0
+
+    @property
+    def unfolding(self) -> Array:
+        return np.asarray(self._left)
+
+    def residual(self, x: Array, own: Array, p: Array) -> Array:
+        bordered = self._bordered(x, own, p)
+        target = np.zeros(len(bordered))
+        target[-1] = 1.0
+        *null, g = np.linalg.solve(bordered.T, target)
+        slope = self._problem.parameter_derivative(x, p)[:, 0]
+        return np.array([g, null @ slope])
+
+
+@final
+class BifurcationEquations(Equations):
+    """F(x, p) = 0 and a condition; the unknowns are (x, own ones, p).
+
+    There are as many equations as unknowns with one free parameter, one less with two.
+
+    Parameters
+    ----------
+    problem : Problem
+    condition : Condition
+    widths : (k,) array
+        What the free parameters are measured in.
+    """
+
+    def __init__(self, problem: Problem, condition: Condition, widths: Array) -> None:
+        self.problem = problem
+        self.condition = condition
+        self._widths = widths
+        self._m, self._k = problem.size, len(widths)
+        self._last: tuple[Array | None, Array] = None, np.empty(0)
+
+    def split(self, y: Array) -> tuple[Array, Array, Array]:
+        """Return the orbit's unknowns, the condition's own and the parameters."""
+        q = len(y)
+        return y[: self._m], y[self._m : q - self._k], y[q - self._k :]
+
+    def residual(self, y: Array) -> Array:
+        x, own, p = self.split(y)
+        f = self.problem.residual(x, p)
+        unfolding = getattr(self.condition, "unfolding", None)
+        if unfolding is not None:
+            f = f + own[0] * unfolding
+        self._last = y, f
+        return np.concatenate([f, self._condition(y)])
+
+    def jacobian(self, y: Array) -> Array:
+        """Return the derivative, as far as steps of Newton's method and tangents depend on it.
+
+        The condition is differentiated along the null vectors of the orbit's equations, and along
+        the step to their solution. All steps are combinations of these.
+        """
+        orbit, scale = self._orbit_rows(y), self.scale(y)
+        m = self._m
+        frame, triangle = np.linalg.qr((orbit * scale).T, mode="complete")
+        directions = list(frame[:, m:].T)
+        f = self._last[1] if self._last[0] is y else self.residual(y)[:m]
+        with suppress(np.linalg.LinAlgError):
+            step = frame[:, :m] @ np.linalg.solve(triangle[:m].T, f)
+            size = float(np.sqrt(step @ step))
+            if 0.0 < size < np.inf:
+                directions.append(step / size)
+        return np.concatenate([orbit, self._along(y, scale, directions)])
+
+    def full_jacobian(self, y: Array) -> Array:
+        """Return the derivative, along all unknowns."""
+        directions = list(np.eye(len(y)))
+        return np.concatenate([self._orbit_rows(y), self._along(y, self.scale(y), directions)])
+
+    def _orbit_rows(self, y: Array) -> Array:
+        x, _, p = self.split(y)
+        m, q = self._m, len(y)
+        matrix = np.zeros((m, q))
+        matrix[:, :m] = self.problem.linearization(x, p)
+        matrix[:, q - self._k :] = self.problem.parameter_derivative(x, p)
+        unfolding = getattr(self.condition, "unfolding", None)
+        if unfolding is not None:
+            matrix[:, m] = unfolding
+        return matrix
+
+    def _along(self, y: Array, scale: Array, directions: list[Array]) -> Array:
+        """Return a derivative of the condition, right along orthonormal scaled directions."""
+        rows = np.zeros((self.condition.unknowns + 1, len(y)))
+        for direction in directions:
+            rows += np.outer(self._slope(y, scale * direction), direction)
+        return rows / scale
+
+    def _slope(self, y: Array, way: Array) -> Array:
+        """Return a derivative of the condition along a way."""
+        step = DIFFERENCE
+        change = self._change(y, step * way)
+        for _ in range(_SHORTER):
+            if abs(change).max() <= _CHANGE:
+                break
+            step /= 16.0
+            change = self._change(y, step * way)
+        return change / step
+
+    def _change(self, y: Array, step: Array) -> Array:
+        """Return how the condition changes over a step, to second order."""
+        try:
+            ahead = self._condition(y + step)
+        except NoSolution:
+            # on the edge of where it is defined
+            return -self._change_ahead(y, -step)
+        try:
+            return 0.5 * (ahead - self._condition(y - step))
+        except NoSolution:
+            return self._change_ahead(y, step)
+
+    def _change_ahead(self, y: Array, step: Array) -> Array:
+        here, ahead, further = (self._condition(y + i * step) for i in range(3))
+        return np.asarray(2.0 * ahead - 1.5 * here - 0.5 * further)
+
+    def scale(self, y: Array) -> Array:
+        x, own, _ = self.split(y)
+        sizes = np.maximum(1.0, abs(own))
+        return np.concatenate([self.problem.scale(x) * self._m**0.5, sizes, self._widths])
+
+    def rounding(self, y: Array) -> Array:
+        x, _, p = self.split(y)
+        of_orbit = self.problem.rounding(x, p)
+        own = max(getattr(self.condition, "rounding", 0.0), float(of_orbit.max()))
+        return np.concatenate([of_orbit, np.full(self.condition.unknowns + 1, own)])
+
+    def _condition(self, y: Array) -> Array:
+        try:
+            return self.condition.residual(*self.split(y))
+        except np.linalg.LinAlgError:
+            raise NoSolution("the bordered system is singular") from None
+
+
+def null_vector(problem: Problem, x: Array, p: Array, multiplier: float) -> Array:
+    """Return the direction, (m,), in which D(multiplier) is nearest to singular."""
+    units = problem.scale(x)
+    rows = np.linalg.svd(problem.linearization(x, p, multiplier) * units)[2]
+    return np.asarray(rows[-1] * units)
+
+
+_CRITICAL: dict[str, type[CriticalMultiplier]] = {
+    "SN": Fold,
+    "BP": BranchPoint,
+    "PD": PeriodDoubling,
+    "NS": NeimarkSacker,
+}
+
+
+def condition_of(
+    kind: str, event: int, problem: Problem, x: Array, own: Array, p: Array
+) -> tuple[Condition, Array]:
+    """Return what holds at a bifurcation, and a guess of its own unknowns, from an orbit nearby.
+
+    Parameters
+    ----------
+    kind : {"SN", "PD", "NS", "BP", "GR", "CB"}
+    event : int
+        Which of the problem's events, for GR and CB.
+    problem : Problem
+    x : (m,) array
+    own : (e,) array
+        For NS the angle, otherwise whatever is known, or nothing.
+    p : (k,) array
+    """
+    if kind not in _CRITICAL:
+        condition, guess = problem.condition(event, x, p)
+        return condition, (own if len(own) == condition.unknowns else guess)
+    if kind == "BP" and not len(own):
+        own = np.zeros(1)
+    return _CRITICAL[kind](problem, x, own, p), own

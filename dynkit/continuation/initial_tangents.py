@@ -1,0 +1,75 @@
+"""Where curves start: tangents at a given solution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynkit.continuation.arclength import Point
+from dynkit.continuation.defining_systems import DIFFERENCE
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import Equations
+
+
+def start_points(equations: Equations, y: Array) -> list[Point]:
+    """Return a solution as the start of a curve, once for every curve through it.
+
+    Its tangents point to where the last unknown grows; the one along which it grows most comes
+    first. Where the derivative has two null vectors, two curves cross.
+
+    Raises
+    ------
+    NoSolution
+        When the derivative is not defined.
+    """
+    scale = equations.scale(y)
+    residual = float(abs(equations.residual(y)).max())
+    jacobian = equations.jacobian(y) * scale
+    n = len(jacobian)
+    _, sizes, rows = np.linalg.svd(jacobian)
+    directions = [rows[n]]
+    if sizes[-1] <= 1e-7 * sizes[0]:
+        directions = crossing_directions(equations, y, scale) or directions
+    points = []
+    for direction in directions:
+        # the sign of a tiny last component is rounding; any sign will do
+        tangent = direction if direction[-1] >= 0.0 else -direction
+        tangent[-1] = max(tangent[-1], np.finfo(float).tiny)
+        sign, _ = np.linalg.slogdet(np.vstack([jacobian, tangent]))
+        points.append(Point(y, scale, tangent, float(sign) or 1.0, residual, 0))
+    return sorted(points, key=lambda point: -point.tangent[-1])
+
+
+def crossing_directions(equations: Equations, y: Array, scale: Array) -> list[Array]:
+    """Return the tangents, in scaled unknowns, of the two curves that cross at a branch point.
+
+    They solve the algebraic bifurcation equation (H. B. Keller, in Applications of Bifurcation
+    Theory, ed. P. H. Rabinowitz, Academic Press 1977, 359-384); its second derivatives are central
+    differences of the first.
+    """
+    jacobian = equations.jacobian(y) * scale
+    n = len(jacobian)
+    left, _, rows = np.linalg.svd(jacobian)
+    normal, basis = left[:, -1], rows[n - 1 :]
+    h = DIFFERENCE
+    quadratic = np.empty((2, 2))
+    for i in range(2):
+        ahead = equations.jacobian(y + h * basis[i] * scale) * scale
+        behind = equations.jacobian(y - h * basis[i] * scale) * scale
+        quadratic[i] = (normal @ (ahead - behind)) @ basis.T / (2.0 * h)
+    quadratic = 0.5 * (quadratic + quadratic.T)
+    sizes, axes = np.linalg.eigh(quadratic)
+    if not sizes[0] < 0.0 < sizes[1]:
+        return []
+    slope = np.sqrt(-sizes[0] / sizes[1])
+    found = []
+    for sign in (1.0, -1.0):
+        mix = axes[:, 0] + sign * slope * axes[:, 1]
+        direction = mix @ basis
+        found.append(np.asarray(direction / np.sqrt(direction @ direction)))
+    return found
+
+
+def null_vectors(equations: Equations, y: Array, scale: Array, count: int) -> Array:
+    """Return orthonormal null vectors, (count, n + 1), of the derivative in scaled unknowns."""
+    rows = np.linalg.svd(equations.jacobian(y) * scale)[2]
+    return np.asarray(rows[len(y) - count :])

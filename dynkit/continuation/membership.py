@@ -1,0 +1,151 @@
+"""Whether an orbit lies on a branch that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+
+from dynkit.continuation.arclength import SAME, OrbitEquations
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import FixedParameters, correct
+
+if TYPE_CHECKING:
+    from dynkit.continuation.bifurcations import Bifurcation
+    from dynkit.continuation.branch import Branch
+    from dynkit.orbits.problem import PeriodicOrbit
+
+# How often a place between two nodes is narrowed down; values as near as this, in units of the
+# range of the parameter, are the same.
+_STEPS, _RESOLVED = 60, 1e-13
+
+
+class Node(NamedTuple):
+    """A point of a branch, or a bifurcation on it."""
+
+    place: float
+    bifurcation: Bifurcation | None
+
+
+def nodes_of(branch: Branch) -> list[Node]:
+    """Return points and bifurcations in the order in which the branch is run through."""
+    nodes = [Node(float(i), None) for i in range(len(branch))]
+    nodes += [Node(b.place, b) for b in branch.bifurcations]
+    return sorted(nodes, key=lambda node: node.place)
+
+
+@final
+class Trail:
+    """A branch as a line from point to point, through its bifurcations, which are its corners.
+
+    Between two nodes the parameter grows or falls throughout, as folds are nodes.
+
+    Parameters
+    ----------
+    branch : Branch
+    """
+
+    def __init__(self, branch: Branch) -> None:
+        self._problem = branch.problem
+        self._width = float(np.ptp(branch.parameter)) or 1.0
+        self._equations = OrbitEquations(branch.problem, self._width)
+        rows = []
+        for place, b in nodes_of(branch):
+            x = branch.unknowns[int(place)] if b is None else b.unknowns
+            rows.append(np.append(x, branch.parameter[int(place)] if b is None else b.value))
+        self._nodes = np.array(rows)
+
+    def holds(self, orbit: PeriodicOrbit) -> bool:
+        """Whether an orbit is one of the branch's.
+
+        The branch is solved for at the same value of the parameter, wherever it takes it, and the
+        states are compared.
+        """
+        value = orbit.system.parameters[self._problem.names[0]]
+        p = np.array([value])
+        return any(_same(orbit, self._problem.orbit(x, p)) for x in self._near(value))
+
+    def solutions(self, value: float) -> list[tuple[Array, tuple[float, ...]]]:
+        """Return the solutions (m,) at a value of the parameter, each with its residuals."""
+        found: list[tuple[Array, tuple[float, ...]]] = []
+        for x, history in self._solved(value):
+            # where a node is passed, both of its sides lead to it
+            if all(abs(self._problem.apart(x, other)).max() >= SAME for other, _ in found):
+                found.append((x, history))
+        return found
+
+    def _passing(self, value: float) -> Any:
+        """Between which nodes and the next, (k - 1,) of bool, the parameter takes a value."""
+        slack = _RESOLVED * self._width
+        side = self._nodes[:, -1] - value
+        low, high = np.minimum(side[:-1], side[1:]), np.maximum(side[:-1], side[1:])
+        return (low <= slack) & (high >= -slack)
+
+    def _near(self, value: float) -> Iterator[Array]:
+        """Solutions (m,) whose parameter is the value to rounding."""
+        for i in np.flatnonzero(self._passing(value)).tolist():
+            x = self._solution(i, value)
+            if x is not None:
+                yield x
+
+    def _solved(self, value: float) -> Iterator[tuple[Array, tuple[float, ...]]]:
+        p = np.array([value])
+        for x in self._near(value):
+            # at exactly this value; beside a fold or a branch point it is as good as it was
+            fixed = FixedParameters(self._problem, p)
+            found = correct(fixed, x, self._problem.scale(x))
+            moved = abs(found.y - x) / self._problem.scale(x)
+            if found.converged and moved.max() < SAME:
+                yield found.y, found.history
+            else:
+                yield x, (float(abs(self._problem.residual(x, p)).max()),)
+
+    def _solution(self, i: int, value: float) -> Array | None:
+        """Return the solution (m,) between nodes i and i + 1 at a value of the parameter.
+
+        By the Illinois variant of false position along the line between the nodes.
+        """
+        a, b = self._nodes[i], self._nodes[i + 1]
+        scale = self._equations.scale(a)
+        row = (b - a) / scale
+        length = float(np.sqrt(row @ row))
+        if length <= 1e-12:
+            return np.asarray(a[:-1])
+        row /= length
+        (low, f_low), (high, f_high) = (0.0, float(a[-1] - value)), (1.0, float(b[-1] - value))
+        limit = _RESOLVED * self._width
+        for f, y in ((f_low, a), (f_high, b)):
+            if abs(f) <= limit:
+                return np.asarray(y[:-1])
+        last = 0
+        for _ in range(_STEPS):
+            part = (low * f_high - high * f_low) / (f_high - f_low)
+            if not low < part < high:
+                part = 0.5 * (low + high)
+            found = correct(self._equations, a + part * (b - a), scale, row)
+            if not found.converged:
+                return None
+            f = float(found.y[-1] - value)
+            if abs(f) <= limit or high - low <= 1e-12:
+                return np.asarray(found.y[:-1])
+            # an end that stays a second time counts for half: else the other would creep
+            end = 1 if (f < 0.0) == (f_high < 0.0) else -1
+            if end > 0:
+                high, f_high, f_low = part, f, 0.5 * f_low if end == last else f_low
+            else:
+                low, f_low, f_high = part, f, 0.5 * f_high if end == last else f_high
+            last = end
+        return None
+
+
+def _same(orbit: PeriodicOrbit, other: PeriodicOrbit) -> bool:
+    """Whether two orbits of one system have the same states, in whatever order."""
+    states, others = orbit.states, other.states
+    if states.shape != others.shape:
+        return False
+    sizes = np.maximum(abs(states).max(axis=0), 0.1 * abs(states).max())
+    sizes[sizes == 0.0] = 1.0
+    rows = [orbit.system.difference(others, state) for state in states]
+    apart = (abs(np.array(rows)) / sizes).max(axis=2)
+    return bool(max(apart.min(axis=0).max(), apart.min(axis=1).max()) < SAME)

@@ -1,0 +1,1 @@
+"""What all rests on: validation, parameters, costs, the kinds of "no motion here"."""

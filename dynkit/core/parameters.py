@@ -1,0 +1,93 @@
+"""Families: systems with named numeric parameters."""
+
+import dataclasses
+import inspect
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self, cast, final, get_origin
+
+import numpy as np
+
+from dynkit.core.reprs import Shown
+
+
+class Family(Shown):
+    """What has named numeric parameters, and is changed by `replace`.
+
+    The fields that a subclass writes in its body, ``rate: float = 3.0``, are arguments of it, as of
+    a frozen dataclass, with or without the decorator; those that are numbers are its parameters. A
+    class with an ``__init__`` of its own, and parameters, overrides both.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        for base in cls.__mro__[1:]:  # whose decorator has been applied by now, if it has one
+            _make_dataclass(base)
+        super().__init_subclass__(**options)
+
+    def __new__(cls, *_: Any, **__: Any) -> Self:
+        _make_dataclass(cls)
+        return super().__new__(cls)
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The numbers that set this object apart in its family, by name."""
+        values = {name: getattr(self, name) for name in _field_names(self)}
+        numbers = int | float | np.integer | np.floating
+        return {
+            name: float(value)
+            for name, value in values.items()
+            if isinstance(value, numbers) and not isinstance(value, bool)
+        }
+
+    @final
+    def value_of(self, name: str) -> float:
+        """Return one of `parameters`.
+
+        Raises
+        ------
+        ValueError
+            When the name is none of them.
+        """
+        values = self.parameters
+        if name not in values:
+            known = ", ".join(values) or "none"
+            raise ValueError(f"parameter must be one of: {known}; got {name!r}")
+        return values[name]
+
+    def replace(self, **parameters: float) -> Self:
+        """Return the same object with some of its parameters changed.
+
+        Raises
+        ------
+        ValueError
+            When a name is not one of `parameters`, or a value is refused.
+        """
+        for name in parameters:
+            self.value_of(name)
+        if not parameters:
+            return self
+        if not _field_names(self):
+            raise TypeError(f"{type(self).__name__} has parameters, but no `replace` of its own")
+        changed: Self = dataclasses.replace(cast("Any", self), **parameters)
+        return changed
+
+
+def _make_dataclass(cls: type) -> None:
+    """Make a class of a family, whose body writes fields, a frozen dataclass; unless it is one."""
+    own = vars(cls)
+    if not issubclass(cls, Family) or "__dataclass_fields__" in own or "__init__" in own:
+        return
+    if any(_is_field(kind) for kind in inspect.get_annotations(cls).values()):
+        inherited = getattr(cls, "__dataclass_fields__", {}).values()
+        dataclasses.dataclass(frozen=True, kw_only=any(f.kw_only for f in inherited))(cls)
+
+
+def _is_field(annotation: Any) -> bool:
+    if isinstance(annotation, str):
+        return "ClassVar" not in annotation
+    return ClassVar not in (annotation, get_origin(annotation))
+
+
+def _field_names(instance: object) -> tuple[str, ...]:
+    if not dataclasses.is_dataclass(instance):
+        return ()
+    return tuple(entry.name for entry in dataclasses.fields(instance) if entry.init)

@@ -1,0 +1,199 @@
+"""How objects show themselves: in one line, and as a table in notebooks."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterable, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from dynkit.core.cost import Cost
+
+Facts = list[tuple[str, object]]
+"""What the rows of a table say: a name and a value each."""
+
+_LONGEST = 40
+"""Texts of arrays, and of tuples of numbers, that are longer are told by their shapes."""
+
+_LEFT = ' style="text-align:left"'
+
+
+class Shown:
+    """A system that says in one line what sets it apart, and in notebooks all its arguments.
+
+    A subclass that is a dataclass shows what differs from its defaults, another its ``parameters``.
+    Arrays that are not short are told by their shapes; without them the line makes the system
+    again.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # a dataclass writes its own, with all its arguments, where its body has none
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        return told(self)
+
+    def _repr_html_(self) -> str:
+        return table(type(self).__name__, self._facts(), most=40)
+
+    def _facts(self) -> Facts:
+        """The rows of its table; a subclass adds its own."""
+        return [
+            (name, value if isinstance(value, str) else _shortened(value))
+            for name, value, _ in _arguments(self)
+            if _shape(value) != (0,)
+        ]
+
+
+def told(system: object, digits: int | None = None, without: Collection[str] = ()) -> str:
+    """Return the class of a system, with what differs from its defaults.
+
+    Parameters
+    ----------
+    system : object
+    digits : int, optional
+        Of its numbers; by default as many as make the same numbers again.
+    without : collection of str
+        Arguments that are left out.
+
+    Examples
+    --------
+    >>> from dynkit.systems import ImpactChain
+    >>> told(ImpactChain(masses=2, frequency=2.0**0.5, restitution=0.85), digits=3)
+    'ImpactChain(frequency=1.41, masses=2)'
+    """
+    shown = [
+        f"{name}={_shortened(value, digits)}"
+        for name, value, default in _arguments(system)
+        if name not in without and not _same(value, default)
+    ]
+    return f"{type(system).__name__}({', '.join(shown)})"
+
+
+def line_of(system: object, kind: str, swept: Collection[str] = ()) -> str:
+    """Return a system in one line, without the parameters that were swept.
+
+    Where it was not given, the name of its class alone, the last part of ``kind``.
+    """
+    return kind.rpartition(".")[2] if system is None else told(system, 6, swept)
+
+
+def _arguments(system: Any) -> list[tuple[str, object, object]]:
+    """Names, values and defaults of what a system is made from."""
+    if not dataclasses.is_dataclass(system):
+        parameters = getattr(system, "parameters", {})
+        return [(name, value, dataclasses.MISSING) for name, value in parameters.items()]
+    return [
+        (entry.name, getattr(system, entry.name), entry.default)
+        for entry in dataclasses.fields(system)
+        if entry.repr
+    ]
+
+
+def _same(value: object, default: object) -> bool:
+    if default is dataclasses.MISSING or _shape(value) != _shape(default):
+        return False
+    return bool(np.all(value == default))
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    try:
+        return np.shape(value)
+    except ValueError:  # rows of different lengths
+        return (len(value),)
+
+
+def _shortened(value: object, digits: int | None = None) -> str:
+    if isinstance(value, float | np.floating):
+        return repr(float(value)) if digits is None else f"{value:.{digits}g}"
+    if isinstance(value, np.generic):
+        return repr(value.item())
+    if not isinstance(value, tuple | list | np.ndarray):
+        return repr(value)
+    text = repr(value.tolist() if isinstance(value, np.ndarray) else value)
+    if len(text) <= _LONGEST:
+        return text
+    return f"<{' x '.join(map(str, _shape(value)))} numbers>"
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def table(
+    caption: str, rows: Iterable[Sequence[object]], heads: Sequence[str] = (), most: int = 12
+) -> str:
+    """Return a table in HTML, for light and dark pages: it has no colours of its own.
+
+    Parameters
+    ----------
+    caption : str
+    rows : sequences of object
+        The first of each names the row. Floats are written with six digits; all is escaped.
+    heads : sequence of str
+        Of the columns, where they have any.
+    most : int
+        Of the rows that are shown; how many are left out is said.
+
+    Examples
+    --------
+    >>> print(table("a < b", [("rate", 1.0 / 3.0)]).replace(' style="text-align:left"', ""))
+    <table><caption>a &lt; b</caption><tr><th>rate</th><td>0.333333</td></tr></table>
+    """
+    all_rows = [list(row) for row in rows]
+    shown = all_rows[:most]
+    if len(all_rows) > most:
+        shown.append([f"... {len(all_rows) - most} more"])
+    lines = [f"<th{_LEFT}>{escape(head)}</th>" for head in heads]
+    parts = [f"<tr>{''.join(lines)}</tr>"] if lines else []
+    for name, *values in shown:
+        cells = "".join(f"<td{_LEFT}>{escape(written(value))}</td>" for value in values)
+        parts.append(f"<tr><th{_LEFT}>{escape(written(name))}</th>{cells}</tr>")
+    return f"<table><caption{_LEFT}>{escape(caption)}</caption>{''.join(parts)}</table>"
+
+
+def written(value: object) -> str:
+    """Return how a table writes a value.
+
+    Examples
+    --------
+    >>> written(2.0**0.5), written(0.6 + 0.8j), written(3), written(None)
+    ('1.41421', '0.6+0.8j', '3', 'none')
+    """
+    if isinstance(value, complex | np.complexfloating):
+        return f"{value.real:.6g}" if value.imag == 0.0 else f"{value:.6g}"
+    if isinstance(value, float | np.floating):
+        return f"{value:.6g}"
+    return "none" if value is None else str(value)
+
+
+def span(values: Any) -> str:
+    """Return the least and the greatest of some numbers in words.
+
+    Examples
+    --------
+    >>> span([2.0, 1.0, 3.0]), span([1.0]), span([])
+    ('1 to 3', '1', 'none')
+    """
+    numbers = np.asarray(values, dtype=float)
+    if not numbers.size:
+        return "none"
+    low, high = float(numbers.min()), float(numbers.max())
+    return written(low) if low == high else f"{written(low)} to {written(high)}"
+
+
+def costing(cost: Cost) -> str:
+    """Return a cost in words.
+
+    Examples
+    --------
+    >>> from dynkit.core.cost import Cost
+    >>> costing(Cost(0.25, {"impacts": 800}))
+    '0.25 s, 800 impacts'
+    """
+    counts = [f"{count} {name.replace('_', ' ')}" for name, count in cost.counts.items()]
+    return ", ".join([f"{cost.seconds:.3g} s", *counts])

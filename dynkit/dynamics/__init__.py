@@ -1,0 +1,1 @@
+"""Maps, flows, Poincare sections and attractors: the abstract classes that systems implement."""

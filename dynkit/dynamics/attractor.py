@@ -1,0 +1,451 @@
+"""Attractors: where a motion stays once its transient has died out."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from enum import Enum
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.reprs import Facts, costing, table, told
+from dynkit.core.smooth_map import SmoothMap, checked_map
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
+from dynkit.dynamics.section import PoincareSection
+from dynkit.labels.label import (
+    OrbitKind,
+    OrbitLabel,
+    Window,
+    label_orbit,
+    settled_label,
+    with_multiplier,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.orbits.map_orbit import MapOrbit
+
+# How far, relative, a motion that was labelled while it still settled may be from its orbit.
+_NEARBY = 0.1
+# Twin runs for the error, and the least of their disturbances, relative.
+_TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
+
+# Of states that are kept for a late time: a gigabyte.
+_MOST_NUMBERS = 1 << 27
+
+
+class _Ending(Enum):
+    COUNT_REACHED = "the number of states was reached"
+
+
+class Attractor(ABC):
+    """What is left of a motion after its transient.
+
+    A subclass owes:
+
+    1. `system`, what moves: a `Map`, of which the states are iterates.
+    2. `transient`, the number of states that were skipped, and `states`, (n, d), the states that
+       were kept, one after the other, read-only. A longer transient gives, bit for bit, the later
+       part of the same motion.
+    3. `label`, an `OrbitLabel`: decided when it is first asked for, and once.
+    4. ``time_series(times)``, the states at given times, first column to last as the subclass
+       says; they may lie beyond the states that were kept, and the same times give the same bits.
+    5. `cost`, a `Cost`: what the states cost; and `error`, a float >= 0 that estimates how wrong
+       the states may be, in a sense that the subclass says.
+
+    and may offer, where the map's starts are more than its states, or its motions can end:
+
+    6. `final`, the start from which the motion goes on, and `ending`, a member of an enumeration
+       whose value says in words why the simulation ended.
+    7. ``observable(name)``, (n,): one of the map's `observables` at the states kept.
+    8. ``label_within(budget)``, the label as far as so many states tell.
+
+    Instances are immutable: what is worked out when asked for depends on nothing else.
+    `dynkit.testing.check_attractor` runs any subclass through this contract.
+    """
+
+    @property
+    @abstractmethod
+    def system(self) -> SmoothMap:
+        """What moves."""
+
+    @property
+    @abstractmethod
+    def transient(self) -> int:
+        """How many states were skipped."""
+
+    @property
+    @abstractmethod
+    def states(self) -> Array:
+        """The states that were kept, (n, d), read-only."""
+
+    @property
+    @abstractmethod
+    def label(self) -> OrbitLabel:
+        """What kind of motion it is."""
+
+    @property
+    @abstractmethod
+    def cost(self) -> Cost:
+        """What the states cost."""
+
+    @property
+    @abstractmethod
+    def error(self) -> float:
+        """How wrong the states may be."""
+
+    @abstractmethod
+    def time_series(self, times: Array) -> Array:
+        """Return the motion, (k, ...), at the given times, (k,)."""
+
+    @property
+    def final(self) -> Any:
+        """The state after the last one kept, from which the motion goes on."""
+        return np.asarray(self.states[-1])
+
+    @property
+    def ending(self) -> Enum:
+        """Why the simulation ended: its value says it in words."""
+        return _Ending.COUNT_REACHED
+
+    def observable(self, name: str) -> Array:
+        """Return one of the map's `observables` at the states kept, (n,).
+
+        Raises
+        ------
+        ValueError
+            When there is none of this name.
+        """
+        names = list(self.system.observables)
+        if name not in names:
+            raise ValueError(f"name must be one of: {', '.join(names)}; got {name!r}")
+        return self.states[:, names.index(name)]
+
+    def label_within(self, budget: int) -> OrbitLabel:  # noqa: ARG002
+        """Return the label as far as so many states tell; the kept ones are always looked at."""
+        return self.label
+
+    @property
+    def _kept(self) -> int:
+        """How many states were kept."""
+        return len(self.states)
+
+    @property
+    def _known_label(self) -> OrbitLabel | None:
+        """The label, if it was decided before."""
+        found = getattr(self, "__dict__", {})
+        label: OrbitLabel | None = found.get("label", found.get("_label"))
+        return label
+
+    def __repr__(self) -> str:
+        label = self._known_label
+        name = "" if label is None else f"{label}, "
+        kind, system = type(self).__name__, told(self.system, 6)
+        return f"<{kind} of {system}: {name}{self._kept} states after {self.transient}>"
+
+    def _repr_html_(self) -> str:
+        facts: Facts = [
+            ("system", told(self.system, 6)),
+            ("label", self._known_label or "not decided yet"),
+            ("states kept", self._kept),
+            ("states skipped", self.transient),
+            *self._facts(),
+            ("cost", costing(self.cost)),
+        ]
+        return table(type(self).__name__, facts)
+
+    def _facts(self) -> Facts:
+        """Rows of its table that a subclass adds."""
+        return []
+
+    def section(self, section: PoincareSection) -> Array:
+        """Return the kept states, (k, d), that the section lies just behind.
+
+        A map jumps: these are the states beyond the section, or on it, whose predecessor is before
+        it, as seen in the section's direction.
+        """
+        values = [section.direction * section.value(state) for state in self.states]
+        side = np.array(values) >= 0.0
+        return self.states[1:][side[1:] & ~side[:-1]]
+
+
+@final
+class MapAttractor(Attractor):
+    """The attractor that a map's iterates of one start reach.
+
+    Time counts iterates, from zero at the first state that was kept.
+
+    Parameters
+    ----------
+    system : Map
+    start : (d,) array
+    transient : int
+        Iterates to skip; zero or more.
+    iterations : int
+        States to keep.
+
+    Raises
+    ------
+    ValueError
+        When the start is not finite or not of that shape, or a number is no count.
+    NoMotion
+        When the motion runs away to infinity (`Diverged`), or has no next state.
+
+    Examples
+    --------
+    >>> from dynkit import Map
+    >>> class Newton(Map):  # for the square root of 2
+    ...     dimension = 1
+    ...
+    ...     def __call__(self, state):
+    ...         return (state + 2.0 / state) / 2.0
+    ...
+    ...     def jacobian(self, state):
+    ...         return np.array([[0.5 - 1.0 / state[0] ** 2]])
+    >>> attractor = MapAttractor(Newton(), [1.0], transient=20, iterations=30)
+    >>> attractor.states[0]
+    array([1.41421356])
+    >>> print(attractor.label)
+    P(1)
+    >>> attractor.error < 1e-14
+    True
+    """
+
+    def __init__(self, system: SmoothMap, start: Array, transient: int, iterations: int) -> None:
+        began = time.perf_counter()
+        self._system: SmoothMap = checked_map(system)
+        self._start = finite_array("start", start, (system.dimension,)).copy()
+        self._transient = non_negative_integer("transient", transient)
+        kept = positive_integer("iterations", iterations)
+        self._last = self._transient + kept - 1
+        count = self._last + 1
+        within_memory("transient + iterations", count, 8.0 * count * system.dimension)
+        self._states = system.iterate(self._start, self._last)[self._transient :]
+        self._states.setflags(write=False)
+        self._start.setflags(write=False)
+        self._cost = Cost(time.perf_counter() - began, {"iterates": self._last})
+
+    @property
+    def system(self) -> SmoothMap:
+        return self._system
+
+    @property
+    def start(self) -> Array:
+        """The state, (d,), from which the motion started."""
+        return self._start
+
+    @property
+    def transient(self) -> int:
+        return self._transient
+
+    @property
+    def states(self) -> Array:
+        return self._states
+
+    @property
+    def label(self) -> OrbitLabel:
+        return self._label
+
+    @cached_property
+    def _label(self) -> OrbitLabel:
+        orbit = _MapOrbit(self._system, self._states)
+        return orbit.judged(label_orbit(orbit, kept=len(self._states)))
+
+    def label_within(self, budget: int) -> OrbitLabel:
+        """Return the label as far as so many states tell; the kept ones are always looked at."""
+        orbit = _MapOrbit(self._system, self._states)
+        return orbit.judged(label_orbit(orbit, kept=len(self._states), budget=budget))
+
+    def settled_label(self, budget: int = 100_000) -> OrbitLabel:
+        """Return the label of what the motion settles on, chaos before that included.
+
+        See `dynkit.labels.label.settled_label`; at most so many states are looked at besides those
+        kept.
+        """
+        orbit = _MapOrbit(self._system, self._states)
+        return orbit.judged(settled_label(orbit, kept=len(self._states), budget=budget))
+
+    @property
+    def cost(self) -> Cost:
+        return self._cost
+
+    @property
+    def error(self) -> float:
+        """Estimate of the largest distance of a kept state from the exact one.
+
+        Three twin runs are disturbed at the start and after every iterate, by the map's `accuracy`
+        or by four roundings, whichever is more, relative to the size of the state, of either sign
+        in every coordinate. The estimate is the largest distance that they
+        reach, or the rounding of the largest state: near the accuracy on a stable periodic
+        orbit, and as large as the attractor in chaos, whose single states cannot be computed, only
+        their distribution. It is infinite when a twin runs away, or has no next state.
+        """
+        return self._error
+
+    @cached_property
+    def _error(self) -> float:
+        worst = 2.0**-52 * float(np.linalg.norm(self._states, axis=1).max())
+        return max(worst, *map(self._parted, range(_TWINS)))
+
+    def _parted(self, seed: int) -> float:
+        """Largest distance, over the states kept, to a twin run that is disturbed throughout."""
+        signs = np.random.default_rng(seed)
+        noise = max(self._system.accuracy, _ROUNDINGS)
+        twin = self._start.copy()
+        largest = 0.0
+        for i in range(self._last + 1):
+            try:
+                twin = self._system.next_state(twin) if i else twin
+            except NoMotion:
+                return np.inf
+            twin += noise * abs(twin).max() * signs.choice((-1.0, 1.0), size=twin.size)
+            if i >= self._transient:
+                gap = self._system.difference(twin, self._states[i - self._transient])
+                largest = max(largest, float(np.linalg.norm(gap)))
+        return largest
+
+    def periodic_orbit(self) -> MapOrbit:
+        """Return the periodic orbit that the motion settles on, to rounding, by Newton's method.
+
+        The guess are the last of all states from which the `label` was decided.
+
+        Raises
+        ------
+        ValueError
+            When the label is none of a periodic orbit: chaotic, or unsettled.
+        NoConvergence
+            When Newton's method does not get to an orbit, or to one elsewhere.
+
+        Examples
+        --------
+        >>> from dynkit.systems import Logistic
+        >>> attractor = MapAttractor(Logistic(rate=3.2), [0.3], transient=50, iterations=20)
+        >>> orbit = attractor.periodic_orbit()
+        >>> orbit.label, orbit.residual < 1e-15
+        ('P(2)', True)
+        """
+        from dynkit.orbits.newton import NoConvergence
+        from dynkit.orbits.periodic_orbit import periodic_orbit
+
+        n = self.label.impacts
+        if self.label.kind is not OrbitKind.PERIODIC or n is None:
+            raise ValueError(f"attractor must be periodic; got one that is {self.label}")
+        rest = max(self.label.simulated - len(self._states), 0)
+        guess = self._system.iterate(self._states[-1], max(rest, n))[-n:]
+        orbit = periodic_orbit(self._system, guess)
+        gap = abs(self._system.difference(np.resize(orbit.states, guess.shape), guess))
+        if (gap > _NEARBY * abs(guess).max()).any():
+            raise NoConvergence(
+                f"Newton's method left the attractor {self.label} for an orbit {orbit.label} that "
+                f"is {float(gap.max()):.1e} away"
+            )
+        return orbit
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the second coordinate of the states against the first.
+
+        Of one-dimensional maps, the next state against each.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.plotting.points import draw_points
+
+        if self._system.dimension > 1:
+            return draw_points(ax, self._states[:, :2], ("state[0]", "state[1]"))
+        beyond = self._system.next_state(self._states[-1])
+        points = np.column_stack([self._states, np.append(self._states[1:], beyond)])
+        return draw_points(ax, points, ("state[0]", "next state[0]"))
+
+    def time_series(self, times: Array) -> Array:
+        """Return the states, (k, d), at the given times: iterates after the first state kept.
+
+        Parameters
+        ----------
+        times : (k,) array
+            Integers, zero or more, in any order; the motion is followed on as far as they reach.
+
+        Raises
+        ------
+        ValueError
+            When a time is no integer or negative, or so late that the states up to it would not
+            fit into a gigabyte.
+        """
+        asked = finite_array("times", times, (None,))
+        for i in np.flatnonzero((asked < 0.0) | (asked != np.rint(asked)))[:1].tolist():
+            raise ValueError(
+                f"times[{i}] must be zero or a positive integer; got {float(asked[i])!r}"
+            )
+        most = _MOST_NUMBERS // self._system.dimension
+        latest = int(asked.max(initial=0.0))
+        if latest > most:
+            raise ValueError(f"times must not exceed {most}; got {latest}")
+        beyond = latest - (len(self._states) - 1)
+        states = self._states
+        if beyond > 0:
+            later = self._system.iterate(states[-1], beyond)[1:]
+            states = np.concatenate([states, later])
+        return states[asked.astype(np.intp)]
+
+
+class _MapOrbit:
+    """The motion of a map as `label_orbit` follows it."""
+
+    def __init__(self, system: SmoothMap, kept: Array) -> None:
+        self.system = system
+        self.kept = kept
+        self.window: Array | None = None
+
+    def more(self, count: int) -> Window:
+        if self.window is None:
+            self.window = self.kept
+        else:
+            self.window = self.system.iterate(self.window[-1], count)[1:]
+        return Window(self.window)
+
+    def judged(self, label: OrbitLabel) -> OrbitLabel:
+        """Return the label of what was looked at so far, with its multiplier if it is periodic."""
+        if label.impacts is None or self.window is None:
+            return label
+        n = label.impacts
+        try:
+            jacobians = [self.system.jacobian(state) for state in self.window[-1 - 2 * n : -1]]
+        except NoMotion:  # the orbit touches the section: no derivative
+            return label
+        factors = np.array(jacobians)
+        return with_multiplier(label, factors[n:], factors[:n], self.system.accuracy)
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return self.system.difference(a, b)
+
+    def growth(self, steps: int) -> Array:
+        state = (self.kept if self.window is None else self.window)[-1]
+        # a fixed direction without symmetry: it is in no subspace that a map is likely to keep
+        direction = np.sqrt(np.arange(2.0, 2.0 + state.size))
+        logs = np.empty(steps)
+        for i in range(steps):
+            direction = self.system.jacobian(state) @ direction
+            length = float(np.linalg.norm(direction))
+            if length == 0.0:  # superstable: the disturbance is gone
+                return np.full(steps, -np.inf)
+            logs[i] = np.log(length)
+            direction = direction / length
+            state = self.system.next_state(state)
+        return logs

@@ -1,0 +1,228 @@
+"""Flows: dynamical systems in continuous time, and their crossings of a section."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
+
+import numpy as np
+
+from dynkit.core.differences import parameter_difference
+from dynkit.core.no_motion import Diverged, replaced
+from dynkit.core.parameters import Family
+from dynkit.core.stretching import CLEAR, Stretching, stretched
+from dynkit.core.validation import finite_array, finite_scalar, non_negative_integer, positive
+
+if TYPE_CHECKING:
+    from dynkit.core.validation import Array
+    from dynkit.dynamics.section import PoincareSection
+
+
+Basis: TypeAlias = "Callable[[Array], Array]"
+
+_HALVINGS = 7
+"""How often an interval is halved at most to follow a frame that it stretches unevenly."""
+
+_EVEN = 1.0 / 16.0
+"""How much less than the largest a disturbance may grow in a part of the way: its relative error is
+16 times as large. Two halves with the ratio 1/4 each have together half of that error."""
+
+
+def every_direction(state: Array) -> Array:
+    """Unit vectors, (d, d)."""
+    return np.eye(len(state))
+
+
+@final
+class Part(NamedTuple):
+    """A part of the way: the state at its end, and its derivative (d, d) by that at its start.
+
+    `size` is the largest norm of the derivative within the part, at least one. `error` estimates
+    how wrong an entry of the derivative may be; it is proportional to that size.
+    """
+
+    end: Array
+    derivative: Array
+    size: float
+    error: float
+
+    def even(self, begin: Array, end: Array) -> bool:
+        """Whether no direction of a frame (d, k) at the start, seen in one at the end, is hidden.
+
+        Beside the largest growth of any disturbance, and its error.
+        """
+        carried = end.T @ self.derivative @ begin
+        least = float(np.linalg.svd(carried, compute_uv=False)[-1])
+        # twice what `stretched` calls hidden, where the flow is so rough
+        return least >= max(_EVEN * self.size, min(2.0 * CLEAR * self.error, 0.5 * self.size))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """Where and when a flow crosses a section.
+
+    Parameters
+    ----------
+    time : float
+        Time since the start; positive.
+    state : (d,) array
+        The flow's state at that time.
+    """
+
+    time: float
+    state: Array
+
+
+class Flow(Family, ABC):
+    """A dynamical system in continuous time, autonomous.
+
+    A system that is driven in time carries its time, or its phase, as one more coordinate of the
+    state; so there is one kind of flow, and no function of it asks for the time.
+
+    A subclass owes:
+
+    1. `dimension`, the number d of the state's coordinates.
+    2. ``velocity(state)``, the (d,) rate of the state.
+    3. ``advance(state, duration)``, the (d,) state after a duration >= 0.
+    4. ``derivative(state, duration)``, the (d, d) derivative of ``advance`` with respect to the
+       state, the duration held fixed.
+    5. ``next_crossing(state, section, time_limit)``, the first time t > 0 at which the section's
+       value passes through zero in the section's direction. A state that lies on the section, to
+       rounding, has not crossed it yet. When no crossing comes by the time limit it raises
+       `NoCrossing`: no search goes on for ever.
+
+    and may offer ``parameters``, ``replace`` and `accuracy` as a map does, and
+    ``parameter_derivative(state, duration, name)``, the exact (d,) derivative of ``advance`` by a
+    parameter, which otherwise is found by differences.
+
+    None of these changes its arguments or the flow, and a state that is not finite, or not of the
+    right shape, is refused with ValueError. Where the motion runs away, `velocity` and `advance`
+    return numbers that are not finite, or raise a `NoMotion`, such as `Diverged`; every other
+    exception is taken for a fault in the flow, and no caller catches it. Instances are immutable.
+    `dynkit.testing.check_flow` and `check_poincare_map` run a subclass through this contract.
+    """
+
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """The number d of the state's coordinates."""
+
+    @abstractmethod
+    def velocity(self, state: Array) -> Array:
+        """Return the rate of change, (d,), of a state, (d,)."""
+
+    @abstractmethod
+    def advance(self, state: Array, duration: float) -> Array:
+        """Return the state, (d,), a duration >= 0 after a state, (d,)."""
+
+    @abstractmethod
+    def derivative(self, state: Array, duration: float) -> Array:
+        """Return the derivative, (d, d), of the advanced state with respect to the state."""
+
+    def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
+        """Return the derivative, (d,), of the advanced state with respect to a parameter.
+
+        Unless a subclass knows better it is found from differences of flows that `replace` makes;
+        see `Map.parameter_derivative` for how right that is.
+
+        Parameters
+        ----------
+        state : (d,) array
+        duration : float
+            Held fixed.
+        name : str
+            One of `parameters`.
+
+        Raises
+        ------
+        ValueError
+            As ``advance``; and when there is no such parameter, or it is not finite.
+        """
+        return parameter_difference(
+            lambda changed: replaced(self, **{name: changed}).advance(state, duration),
+            finite_scalar(name, self.value_of(name)),
+            accuracy=self.accuracy,
+        )
+
+    @property
+    def accuracy(self) -> float:
+        """How wrong a crossing may be, relative to the size of the state: one rounding, 2^-52."""
+        return 2.0**-52
+
+    def stretching(self, state: Array, interval: float, n: int) -> Stretching:
+        """Return how n intervals of time stretch a frame, which starts as the unit vectors.
+
+        Parameters
+        ----------
+        state : (d,) array
+        interval : float
+            Time whose stretching is added up; positive. Where a direction stretches by much less
+            than others the interval is followed in parts; what is hidden then is NaN.
+        n : int
+            How many intervals; zero or more.
+
+        Raises
+        ------
+        ValueError
+            When the state is not finite or not of that shape, or a number is refused.
+        NoMotion
+            When the motion runs away, or cannot be followed.
+
+        References
+        ----------
+        See `Map.stretching`.
+        """
+        count = non_negative_integer("n", n)
+        duration = positive("interval", interval)
+        here = finite_array("state", state, (self.dimension,))
+        frame = np.eye(self.dimension)
+        logs, errors = np.empty((2, count, self.dimension))
+        for i in range(count):
+            parts = list(self._parts(here, duration, every_direction))
+            derivatives = np.array([part.derivative for part in parts])
+            wrong = np.array([part.error for part in parts])
+            here, (frame, logs[i], errors[i]) = parts[-1].end, stretched(derivatives, wrong, frame)
+        return Stretching(logs, errors, np.full(count, duration), here)
+
+    def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:
+        """Yield the way of a positive duration in parts, each `Part.even` for directions (d, k).
+
+        The orthonormal directions that are looked at are the `basis` at a state.
+        """
+        return self._halved(state, duration, basis, _HALVINGS)
+
+    def _halved(self, state: Array, duration: float, basis: Basis, halvings: int) -> Iterator[Part]:
+        end, derivative = self.advance(state, duration), self.derivative(state, duration)
+        if not np.isfinite(end).all():
+            raise Diverged(f"the motion from {state.tolist()} runs away within {duration}")
+        size = max(1.0, float(np.linalg.norm(derivative, 2)))
+        part = Part(end, derivative, size, self.accuracy * size)
+        if not halvings or part.even(basis(state), basis(end)):
+            yield part
+            return
+        for _ in range(2):
+            for part in self._halved(state, 0.5 * duration, basis, halvings - 1):
+                yield part
+                state = part.end
+
+    @abstractmethod
+    def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
+        """Return the first crossing of the section in its direction, after the start.
+
+        Parameters
+        ----------
+        state : (d,) array
+        section : PoincareSection
+        time_limit : float
+            The longest time to wait; positive.
+
+        Raises
+        ------
+        NoCrossing
+            When there is none within the time limit.
+        ValueError
+            When the state is not finite, or not of that shape.
+        """

@@ -1,0 +1,176 @@
+"""The map that a flow makes on a Poincare section."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self, final
+
+import numpy as np
+
+from dynkit.core.no_motion import TangentCrossing
+from dynkit.core.validation import Array, finite_array, positive
+from dynkit.dynamics.flow import Crossing, Flow
+from dynkit.dynamics.map import Map
+from dynkit.dynamics.section import PoincareSection
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoincareMap(Map):
+    """The map from one crossing of a section to the next: a flow and a section.
+
+    Its states are the coordinates that the section gives its points, d - 1 of them for a flow of
+    dimension d.
+
+    Parameters
+    ----------
+    flow : Flow
+    section : PoincareSection
+        Of the flow's dimension.
+    time_limit : float
+        The longest time to wait for a crossing. A call that gets none by then raises `NoCrossing`.
+
+    Raises
+    ------
+    ValueError
+        When the dimensions differ or the time limit is not positive.
+
+    References
+    ----------
+    T. S. Parker and L. O. Chua, Practical Numerical Algorithms for Chaotic Systems, Springer 1989,
+    chapter 2 (the map) and appendix D (its derivative).
+    """
+
+    flow: Flow
+    section: PoincareSection
+    time_limit: float
+
+    def __post_init__(self) -> None:
+        if self.section.dimension != self.flow.dimension:
+            raise ValueError(
+                f"section must have the flow's dimension {self.flow.dimension}; "
+                f"got {self.section.dimension}"
+            )
+        object.__setattr__(self, "time_limit", positive("time_limit", self.time_limit))
+
+    @property
+    def dimension(self) -> int:
+        return self.flow.dimension - 1
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The parameters of the flow."""
+        return self.flow.parameters
+
+    def replace(self, **parameters: float) -> Self:
+        return dataclasses.replace(self, flow=self.flow.replace(**parameters))
+
+    @property
+    def accuracy(self) -> float:
+        """How wrong one call may be, relative to the size of the state: the flow's accuracy."""
+        return self.flow.accuracy
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return self.section.difference(a, b)
+
+    def crossing(self, state: Array) -> Crossing:
+        """Return time and full state, (d,), of the next crossing from a point of the section.
+
+        Parameters
+        ----------
+        state : (d - 1,) array
+
+        Raises
+        ------
+        NoCrossing
+            When the flow does not cross the section within the time limit.
+        ValueError
+            When the state is not finite, or not of that shape.
+        """
+        start = self.section.lift(finite_array("state", state, (self.dimension,)))
+        return self.flow.next_crossing(start, self.section, self.time_limit)
+
+    def __call__(self, state: Array) -> Array:
+        return self.section.reduce(self.crossing(state).state)
+
+    def return_time(self, state: Array) -> float:
+        """Return the time from a point of the section, (d - 1,), to the next crossing."""
+        return self.crossing(state).time
+
+    def jacobian(self, state: Array) -> Array:
+        """Return the derivative, (d - 1, d - 1), with the hit time's own change accounted for.
+
+        Raises
+        ------
+        TangentCrossing
+            When the flow is tangent to the section at the crossing.
+        NoCrossing, ValueError
+            As the call itself.
+        """
+        product = np.eye(self.dimension)
+        for factor in self.jacobian_factors(state)[0]:
+            product = factor @ product
+        return product
+
+    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
+        """Return derivatives (n, d - 1, d - 1) over parts of the return, and errors of entries.
+
+        Where a part ends, a disturbance is what it is across the flow: a disturbance along the flow
+        changes the time of a return and not the state. No part shrinks a disturbance across the
+        flow to less than a sixteenth of the largest growth of any disturbance, those along the flow
+        among them. The errors are proportional to that growth, not to the factors: as a factor is
+        what the projection across the flow leaves, it may be small beside its error.
+
+        Raises
+        ------
+        TangentCrossing, NoCrossing, ValueError
+            As `jacobian`.
+        """
+        return self._factors(state, self.crossing(state))
+
+    def _factors(self, state: Array, hit: Crossing) -> tuple[Array, Array]:
+        parts = list(self.flow._parts(self.section.lift(state), hit.time, self._across))
+        frames = [self._across(part.end).T for part in parts[:-1]]
+        frames.append(self._on_section(hit, np.eye(self.flow.dimension)))
+        begin, factors, errors = self.section.lift_derivative(state), [], []
+        for part, end in zip(parts, frames, strict=True):
+            factors.append(end @ part.derivative @ begin)
+            errors.append(part.error * np.linalg.norm(begin, 2) * np.linalg.norm(end, 2))
+            begin = end.T
+        return np.array(factors), np.array(errors)
+
+    def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
+        hit = self.crossing(state)
+        return self.section.reduce(hit.state), self._factors(state, hit), hit.time
+
+    def _across(self, state: Array) -> Array:
+        """Orthonormal directions, (d, d - 1), across the flow at a state."""
+        return np.linalg.qr(self.flow.velocity(state)[:, None], mode="complete")[0][:, 1:]
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        """Return the derivative, (d - 1,), by a parameter, the hit time's own change included.
+
+        It is as right as the flow's own derivatives; the section does not depend on the parameter.
+
+        Raises
+        ------
+        TangentCrossing, NoCrossing
+            As for `jacobian`.
+        ValueError
+            As the call itself; and when there is no such parameter.
+        """
+        self.value_of(name)
+        hit = self.crossing(state)
+        change = self.flow.parameter_derivative(self.section.lift(state), hit.time, name)
+        return self._on_section(hit, change[:, None])[:, 0]
+
+    def _on_section(self, hit: Crossing, change: Array) -> Array:
+        """What changes, (d, k), at the time of a crossing come to on the section: (d - 1, k)."""
+        velocity = self.flow.velocity(hit.state)
+        gradient = self.section.gradient(hit.state)
+        rate = float(gradient @ velocity)
+        if rate == 0.0:
+            raise TangentCrossing(f"the flow is tangent to the section at {hit.state.tolist()}")
+        # Parker and Chua, appendix D: the hit time moves by -(gradient . change) / rate
+        on_section = change - np.outer(velocity, gradient @ change) / rate
+        return np.asarray(self.section.reduce_derivative(hit.state) @ on_section)

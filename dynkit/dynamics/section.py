@@ -1,0 +1,283 @@
+"""Poincare sections: surfaces that a flow crosses."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    non_negative_integer,
+    positive_integer,
+)
+
+_TURN = 2.0 * np.pi
+
+
+class PoincareSection(ABC):
+    """A surface in the state space of a flow, crossed in one direction, with a chart.
+
+    A subclass owes:
+
+    1. `dimension`, the number d of coordinates of the surrounding state space.
+    2. `direction`, +1 where crossings count that raise the value, -1 where they lower it.
+    3. ``value(state)``, a smooth number that is zero on the surface and nowhere near it.
+    4. ``gradient(state)``, its exact (d,) derivative.
+    5. ``reduce(state)``, the (d - 1,) coordinates of a state on the surface, and
+       ``lift(reduced)``, the (d,) state on the surface that has these coordinates: inverse to one
+       another. ``reduce`` is smooth, and defined, beside the surface too.
+    6. ``reduce_derivative(state)``, (d - 1, d), and ``lift_derivative(reduced)``, (d, d - 1).
+
+    and may offer:
+
+    7. ``difference(a, b)``, when coordinates on the surface are angles, as a `Map` does; ``reduce``
+       may then jump by a whole turn.
+
+    None of these changes its argument, and what is not finite, or not of the right shape, is
+    refused with ValueError. Instances are immutable. `dynkit.testing.check_section` runs any
+    subclass through this contract.
+    """
+
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """The number d of coordinates of the surrounding state space."""
+
+    @property
+    @abstractmethod
+    def direction(self) -> int:
+        """+1 where crossings count that raise the value, -1 where they lower it."""
+
+    @abstractmethod
+    def value(self, state: Array) -> float:
+        """Return the number whose zeros are the surface, at a state, (d,)."""
+
+    @abstractmethod
+    def gradient(self, state: Array) -> Array:
+        """Return the derivative, (d,), of the value at a state, (d,)."""
+
+    @abstractmethod
+    def reduce(self, state: Array) -> Array:
+        """Return the coordinates on the surface, (d - 1,), of a state, (d,)."""
+
+    @abstractmethod
+    def lift(self, reduced: Array) -> Array:
+        """Return the state, (d,), that has the given coordinates on the surface, (d - 1,)."""
+
+    @abstractmethod
+    def reduce_derivative(self, state: Array) -> Array:
+        """Return the derivative, (d - 1, d), of `reduce` at a state, (d,)."""
+
+    @abstractmethod
+    def lift_derivative(self, reduced: Array) -> Array:
+        """Return the derivative, (d, d - 1), of `lift` at coordinates on the surface, (d - 1,)."""
+
+    def difference(self, a: Array, b: Array) -> Array:
+        """Return a - b, (..., d - 1); a section with angles wraps them to the shortest way."""
+        return np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+
+
+@final
+class Hyperplane(PoincareSection):
+    """The plane on which normal @ state is the offset, with an orthonormal chart.
+
+    The value is the signed distance to the plane. For a plane across a coordinate axis the chart
+    is the list of the other coordinates.
+
+    Parameters
+    ----------
+    normal : (d,) array
+        Normal of the plane, of any length but zero; d >= 2.
+    offset : float
+    direction : {+1, -1}
+        +1 counts crossings along the normal, -1 against it.
+    angles : sequence of int
+        Which coordinates of the state are angles: `reduce` takes them modulo 2 pi. The normal has
+        to be zero there.
+
+    Raises
+    ------
+    ValueError
+        When the normal is zero, or not zero at an angle; when anything is not finite or not of that
+        shape, or an angle is no index of the normal.
+
+    Examples
+    --------
+    >>> plane = Hyperplane(normal=[0.0, 0.0, 2.0], offset=54.0)
+    >>> plane.value([1.0, 2.0, 30.0])
+    3.0
+    >>> plane.reduce([1.0, 2.0, 27.0]), plane.lift([1.0, 2.0])
+    (array([1., 2.]), array([ 1.,  2., 27.]))
+    """
+
+    def __init__(
+        self,
+        normal: Array,
+        offset: float = 0.0,
+        direction: int = 1,
+        angles: Sequence[int] = (),
+    ) -> None:
+        given = finite_array("normal", normal, (None,))
+        if given.size < 2:
+            raise ValueError(f"normal must have 2 or more coordinates; got {given.size}")
+        if not given.any():
+            raise ValueError(f"normal must not be zero; got {given.tolist()}")
+        if isinstance(direction, bool) or direction not in (1, -1):
+            raise ValueError(f"direction must be +1 or -1; got {direction!r}")
+        # scaled first: the squares of a very long or very short normal would overflow or vanish
+        size = float(np.abs(given).max())
+        length = float(np.linalg.norm(given / size))
+        self._unit = given / size / length
+        self._distance = finite_scalar("offset", offset) / size / length
+        self._direction = int(direction)
+        self._chart = _orthonormal_complement(self._unit)
+        self._angles = self._places_of(angles, given)
+        for array in (self._unit, self._chart):
+            array.setflags(write=False)
+
+    @property
+    def dimension(self) -> int:
+        return int(self._unit.size)
+
+    @property
+    def direction(self) -> int:
+        return self._direction
+
+    def value(self, state: Array) -> float:
+        return float(self._unit @ self._checked(state)) - self._distance
+
+    def gradient(self, state: Array) -> Array:
+        self._checked(state)
+        return self._unit.copy()
+
+    def reduce(self, state: Array) -> Array:
+        coordinates = np.asarray(self._chart @ self._checked(state))
+        coordinates[self._angles] %= _TURN
+        return coordinates
+
+    def lift(self, reduced: Array) -> Array:
+        coordinates = finite_array("reduced", reduced, (self.dimension - 1,))
+        return np.asarray(coordinates @ self._chart + self._distance * self._unit)
+
+    def reduce_derivative(self, state: Array) -> Array:
+        self._checked(state)
+        return self._chart.copy()
+
+    def lift_derivative(self, reduced: Array) -> Array:
+        finite_array("reduced", reduced, (self.dimension - 1,))
+        return self._chart.T.copy()
+
+    def difference(self, a: Array, b: Array) -> Array:
+        gap = super().difference(a, b)
+        gap[..., self._angles] -= _TURN * np.rint(gap[..., self._angles] / _TURN)
+        return gap
+
+    def __repr__(self) -> str:
+        return f"Hyperplane({self._unit.tolist()}, {self._distance}, {self._direction:+d})"
+
+    def _checked(self, state: Array) -> Array:
+        return finite_array("state", state, (self.dimension,))
+
+    def _places_of(self, angles: Sequence[int], normal: Array) -> list[int]:
+        """The places, in the chart, of coordinates along which the normal is zero."""
+        places = []
+        for i, angle in enumerate(angles):
+            index = non_negative_integer(f"angles[{i}]", angle)
+            if index >= self.dimension:
+                raise ValueError(f"angles[{i}] must be less than {self.dimension}; got {index}")
+            if normal[index] != 0.0:
+                raise ValueError(
+                    f"normal[{index}], an angle's, must be zero; got {float(normal[index])}"
+                )
+            # such a coordinate's row of the chart is the coordinate itself
+            places.append(int(np.argmax(self._chart[:, index])))
+        return places
+
+
+@final
+class Stroboscope(PoincareSection):
+    """The states in which a phase has a given value, modulo 2 pi: light that flashes once a period.
+
+    The phase is the last coordinate, and grows: that of a flow that is driven in time. The value is
+    sin(last coordinate - phase). It is zero half a period later too, but passes through zero the
+    other way; that does not count. The chart is the list of the other coordinates.
+
+    Parameters
+    ----------
+    dimension : int
+        Number d of the state's coordinates; d >= 2.
+    phase : float
+        At which the light flashes.
+
+    Raises
+    ------
+    ValueError
+        When the dimension is no integer >= 2, or the phase is not finite.
+
+    Examples
+    --------
+    >>> flashes = Stroboscope(3, phase=0.5)
+    >>> flashes.lift([1.0, 2.0])
+    array([1. , 2. , 0.5])
+    >>> abs(flashes.value([1.0, 2.0, 0.5 + 2.0 * np.pi])) < 1e-15
+    True
+    """
+
+    def __init__(self, dimension: int, phase: float = 0.0) -> None:
+        self._dimension = positive_integer("dimension", dimension)
+        if self._dimension < 2:
+            raise ValueError(f"dimension must be 2 or more; got {dimension}")
+        self._phase = finite_scalar("phase", phase)
+
+    @property
+    def dimension(self) -> int:
+        return self._dimension
+
+    @property
+    def direction(self) -> int:
+        return 1
+
+    def value(self, state: Array) -> float:
+        return math.sin(float(self._checked(state)[-1]) - self._phase)
+
+    def gradient(self, state: Array) -> Array:
+        gradient = np.zeros(self._dimension)
+        gradient[-1] = math.cos(float(self._checked(state)[-1]) - self._phase)
+        return gradient
+
+    def reduce(self, state: Array) -> Array:
+        return self._checked(state)[:-1].copy()
+
+    def lift(self, reduced: Array) -> Array:
+        return np.append(finite_array("reduced", reduced, (self._dimension - 1,)), self._phase)
+
+    def reduce_derivative(self, state: Array) -> Array:
+        self._checked(state)
+        return np.eye(self._dimension - 1, self._dimension)
+
+    def lift_derivative(self, reduced: Array) -> Array:
+        finite_array("reduced", reduced, (self._dimension - 1,))
+        return np.eye(self._dimension, self._dimension - 1)
+
+    def __repr__(self) -> str:
+        return f"Stroboscope({self._dimension}, {self._phase})"
+
+    def _checked(self, state: Array) -> Array:
+        return finite_array("state", state, (self._dimension,))
+
+
+def _orthonormal_complement(unit: Array) -> Array:
+    """Rows, (d - 1, d), that complete a unit vector to an orthonormal basis.
+
+    They are the rows, but one, of the Householder reflection that takes the vector to an axis
+    (Golub and Van Loan, Matrix Computations, 4th ed., section 5.1).
+    """
+    axis = int(np.argmax(np.abs(unit)))
+    mirror = unit.copy()
+    mirror[axis] += np.copysign(1.0, unit[axis])
+    reflection = np.eye(unit.size) - np.outer(mirror, mirror) * (2.0 / float(mirror @ mirror))
+    return np.delete(reflection, axis, axis=0)

@@ -1,0 +1,295 @@
+"""`collect`: all points, by an executor or here, kept in a store meanwhile."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from dynkit._version import __version__
+from dynkit.core.cost import Cost
+from dynkit.core.validation import boolean, positive_integer
+from dynkit.data import store as stores
+from dynkit.data.atomic_files import reason
+from dynkit.engine.executors import finished
+from dynkit.engine.points import MOST_POINTS, Findings, Points, Rows, Tasks, chunks_of
+
+# A write may take this part of the time, and comes at most once in so many seconds.
+_SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
+# Notes of a bar may cost more than what they are of: only those that are seen are made.
+_INTERVAL = 0.1
+
+
+def collect(
+    points: Points,
+    *,
+    executor: Executor | None,
+    store: str | os.PathLike[str] | None,
+    progress: bool,
+) -> Rows:
+    """Return what is found at all points: the same bits by any executor, and by none.
+
+    Parameters
+    ----------
+    points : Points
+    executor : Executor or None
+    store : path or None
+        Keeps the chunks that are done, and gives them again.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Raises
+    ------
+    ValueError
+        As `finished`; and for a store of other points, of another version, damaged, or in use.
+    WorkerLost
+        When the executor has lost a worker for good.
+    OSError
+        When the store cannot be written any more, on the way.
+    """
+    shown = boolean("progress", progress)
+    if store is None:
+        findings = Findings(len(points))
+        with _Bar(findings, shown=shown) as bar:
+            _go_on(points, findings, executor, None, bar)
+        return findings.rows()
+    path = stores.place(store)
+    findings = _found(points, path)
+    if findings.done.all():  # needs no lock, and no folder that can be written
+        return findings.rows()
+    with ExitStack() as stack:
+        stack.enter_context(stores.locked(path))
+        findings = _found(points, path)  # another writer may have gone on meanwhile
+        keeper = _Keeper(path, points)
+        keeper.prepare(findings)
+        bar = stack.enter_context(_Bar(findings, shown=shown))
+        try:
+            _go_on(points, findings, executor, keeper, bar)
+        finally:
+            keeper.write(findings)
+    return findings.rows()
+
+
+def _go_on(
+    points: Points,
+    findings: Findings,
+    executor: Executor | None,
+    keeper: _Keeper | None,
+    bar: _Bar,
+) -> None:
+    chunks = chunks_of(len(points), chained=points.chained)
+    left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
+    for number, rows in finished(points.work, Tasks(points, left, findings), executor):
+        findings.add(np.arange(*left[number]), rows)
+        if keeper is not None:
+            keeper.write_when_due(findings)
+        bar.show(findings, rows)
+
+
+def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
+    """Return what a store holds, and what was found of it.
+
+    Raises
+    ------
+    ValueError
+        As `dynkit.data.store.read`, and when it holds something else than this kind.
+    """
+    archive = stores.read(path)
+    if archive.entries.get("kind") != kind:
+        raise ValueError(f"store must hold a {kind}; got {path}")
+    with stores.understood(path, kind):
+        count = positive_integer("points", int(archive.entries["points"]))
+        if count > MOST_POINTS:
+            raise ValueError(f"{count} points")
+        findings, done = Findings(count), archive.arrays["done"]
+        if done.dtype.kind != "i" or done.ndim != 1:
+            raise ValueError(f"done is {done.dtype} {done.shape}")
+        if len(done) and not (done[0] >= 0 and (np.diff(done) > 0).all()):
+            raise ValueError("done names a point twice")
+        arrays, codes = (_group(archive.arrays, name) for name in ("found", "texts"))
+        for name, column in [*arrays.items(), *codes.items()]:
+            if len(column) != len(done):
+                raise ValueError(f"{name} has {len(column)} rows of {len(done)}")
+        known = json.loads(archive.entries["texts"])
+        texts = {name: [known[code] for code in column.tolist()] for name, column in codes.items()}
+        cost = Cost(float(archive.entries["seconds"]), json.loads(archive.entries["work"]))
+        findings.add(done, Rows(arrays, texts, cost))
+    return archive, findings
+
+
+def _group(arrays: Mapping[str, Any], name: str) -> dict[str, Any]:
+    return {
+        key.removeprefix(f"{name}/"): a for key, a in arrays.items() if key.startswith(f"{name}/")
+    }
+
+
+def _entries(points: Points) -> dict[str, str]:
+    return {**points.entries, "points": str(len(points))}
+
+
+def _archived(points: Points, findings: Findings) -> stores.Archive:
+    rows = findings.rows()
+    known = sorted({text for texts in rows.texts.values() for text in texts})
+    code = {text: number for number, text in enumerate(known)}
+    found = {
+        "dynkit": __version__,
+        "texts": json.dumps(known),
+        "seconds": repr(rows.cost.seconds),
+        "work": json.dumps(dict(rows.cost.counts)),
+    }
+    arrays = {f"given/{name}": array for name, array in points.inputs.items()}
+    arrays |= {f"found/{name}": array for name, array in rows.arrays.items()}
+    for name, texts in rows.texts.items():
+        arrays[f"texts/{name}"] = np.array([code[text] for text in texts], dtype=np.int64)
+    arrays["done"] = np.flatnonzero(findings.done)
+    return stores.Archive({**_entries(points), **found}, arrays)
+
+
+def _found(points: Points, path: Path) -> Findings:
+    if not path.exists():
+        return Findings(len(points))
+    archive, findings = read_rows(path, points.entries["kind"])
+    refuse_other(path, points, archive)
+    with stores.understood(path, points.entries["kind"]):
+        made = archive.entries["dynkit"]
+        refuse_misfits(points, findings)
+    if not findings.done.all() and made != __version__:
+        raise ValueError(
+            f"store {path} was made with dynkit {made}, and is not finished; got {__version__}"
+        )
+    return findings
+
+
+def refuse_misfits(points: Points, findings: Findings) -> None:
+    """Refuse what a store holds and cannot be found at these points.
+
+    For `dynkit.data.store.understood`.
+
+    Raises
+    ------
+    LookupError, ValueError
+        When something is missing, or does not fit.
+    """
+    if findings.count != len(points):
+        raise ValueError(f"{findings.count} of {len(points)} points")
+    if not findings.done.any():
+        return
+    if points.chained and not findings.done[: int(findings.done.sum())].all():
+        raise ValueError("done leaves out a point before others, which follow it")
+    for name, (letter, shape) in points.columns.items():
+        found = findings.arrays[name]
+        alike = [b in (None, a) for a, b in zip(found.shape[1:], shape, strict=False)]
+        if found.dtype.kind != letter or found.ndim != 1 + len(shape) or not all(alike):
+            raise ValueError(f"{name} is {found.dtype} {found.shape}")
+    _ = findings.texts["ending"]
+
+
+def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
+    """Refuse the archive of other points.
+
+    Raises
+    ------
+    ValueError
+        Naming the first thing that differs: what was asked for, then numbers, then the system.
+    """
+    made, asked = archive.entries, _entries(points)
+    names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
+    of_system = [name for name in names if name.startswith("system.")]
+    _refuse_other_entries(path, made, asked, [name for name in names if name not in of_system])
+    given = _group(archive.arrays, "given")
+    for name, array in points.inputs.items():
+        _refuse_other_array(path, name, given.get(name), array)
+    _refuse_other_entries(path, made, asked, of_system)
+
+
+def _refuse_other_entries(
+    path: Path, made: Mapping[str, str], asked: Mapping[str, str], names: Sequence[str]
+) -> None:
+    for name in names:
+        was, now = made.get(name, "none"), asked.get(name, "none")
+        if not stores.same(was, now):
+            short = name.removeprefix("system.")
+            raise ValueError(f"store {path} was made with {short} {was}; got {now}")
+
+
+def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
+    if made is None or made.shape != asked.shape:
+        shape = None if made is None else made.shape
+        raise ValueError(f"store {path} was made with {name} of shape {shape}; got {asked.shape}")
+    for place in np.argwhere(made != asked)[:1]:
+        where, i = f"{name}{place.tolist()}", tuple(place)
+        was, now = made[i].item(), asked[i].item()
+        raise ValueError(f"store {path} was made with {where} {was!r}; got {now!r}")
+
+
+@final
+class _Keeper:
+    """Writes what was found to a store, as often as is cheap, and at the end."""
+
+    def __init__(self, path: Path, points: Points) -> None:
+        self._path = path
+        self._points = points
+        self._written = -1
+        self._due = 0.0
+
+    def prepare(self, findings: Findings) -> None:
+        try:
+            self.write(findings)
+        except OSError as failure:
+            raise ValueError(reason(failure)) from failure
+
+    def write(self, findings: Findings) -> None:
+        done = int(findings.done.sum())
+        if done == self._written:
+            return
+        began = time.monotonic()
+        stores.write(self._path, _archived(self._points, findings))
+        ended = time.monotonic()
+        self._written = done
+        self._due = ended + max(_LEAST_INTERVAL, (ended - began) / _SHARE)
+
+    def write_when_due(self, findings: Findings) -> None:
+        if time.monotonic() >= self._due:
+            self.write(findings)
+
+
+@final
+class _Bar:
+    """How many points are done, on standard error, or nothing."""
+
+    def __init__(self, findings: Findings, *, shown: bool) -> None:
+        self._bar: Any = None
+        self._due = time.monotonic()
+        if shown:
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                total=findings.count,
+                initial=int(findings.done.sum()),
+                unit="point",
+                file=sys.stderr,
+            )
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def show(self, findings: Findings, rows: Rows) -> None:
+        done = int(findings.done.sum())
+        if self._bar is None or (time.monotonic() < self._due and done < findings.count):
+            return
+        self._bar.update(done - self._bar.n)
+        if rows.note is not None:
+            self._bar.set_postfix_str(rows.note())
+        self._due = time.monotonic() + _INTERVAL

@@ -1,0 +1,130 @@
+"""What becomes of an exponential sum from now on."""
+
+from __future__ import annotations
+
+import math
+
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
+from dynkit.exponential.evaluation_kernels import DRIFT, TAIL, TERM, Ladder
+
+NOTHING = 1e-200
+"""What never exceeds this again is no motion any more: doubles would soon not hold it, nor hold now
+the products of its numbers with high powers of slow rates."""
+
+
+@kernel(reorder=True, inline=True)
+def weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> float:
+    """Sum of the absolute terms of two rows, but for one slot."""
+    total = 0.0
+    for i in range(rows.shape[1]):
+        if i != skipped:
+            total += abs(rows[first, i] * states[k, 0, i])
+            total += abs(rows[first + 1, i] * states[k, 1, i])
+    return total
+
+
+@kernel()
+def _drift(ladder: Ladder, states: Array, k: int) -> tuple[float, float, float, float, float]:
+    """Value, rate and acceleration of the terms that drift, with what is constant.
+
+    Then how far bodies under drag go down, and up, until they have lost their velocities: not
+    parts of the value, which would lose its digits where drag is small.
+    """
+    d = ladder.rows
+    g = ladder.generator
+    value = ladder.offset
+    rate = 0.0
+    second = 0.0
+    down = 0.0
+    up = 0.0
+    for i in range(d.shape[1]):
+        a = states[k, 0, i]
+        b = states[k, 1, i]
+        ahead = d[DRIFT + 1, i] * b
+        value += d[DRIFT, i] * a
+        if g[3, i] >= 0.0:
+            value += ahead
+        elif ahead < 0.0:
+            down -= ahead
+        else:
+            up += ahead
+        rate += d[DRIFT + 2, i] * a + d[DRIFT + 3, i] * b
+        second += d[DRIFT + 4, i] * a + d[DRIFT + 5, i] * b
+    return value, rate, second, down, up
+
+
+@kernel()
+def _less_steady(ladder: Ladder, states: Array, k: int) -> int:
+    """State `k` less the steady responses in it, a scratch state where there are any."""
+    links = ladder.links
+    if links.shape[0] == 0:
+        return k
+    response = ladder.link_step
+    last = response.shape[0] - 1
+    for row in range(2):
+        for i in range(ladder.rows.shape[1]):
+            states[TERM, row, i] = states[k, row, i]
+    for m in range(links.shape[0]):
+        p = states[k, 0, links[m, 1]]
+        q = states[k, 1, links[m, 1]]
+        states[TERM, 0, links[m, 0]] -= response[last, m, 0] * p + response[last, m, 1] * q
+        states[TERM, 1, links[m, 0]] -= response[last, m, 2] * p + response[last, m, 3] * q
+    return TERM
+
+
+@kernel()
+def _reach(ladder: Ladder, states: Array, k: int) -> float:
+    """Bound of what does not drift, but for the table, from now on."""
+    rows = ladder.rows
+    if ladder.apart:
+        return weighted(rows, TAIL, ladder.steady, states, k)
+    # Pairs of one norm: the bound is not a sum, but a root of squares.
+    total = 0.0
+    for i in range(rows.shape[1]):
+        if i != ladder.steady:
+            a = rows[TAIL, i] * states[k, 0, i]
+            b = rows[TAIL + 1, i] * states[k, 1, i]
+            square = a * a + b * b
+            # Squares of the smallest numbers vanish.
+            total += math.sqrt(square) if square > 1e-280 else abs(a) + abs(b)
+    return total
+
+
+@kernel()
+def tail(ladder: Ladder, states: Array, k: int) -> float:
+    """Lower bound of f from now on."""
+    lowest = ladder.offset
+    if ladder.grows or ladder.links.shape[0] > 0:
+        lowest, rate, second, down, _ = _drift(ladder, states, k)
+        if second < 0.0 or (second == 0.0 and rate < 0.0):
+            return -math.inf
+        if rate < 0.0:
+            lowest -= 0.5 * rate * rate / second
+        lowest -= down
+    return lowest - ladder.swing - _reach(ladder, states, _less_steady(ladder, states, k))
+
+
+@kernel()
+def stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
+    """Whether abs(f) never exceeds the band from now on."""
+    value = ladder.offset
+    moves = 0.0
+    if ladder.grows or ladder.links.shape[0] > 0:
+        value, rate, second, down, up = _drift(ladder, states, k)
+        if rate != 0.0 or second != 0.0:
+            return False
+        moves = down + up
+    moves += ladder.swing + _reach(ladder, states, _less_steady(ladder, states, k))
+    return abs(value) + moves <= band
+
+
+@kernel()
+def died_out(ladder: Ladder, states: Array, k: int) -> bool:
+    """Whether f, which nothing keeps from zero, has fallen below what doubles hold, but is not 0.
+
+    Then impacts and releases would go on for ever, smaller and smaller.
+    """
+    if ladder.offset != 0.0 or ladder.steady >= 0:
+        return False
+    return stays_in_band(ladder, states, k, NOTHING) and not stays_in_band(ladder, states, k, 0.0)

@@ -1,0 +1,262 @@
+"""Preparation of exponential sums for the kernels: bounds and the propagation ladder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import factorial, inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.validation import Array
+from dynkit.exponential.asymptotics import Responses, tail_rows
+from dynkit.exponential.modes import Pairs
+
+LANES = 8
+"""Slots are padded to a multiple of this, for vector instructions throughout."""
+
+MAXIMUM_RUNGS = 61
+
+LARGEST = 1e300
+"""Of weights."""
+
+SLOWEST = 1e-20
+"""Rates below this do not make the smallest step longer: its powers must not overflow."""
+
+SLOW = 1e-4
+"""A term that is so much slower than the fastest one is far from its amplitude for long: what
+rounding does to it is told by its present size."""
+
+LONGEST, BEYOND = 46, 20
+"""At least so many rungs, of twice the step each, for propagation over long times; and so many more
+than a search uses, of which a million of the longest steps are not taken one by one."""
+
+# A cell of 8 to 208 slots takes 1.7 to 2.4 ns for each slot and 64 more (2.5 GHz), one that is
+# searched by its Taylor polynomial up to ten times as long: a call takes 10 to 100 ms.
+_NUMBERS_OF_A_CALL, _LEAST_SLOTS = 1 << 22, 64
+
+
+def padded(count: int) -> int:
+    """Number of slots for `count` terms."""
+    return -(-count // LANES) * LANES
+
+
+def rung_sizes(pairs: Pairs) -> tuple[float, int]:
+    """Smallest step (a power of two with every abs(lambda) h <= REACH) and rungs of the search."""
+    from dynkit.exponential.evaluation_kernels import REACH
+
+    fast, slow = pairs.rates
+    fastest = max(float(fast.max(initial=0.0)), SLOWEST) if fast.any() else 1.0
+    slowest = float(slow[slow > 0.0].min(initial=fastest))
+    if pairs.grows:
+        # A rigid body may fly for long while nothing else happens.
+        slowest = min(slowest, 1e-9 * fastest)
+    smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
+    rungs = int(np.ceil(np.log2(8.0 * np.pi / smallest) - np.log2(slowest))) + 1
+    return float(smallest), min(max(rungs, 2), MAXIMUM_RUNGS)
+
+
+@dataclass(frozen=True)
+class Propagators:
+    """Steps of ``smallest * 2**j`` of a set of pairs.
+
+    Attributes
+    ----------
+    smallest : float
+    rungs : how many of them a search uses
+    step : (all rungs, 8, slots) propagators exp(G h), high and low parts
+    links : (L, 2) targets and sources
+    link_step : (2 + all rungs, L, 4) of how the target is driven, of what reaches it in a step, and
+        of its steady response
+    responses : what is steady
+    """
+
+    smallest: float
+    rungs: int
+    step: Array
+    links: NDArray[np.intp]
+    link_step: Array
+    responses: Responses
+
+    @staticmethod
+    def of(pairs: Pairs) -> Propagators:
+        """The propagators of all pairs."""
+        smallest, rungs = rung_sizes(pairs)
+        step = steps(pairs, smallest, max(min(rungs + BEYOND, MAXIMUM_RUNGS + 1), LONGEST))
+        responses = Responses.of(pairs)
+        links = _links(pairs, smallest, len(step), responses)
+        return Propagators(smallest, rungs, step, *links, responses)
+
+
+def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
+    """(rungs, 8, slots) propagators over ``smallest * 2**j``, of each pair by itself."""
+    from dynkit.exponential.double_double_kernels import fill_steps
+
+    slots = padded(pairs.count)
+    step = np.zeros((rungs, 8, slots))
+    fill_steps(
+        _pad(pairs.generator, slots),
+        _pad(pairs.generator_low, slots),
+        smallest,
+        0,
+        pairs.count,
+        step,
+        np.empty((4, 8)),
+    )
+    return step
+
+
+def _links(
+    pairs: Pairs, smallest: float, rungs: int, responses: Responses
+) -> tuple[NDArray[np.intp], Array]:
+    """All ways from a slot to another, and `link_step` of them."""
+    if not pairs.links.size:
+        return np.empty((0, 2), dtype=np.intp), np.empty((2 + rungs, 0, 4))
+    from dynkit.exponential.double_double_kernels import fill_coupled_steps
+
+    slots = np.unique(pairs.links)
+    m = slots.size
+    parts = []
+    for own in (pairs.generator, pairs.generator_low):
+        matrix = np.zeros((m, 2, m, 2))
+        matrix[np.arange(m), :, np.arange(m), :] = own[:, slots].T.reshape(m, 2, 2)
+        parts.append(matrix)
+    target, source = np.searchsorted(slots, pairs.links)
+    direct = parts[0]
+    for t, s, b in zip(target, source, pairs.coupling.T.reshape(-1, 2, 2), strict=True):
+        direct[t, :, s] += b
+    step = np.empty((rungs, 2 * m, 2 * m))
+    fill_coupled_steps(
+        direct.reshape(2 * m, 2 * m),
+        parts[1].reshape(2 * m, 2 * m),
+        smallest,
+        step,
+        np.empty((6, 2 * m, 2 * m)),
+    )
+    both = np.concatenate([direct.reshape(1, m, 2, m, 2), step.reshape(rungs, m, 2, m, 2)])
+    reached = np.zeros((m, m), dtype=bool)
+    reached[target, source] = True
+    for _ in range(m):
+        reached = reached | (reached @ reached)
+    to, start = np.nonzero(reached)
+    links = np.stack([slots[to], slots[start]], axis=1)
+    reach = np.zeros((2 + rungs, len(links), 2, 2))
+    reach[:-1] = both[:, to, :, start, :].transpose(1, 0, 2, 3)
+    for way, matrix in zip(responses.slots, responses.matrices, strict=True):
+        reach[-1, (links == way).all(axis=1)] = matrix
+    return links, reach.reshape(2 + rungs, -1, 4)
+
+
+def _pad(rows: Array, slots: int) -> Array:
+    """The first slots of rows, filled up with zeros."""
+    out = np.zeros((*rows.shape[:-1], slots))
+    out[..., : rows.shape[-1]] = rows[..., :slots]
+    return out
+
+
+def cell_bounds(
+    pairs: Pairs, derivatives: Array, smallest: float, rungs: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Weights of abs(y) on the cells of each rung, and which numbers are kept, (rungs, 2, n) each.
+
+    From the rows (7, 2, n) of f and its derivatives.
+
+    The error of the quintic Hermite polynomial of f is at most h^6/46080 sup |f^(6)|, and at most
+    2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''| (the Bernstein coefficients of the polynomial). On
+    cells for which this is the smaller bound a term is left out, and f is off by sup |f| at most.
+    """
+    h = np.asarray(smallest * 2.0 ** np.arange(rungs), dtype=np.float64)[:, None, None]
+    rows = derivatives[[0, 1, 2, 6]]
+    if pairs.grows:
+        each = np.ascontiguousarray(pairs.bounds(rows, h.ravel()).swapaxes(0, 1))
+    else:
+        each = np.broadcast_to(pairs.bounds(rows)[:, None], (4, rungs, *rows.shape[1:]))
+    most, first, second, sixth = each
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = sixth * h**6 / 46080.0
+        kept = ~(2.0 * most + 0.4 * h * first + 0.05 * h * h * second < error)
+    kept[0] = True
+    # Finite, so that they vanish where the number does.
+    return np.fmin(np.where(kept, error, most), LARGEST), kept
+
+
+def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, steady: int) -> Any:
+    """The exponential sum ``offset + row . y`` as the kernels take it.
+
+    Parameters
+    ----------
+    row : (2, seen)
+        Of the slots that the sum sees, the first ones.
+    steady
+        Slot of the table, a sine and cosine; -1 for none.
+    """
+    from dynkit.exponential.evaluation_kernels import DEGREE, Ladder
+
+    step = propagators.step
+    rungs = propagators.rungs
+    seen = padded(row.shape[1])
+    full = _pad(row, pairs.count)
+    window = propagators.smallest * 2.0 ** (rungs - 1) if pairs.grows else inf
+    with np.errstate(over="ignore", invalid="ignore"):
+        derivatives = pairs.derivatives(full, DEGREE + 2)
+        fourth, last = pairs.bounds(derivatives[[4, DEGREE + 1]], window)
+        last /= factorial(DEGREE + 1)
+        weights, kept = cell_bounds(pairs, derivatives, propagators.smallest, rungs)
+    rows = _pad(derivatives[:4].reshape(8, -1), seen)
+    size = pairs.bound(full, 0)
+    tail, drift, swing = tail_rows(propagators.responses, full, steady)
+    if pairs.grows:
+        size = np.where(np.isfinite(size), size, pairs.bound(full, 0, 0.0))
+    fast = pairs.rates[0]
+    slow = (pairs.scale > 0.0) & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
+    slow &= full.any(axis=0)
+    slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude
+    size[:, slow] = abs(full[:, slow])
+    bounds = [size, fourth, last, tail, drift]
+    bounds.append((pairs.scale == 0.0).astype(float)[None])
+    rows = np.concatenate([rows, _pad(np.concatenate(bounds), seen)])
+    cell = np.empty((rungs, 10, seen))
+    for k in range(0, 6, 2):
+        cell[:, k] = rows[k] * step[:rungs, 0, :seen] + rows[k + 1] * step[:rungs, 2, :seen]
+        cell[:, k + 1] = rows[k] * step[:rungs, 1, :seen] + rows[k + 1] * step[:rungs, 3, :seen]
+        b = propagators.link_step[1 : 1 + rungs]
+        for i, (t, s) in enumerate(propagators.links.tolist()):  # all of them are seen
+            cell[:, k, s] += rows[k, t] * b[:, i, 0] + rows[k + 1, t] * b[:, i, 2]
+            cell[:, k + 1, s] += rows[k, t] * b[:, i, 1] + rows[k + 1, t] * b[:, i, 3]
+    cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept.astype(float), seen)
+    smooth = int(np.logical_and.accumulate(kept.all(axis=(1, 2))).sum()) - 1
+    g = _pad(pairs.generator, step.shape[2])
+    return Ladder(
+        step,
+        cell,
+        rows,
+        np.concatenate([g, [g[0] + g[3], g[0] * g[3] - g[1] * g[2]]]),
+        propagators.links,
+        propagators.link_step,
+        float(offset),
+        propagators.smallest,
+        smooth,
+        bool(np.any(pairs.scale[: row.shape[1]] == 0.0)) or len(propagators.links) > 0,
+        pairs.grows or bool(slow.any()),
+        float(window),
+        steady,
+        swing,
+    )
+
+
+def workspace(slots: int) -> Any:
+    """Buffers of a search."""
+    from dynkit.exponential.evaluation_kernels import DEGREE, LEVELS, PLACES, STATES, Workspace
+
+    return Workspace(
+        np.zeros((STATES, 2, slots)),
+        np.zeros(DEGREE + 1),
+        np.zeros(PLACES, dtype=np.int64),
+        np.zeros(LEVELS),
+    )
+
+
+def cells_of_a_call(slots: int) -> int:
+    """Cells after which a compiled search returns, so that an interrupt is heard in between."""
+    return _NUMBERS_OF_A_CALL // (slots + _LEAST_SLOTS)

@@ -1,0 +1,1 @@
+"""Labels of orbits, from the recurrence of states."""

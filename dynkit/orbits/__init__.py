@@ -1,0 +1,1 @@
+"""Periodic orbits: their equations, Newton's method, multipliers, searches."""

@@ -1,0 +1,56 @@
+"""Calls of a map that a search for periodic orbits makes, counted against a budget."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import final
+
+import numpy as np
+
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.validation import Array
+
+
+class Spent(Exception):
+    """The calls of a search are used up."""
+
+
+@final
+class MapCalls:
+    """A map and its derivative; all NaN where there is no motion, or a number is not finite.
+
+    Parameters
+    ----------
+    system : Map
+    most : int
+        Calls of the map and of its derivative, together, after which `Spent` is raised.
+    """
+
+    def __init__(self, system: SmoothMap, most: int) -> None:
+        self.system = system
+        self.most = most
+        self.made = 0
+
+    def next(self, state: Array) -> Array:
+        """Return the next state, (d,)."""
+        return self._called(self.system.next_state, state, state.shape)
+
+    def derivative(self, state: Array) -> Array:
+        """Return the derivative of the next state by the state, (d, d)."""
+        return self._called(self.system.jacobian, state, state.shape * 2)
+
+    def _called(
+        self, function: Callable[[Array], Array], state: Array, shape: tuple[int, ...]
+    ) -> Array:
+        if not np.isfinite(state).all():
+            return np.full(shape, np.nan)
+        if self.made >= self.most:
+            raise Spent
+        self.made += 1
+        try:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                found = np.asarray(function(state), dtype=np.float64)
+        except NoMotion:
+            return np.full(shape, np.nan)
+        return found if np.isfinite(found).all() else np.full(shape, np.nan)

@@ -1,0 +1,72 @@
+"""How wrong Floquet multipliers may be."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.orbits.multipliers import product_eigenvalues
+from dynkit.orbits.newton import NoSolution
+
+_PROBES = 4
+# A few probes seldom add up what a bound of every single unknown allows.
+_MARGIN = 4.0
+_ROUNDING = 2.0**-52
+# Of positive numbers: a multiplier, or its rounding, may be smaller and count as zero.
+_SMALLEST = 2.0**-1074
+
+
+class ProductOfFactors(Protocol):
+    """Multipliers of orbits, and the matrices whose product has them, as `Problem` has them."""
+
+    def factors(self, x: Array, p: Array, /) -> tuple[Array, Array] | None:
+        """Return the matrices, (n, d, d), and errors of their entries, (n,); None if unknown."""
+
+    def multipliers(self, x: Array, p: Array, /) -> Any:
+        """Return the multipliers, complex."""
+
+
+def multiplier_errors(
+    problem: ProductOfFactors, x: Array, p: Array, found: Any, moved: Array
+) -> Array:
+    """Return how wrong each multiplier found, (d,), may be; infinite where nothing can be told.
+
+    Four times the largest change in a few probes: unknowns and parameters are disturbed by as much
+    as they may be wrong, `moved` (m + k,), at random up or down, and the factors of the product
+    whose eigenvalues the multipliers are by their own errors.
+    """
+    worst, random, m = np.zeros(len(found)), np.random.default_rng(0), len(x)
+    if not (np.isfinite(found).all() and np.isfinite(moved).all()):
+        return np.full(len(found), np.inf)
+    for _ in range(_PROBES):
+        step = moved * random.choice([-1.0, 1.0], len(moved))
+        try:
+            there = _disturbed(problem, x + step[:m], p + step[m:], random)
+        except (NoSolution, np.linalg.LinAlgError):
+            return np.full(len(found), np.inf)
+        if not np.isfinite(there).all():
+            return np.full(len(found), np.inf)
+        worst = np.maximum(worst, _changes(found, there))
+    return np.asarray(_MARGIN * (worst + _ROUNDING * abs(found)))
+
+
+def _disturbed(problem: ProductOfFactors, x: Array, p: Array, random: np.random.Generator) -> Any:
+    known = problem.factors(x, p)
+    if known is None:
+        return problem.multipliers(x, p)
+    factors, off = known
+    changes = random.uniform(-1.0, 1.0, factors.shape)
+    return product_eigenvalues(factors + off[:, None, None] * changes)
+
+
+def _changes(found: Any, there: Any) -> Array:
+    """Change (d,) of each multiplier; the last ones, without partners, are zero by their nature."""
+    from scipy.optimize import linear_sum_assignment
+
+    apart = abs(np.subtract.outer(found[: len(there)], there))
+    out = np.zeros(len(found))
+    rows, columns = linear_sum_assignment(apart)
+    out[rows] = np.maximum(apart[rows, columns], _SMALLEST)
+    return out

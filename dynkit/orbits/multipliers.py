@@ -1,0 +1,157 @@
+"""Floquet multipliers: eigenvalues of long products of matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dynkit.core.validation import Array, finite_array
+
+# Rounds of orthogonal iteration before the algorithm proper: they put large eigenvalues first.
+_ROUNDS = 2
+
+
+def product_eigenvalues(factors: Any) -> Any:
+    """Return the eigenvalues of a product A_n ... A_1 of real matrices, which is never formed.
+
+    They are those of factors that are wrong by rounding, each relative to its own norm: where the
+    factors are well conditioned the smallest eigenvalues are as right, relative to themselves, as
+    the largest, whatever their ratio, and however the product is cut into factors. Of a single
+    factor they are `numpy.linalg.eigvals`.
+
+    Parameters
+    ----------
+    factors : (n, d, d) array_like
+        The factors in the order of time, A_1 first.
+
+    Returns
+    -------
+    (d,) complex array
+        The largest modulus first; conjugate pairs, exactly so, stand together, the positive
+        imaginary part first. What exceeds the range of floats is infinite or zero; see
+        `log_product_eigenvalues`.
+
+    Raises
+    ------
+    ValueError
+        When the factors are not finite, or no square matrices, or there are none.
+
+    References
+    ----------
+    A. Bojanczyk, G. H. Golub, P. Van Dooren, The periodic Schur decomposition, Proc. SPIE 1770
+    (1992) 31-42. K. Lust, Improved numerical Floquet multipliers, Int. J. Bifurcation and Chaos 11
+    (2001) 2389-2410.
+
+    Examples
+    --------
+    >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    >>> product_eigenvalues([turn, np.diag([4.0, 1.0])])
+    array([0.+2.j, 0.-2.j])
+    >>> product_eigenvalues([np.diag([1e20, 1e-20])] * 3)
+    array([1.e+60+0.j, 1.e-60+0.j])
+    """
+    mantissas, exponents = _eigenvalues(factors)
+    with np.errstate(over="ignore", under="ignore"):
+        return np.ldexp(mantissas.real, exponents) + 1j * np.ldexp(mantissas.imag, exponents)
+
+
+def log_product_eigenvalues(factors: Any) -> Any:
+    """Return the logarithms of `product_eigenvalues`, (d,) complex, whatever their size.
+
+    Their real parts are the logarithms of the moduli, minus infinity for zeros.
+
+    Examples
+    --------
+    >>> log_product_eigenvalues([np.diag([1e300, 1.0])] * 10)
+    array([6907.75527898+0.j,    0.        +0.j])
+    """
+    mantissas, exponents = _eigenvalues(factors)
+    with np.errstate(divide="ignore"):
+        sizes = np.log(abs(mantissas)) + exponents * np.log(2.0)
+    return sizes + 1j * np.angle(mantissas)
+
+
+def _eigenvalues(factors: Any) -> tuple[Any, Any]:
+    """Mantissas, (d,) complex, and exponents of two, (d,), sorted."""
+    a = finite_array("factors", factors, (None, None, None))
+    n, d, width = a.shape
+    if n == 0 or d == 0 or d != width:
+        raise ValueError(f"factors must be square matrices, one at least; got shape {a.shape}")
+    _, sizes = np.frexp(abs(a).max(axis=(1, 2)))
+    a = np.ldexp(a, -sizes[:, None, None])
+    if d == 1:
+        mantissas, exponents = _product(a[:, 0, 0])
+    elif n == 1:
+        mantissas, exponents = _normalized(np.linalg.eigvals(a[0]).astype(complex))
+    else:
+        mantissas, exponents = _by_periodic_qr(a)
+    return _sorted(*_closed_under_conjugation(mantissas, exponents + int(sizes.sum())))
+
+
+def _product(numbers: Array) -> tuple[Any, Any]:
+    mantissa, exponent = 1.0, 0
+    for number in numbers.tolist():
+        mantissa, more = np.frexp(mantissa * number)
+        exponent += int(more)
+    return np.array([mantissa], dtype=complex), np.array([exponent])
+
+
+def _normalized(values: Any) -> tuple[Any, Any]:
+    _, exponents = np.frexp(abs(values))
+    real, imag = np.ldexp(values.real, -exponents), np.ldexp(values.imag, -exponents)
+    return real + 1j * imag, exponents.astype(np.int64)
+
+
+def _by_periodic_qr(a: Array) -> tuple[Any, Any]:
+    from dynkit.orbits.multiplier_kernels import eigenvalues
+
+    n, d, _ = a.shape
+    basis = np.eye(d)
+    for _ in range(_ROUNDS):
+        for factor in a:
+            basis, _ = np.linalg.qr(factor @ basis)
+    t = np.zeros((n, d, d), dtype=complex)
+    turned = basis
+    for k in range(n - 1):
+        turned, triangle = np.linalg.qr(a[k] @ turned)
+        t[k] = np.triu(triangle)
+    t[n - 1] = basis.T @ (a[n - 1] @ turned)
+    mantissas, exponents = np.empty(d, dtype=complex), np.empty(d, dtype=np.int64)
+    buffers = np.empty((3, 3), dtype=complex), np.empty(d), np.empty(d, dtype=complex)
+    if eigenvalues(t, mantissas, exponents, *buffers):
+        raise ArithmeticError("the periodic QR algorithm must converge; it did not")
+    return mantissas, exponents
+
+
+def _closed_under_conjugation(mantissas: Any, exponents: Any) -> tuple[Any, Any]:
+    """Make the eigenvalues real, or pairs: as they are but for the rounding of complex numbers."""
+    mantissas, exponents = mantissas.copy(), exponents.copy()
+    left = np.argsort(-abs(mantissas.imag) / np.where(mantissas == 0.0, 1.0, abs(mantissas)))
+    left = left.tolist()
+    while left:
+        i = left.pop(0)
+        here, other, least = mantissas[i], -1, np.inf
+        for j in left:
+            apart = int(exponents[j] - exponents[i])
+            if abs(apart) <= 1 and mantissas[j].imag * here.imag < 0.0:
+                there = np.conj(mantissas[j]) * 2.0**apart
+                # against what becoming real changes in either of them
+                if abs(there - here) < min(least, abs(here.imag) + abs(there.imag)):
+                    other, least = j, abs(there - here)
+        if other < 0:
+            mantissas[i] = np.copysign(abs(here), here.real)
+            continue
+        left.remove(other)
+        there = np.conj(mantissas[other]) * 2.0 ** int(exponents[other] - exponents[i])
+        mantissas[i] = 0.5 * (here + there)
+        mantissas[other] = np.conj(mantissas[i])
+        exponents[other] = exponents[i]
+    return mantissas, exponents
+
+
+def _sorted(mantissas: Any, exponents: Any) -> tuple[Any, Any]:
+    with np.errstate(divide="ignore"):
+        sizes = np.log2(abs(mantissas)) + exponents
+    order = np.lexsort((-mantissas.imag, -mantissas.real, -sizes))
+    return mantissas[order], exponents[order]

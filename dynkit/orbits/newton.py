@@ -1,0 +1,304 @@
+"""Newton's method for equations with one unknown more than there are equations, or as many."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from enum import Enum
+from typing import Any, NamedTuple, Protocol, final
+
+import numpy as np
+from scipy.linalg.lapack import dgesv
+
+from dynkit.core.validation import Array
+
+ROUNDING = 2.0**-52
+# Residuals below are rounding; above the second they are wrong, whatever Newton's method says.
+_FLOOR, _ACCEPTABLE = 16.0 * ROUNDING, 1e-10
+_OF_UNKNOWNS = 4.0 * ROUNDING
+
+
+class NoSolution(RuntimeError):
+    """The equations are not defined there: the system refuses it, or there is no next state."""
+
+
+class NoConvergence(RuntimeError):
+    """Newton's method found no solution; the message says how far it came."""
+
+
+class Outcome(Enum):
+    """How Newton's method ended."""
+
+    CONVERGED = "the residual is near rounding"
+    STALLED = "the residual no longer falls"
+    SINGULAR = "the derivative is singular"
+    LIMIT = "the number of steps was used up"
+    UNDEFINED = "the equations are not defined there"
+
+
+@final
+class Direction(NamedTuple):
+    """Where a curve goes: `tangent`, of unit length in scaled unknowns, along a given row.
+
+    `turn` is the sign of the determinant of the derivative with the tangent as last row.
+    """
+
+    tangent: Array
+    turn: float
+
+
+class Equations(ABC):
+    """Equations R(y) = 0; the unknowns are scaled by `scale`."""
+
+    @abstractmethod
+    def residual(self, y: Array) -> Array:
+        """Return the equations, (n,); may raise `NoSolution`."""
+
+    @abstractmethod
+    def jacobian(self, y: Array) -> Array:
+        """Return their derivative, (n, number of unknowns); may raise `NoSolution`."""
+
+    @abstractmethod
+    def scale(self, y: Array) -> Array:
+        """Return typical sizes of the unknowns, all positive."""
+
+    @abstractmethod
+    def rounding(self, y: Array) -> Array:
+        """Return how wrong each equation may be by rounding."""
+
+
+@final
+class Correction(NamedTuple):
+    """What Newton's method found: unknowns, outcome, and largest residuals step by step.
+
+    `direction` is the `Direction` at the last place but one, `moved` the scaled step from there.
+    """
+
+    y: Array
+    outcome: Outcome
+    history: tuple[float, ...]
+    direction: Direction | None = None
+    moved: float = np.inf
+    message: str = ""
+
+    @property
+    def converged(self) -> bool:
+        """Whether it is a solution."""
+        return self.outcome is Outcome.CONVERGED
+
+
+def correct(
+    equations: Equations,
+    y: Array,
+    scale: Array,
+    row: Array | None = None,
+    *,
+    level: float = _FLOOR,
+    steps: int = 10,
+    halvings: int = 3,
+) -> Correction:
+    """Solve R(y) = 0 from a guess by damped Newton steps.
+
+    It goes on until the residual is at most `level`, or no longer falls and is near rounding.
+
+    Parameters
+    ----------
+    equations : Equations
+    y : (q,) array
+        The guess.
+    scale : (q,) array
+        What the unknowns are measured in.
+    row : (q,) array, optional
+        In scaled unknowns: the steps are orthogonal to it. It is owed where there is one unknown
+        more than equations.
+    level : float
+        Largest residual that needs no further step.
+    steps, halvings : int
+        How many steps at most, and how often one of them is halved.
+    """
+    history: list[float] = []
+    direction, moved = None, np.inf
+
+    def ended(outcome: Outcome, message: str = "") -> Correction:
+        return Correction(y, outcome, tuple(history), direction, moved, message)
+
+    try:
+        f = equations.residual(y)
+        size = float(abs(f).max())
+        history.append(size)
+        for _ in range(steps):
+            if size <= level:
+                return ended(Outcome.CONVERGED)
+            if not size < np.inf:
+                return ended(Outcome.UNDEFINED)
+            step, direction = _newton_step(equations.jacobian(y), f, scale, row)
+            if step is None:
+                return ended(Outcome.SINGULAR)
+            trial, f_trial, size_trial = _damped(equations, y, step * scale, size, halvings)
+            if not size_trial < size:
+                moved = 0.0
+                return ended(Outcome.CONVERGED if size <= _ACCEPTABLE else Outcome.STALLED)
+            slow = size_trial > 0.5 * size
+            moved = float(np.sqrt(step @ step))
+            y, f, size = trial, f_trial, size_trial
+            history.append(size)
+            if slow and size <= _ACCEPTABLE:
+                return ended(Outcome.CONVERGED)
+    except NoSolution as refusal:
+        return ended(Outcome.UNDEFINED, str(refusal))
+    return ended(Outcome.CONVERGED if size <= _ACCEPTABLE else Outcome.LIMIT)
+
+
+def _newton_step(
+    jacobian: Array, f: Array, scale: Array, row: Array | None
+) -> tuple[Array | None, Direction | None]:
+    """Return the step in scaled unknowns and, with a row, the direction along it."""
+    if row is None:
+        try:
+            step = np.asarray(np.linalg.solve(jacobian * scale, -f))
+        except np.linalg.LinAlgError:
+            return None, None
+        return (step, None) if np.isfinite(step).all() else (None, None)
+    solved = _bordered(jacobian, f, scale, row)
+    return (None, None) if solved is None else solved
+
+
+def _bordered(
+    jacobian: Array, f: Array | float, scale: Array, row: Array
+) -> tuple[Array, Direction] | None:
+    n, q = jacobian.shape
+    matrix = np.empty((q, q), order="F")
+    np.multiply(jacobian, scale, out=matrix[:n])
+    matrix[n] = row
+    targets = np.zeros((q, 2), order="F")
+    targets[:n, 0] = -f
+    targets[n, 1] = 1.0
+    factors, pivots, solved, info = dgesv(matrix, targets, overwrite_a=True, overwrite_b=True)
+    if info != 0 or not np.isfinite(solved).all():
+        return None
+    vector = solved[:, 1]
+    exchanges = np.count_nonzero(pivots != np.arange(q))
+    negative = np.count_nonzero(factors.diagonal() < 0.0)
+    turn = -1.0 if (exchanges + negative) % 2 else 1.0
+    return solved[:, 0], Direction(vector / np.sqrt(vector @ vector), turn)
+
+
+def _damped(
+    equations: Equations, y: Array, step: Array, size: float, halvings: int
+) -> tuple[Array, Array, float]:
+    """Return the first of y + step, y + step / 2, ... whose residual is smaller, or the last."""
+    refusal = None
+    for halving in range(halvings + 1):
+        trial = y + step * 0.5**halving
+        try:
+            f = equations.residual(trial)
+        except NoSolution as failure:
+            refusal = failure
+            continue
+        size_trial = float(abs(f).max())
+        # at rounding level a shorter step is no better
+        if size_trial < size or size <= _ACCEPTABLE:
+            return trial, f, size_trial
+    if refusal is not None:
+        raise refusal
+    return trial, f, size_trial
+
+
+def bordered_direction(jacobian: Array, scale: Array, row: Array) -> Direction | None:
+    """Return where a curve goes, from its derivative (n, n + 1), or None where it cannot be told.
+
+    The row, (n + 1,), is in scaled unknowns; the tangent makes a sharp angle with it.
+    """
+    solved = _bordered(jacobian, 0.0, scale, row)
+    return None if solved is None else solved[1]
+
+
+def error_bound(
+    jacobian: Array, y: Array, f: Array, scale: Array, row: Array | None, rounding: Any
+) -> Array:
+    """Return how far a solution y with residual f may be from the exact one, unknown by unknown.
+
+    It is twice |inverse of the derivative| (|f| + rounding): to first order a bound when the
+    equations are right to `rounding`, and to four roundings of what the unknowns add to them, which
+    counts where these are large.
+    """
+    n, q = jacobian.shape
+    matrix = np.empty((q, q))
+    np.multiply(jacobian, scale, out=matrix[:n])
+    if row is not None:
+        matrix[n] = row
+    try:
+        inverse = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        return np.full(q, np.inf)
+    left = abs(f) + rounding + _OF_UNKNOWNS * (abs(jacobian) @ abs(y))
+    return np.asarray(2.0 * scale * (abs(inverse[:, :n]) @ left))
+
+
+class OrbitProblem(Protocol):
+    """Equations F(x, p) = 0 of orbits with parameters p, as `dynkit.orbits.problem.Problem`."""
+
+    def residual(self, x: Array, p: Array, /) -> Array:
+        """Return F, (m,)."""
+
+    def linearization(self, x: Array, p: Array, /) -> Any:
+        """Return the derivative of F by x, (m, m)."""
+
+    def scale(self, x: Array, /) -> Array:
+        """Return typical sizes of the unknowns, (m,)."""
+
+    def rounding(self, x: Array, p: Array, /) -> Array:
+        """Return how wrong each of F, (m,), may be by rounding."""
+
+
+@final
+class FixedParameters(Equations):
+    """Equations of one orbit at given parameters."""
+
+    def __init__(self, problem: OrbitProblem, p: Array) -> None:
+        self._problem = problem
+        self._p = p
+
+    def residual(self, y: Array) -> Array:
+        return self._problem.residual(y, self._p)
+
+    def jacobian(self, y: Array) -> Array:
+        return np.asarray(self._problem.linearization(y, self._p))
+
+    def scale(self, y: Array) -> Array:
+        return self._problem.scale(y)
+
+    def rounding(self, y: Array) -> Array:
+        return self._problem.rounding(y, self._p)
+
+
+def orbit_bound(problem: OrbitProblem, x: Array, p: Array) -> Array:
+    """Return the `error_bound` (m,) of the unknowns of one orbit at given parameters.
+
+    Raises
+    ------
+    NoSolution
+        Where the equations have no derivative.
+    """
+    equations = FixedParameters(problem, p)
+    jacobian, f = equations.jacobian(x), equations.residual(x)
+    return error_bound(jacobian, x, f, equations.scale(x), None, equations.rounding(x))
+
+
+def solve(problem: OrbitProblem, guess: Array, p: Array) -> tuple[Array, tuple[float, ...]]:
+    """Return the unknowns of one orbit at given parameters, and the history of residuals.
+
+    Raises
+    ------
+    NoConvergence
+        When Newton's method does not get there from the guess.
+    """
+    equations = FixedParameters(problem, p)
+    found = correct(equations, guess, problem.scale(guess), steps=50, halvings=12)
+    if not found.converged:
+        why = found.message or found.outcome.value
+        how_far = f", residual {found.history[-1]:.1e}" if found.history else ""
+        steps = max(len(found.history) - 1, 0)
+        raise NoConvergence(
+            f"no periodic orbit found from the guess after {steps} steps: {why}{how_far}"
+        )
+    return found.y, found.history

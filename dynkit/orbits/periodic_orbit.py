@@ -1,0 +1,128 @@
+"""Periodic orbits of maps, found by Newton's method."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.smooth_map import SmoothMap, checked_map
+from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
+from dynkit.orbits.map_orbit import MapOrbit, sizes
+from dynkit.orbits.map_problem import MapProblem
+from dynkit.orbits.newton import NoConvergence, solve
+
+# States of an orbit that agree so well, relative, are tried as one: a doubling leaves them so near
+# only within rounding, which is the square, of the parameter where it happens.
+_SAME = 1e-7
+_NONE = np.empty(0)
+
+
+def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) -> MapOrbit:
+    """Find a periodic orbit of a map, stable or not, by Newton's method from a guess.
+
+    All states of the orbit are unknowns at once, so that unstable orbits of long periods are found
+    too. An orbit is one of every multiple of its period: where what is found has a smaller period
+    than what was asked for, it is returned as what it is, and its `label` says so.
+
+    Parameters
+    ----------
+    system : Map
+    guess : (d,) or (n, d) array_like
+        One state near the orbit, from which the map is iterated; or all n of them, in order.
+    period : int, optional
+        n. By default one, or as many as there are states.
+
+    Returns
+    -------
+    MapOrbit
+
+    Raises
+    ------
+    ValueError
+        When the guess is not finite or of another shape; when the period is no positive integer or
+        not the number of states.
+    NoMotion
+        When a guess of one state has not as many iterates.
+    NoConvergence
+        When Newton's method does not get to an orbit.
+
+    Examples
+    --------
+    >>> from dynkit.systems import Logistic
+    >>> orbit = periodic_orbit(Logistic(rate=3.9), [0.1], period=3)
+    >>> print(orbit.label, orbit.stable)
+    P(3) False
+    """
+    began = time.perf_counter()
+    states = _guessed(system, guess, period)
+    x, history = _solved(system, states)
+    shorter = _shorter(system, x.reshape(states.shape))
+    if shorter is not None:
+        x, more = shorter
+        history += more[1:]
+    cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
+    states = x.reshape(-1, system.dimension)
+    return MapOrbit(system._orbit_problem(states) or MapProblem(system, states), x, history, cost)
+
+
+def _guessed(system: SmoothMap, guess: Any, period: int | None) -> Array:
+    checked_map(system)
+    d = system.dimension
+    if _is_one_state(guess):
+        n = 1 if period is None else positive_integer("period", period)
+        # n d equations for as many unknowns, solved in a copy
+        within_memory("period", n, 2.0 * 8.0 * (float(n) * d) ** 2)
+        start = finite_array("guess", guess, (d,))
+        try:
+            return system.iterate(start, n - 1)
+        except NoMotion as end:
+            end.add_note(f"guess must have {n - 1} iterates; got {start.tolist()}")
+            raise
+    states = finite_array("guess", guess, (None, d))
+    if not len(states):
+        raise ValueError("guess must have one state at least; got none")
+    if period is not None and positive_integer("period", period) != len(states):
+        raise ValueError(f"period must be the number of states, {len(states)}; got {period}")
+    return states
+
+
+def _is_one_state(guess: Any) -> bool:
+    try:
+        return np.ndim(guess) == 1
+    except ValueError:  # rows of different lengths
+        return False
+
+
+def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]:
+    problem = MapProblem(system, states)
+    try:
+        x, history = solve(problem, states.ravel(), _NONE)
+    except NoConvergence as failure:
+        raise NoConvergence(
+            f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
+        ) from failure
+    # What is zero has no size of its own: nothing may be measured in what rounding leaves of it.
+    cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
+    if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:
+        x = cleared
+    return x, history
+
+
+def _shorter(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]] | None:
+    """The solution of the smallest period that the orbit has, if that is not its length."""
+    n = len(states)
+    near = _SAME * sizes(states)
+    for k in (k for k in range(1, n // 2 + 1) if n % k == 0):
+        if (abs(system.difference(np.roll(states, -k, axis=0), states)) > near).any():
+            continue
+        try:
+            x, history = _solved(system, states[:k])
+        except NoConvergence:
+            continue
+        if (abs(system.difference(x.reshape(k, -1), states[:k])) <= near).all():
+            return x, history
+    return None

@@ -1,0 +1,175 @@
+"""How figures look, on a screen and in print, and how they are saved."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynkit.data.atomic_files import whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMN_WIDTH = 3.4
+"""Width of a journal's column, in inches."""
+
+PRINT_STYLE: Mapping[str, Any] = {
+    "font.size": 8.0,
+    "font.family": ["serif"],
+    "font.serif": ["DejaVu Serif"],
+    "mathtext.fontset": "dejavuserif",
+    "axes.labelsize": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.linewidth": 0.6,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.top": True,
+    "ytick.right": True,
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "lines.linewidth": 0.8,
+    # the same figure gives the same file
+    "svg.hashsalt": "dynkit",
+}
+"""Matplotlib settings: type of 7 to 8 points at column width."""
+
+DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0.0}
+"""Settings of a cloud of points; size and colour are the drawer's choice."""
+
+
+@contextmanager
+def print_style() -> Generator[None, None, None]:
+    """Give figures the type sizes and lines of `PRINT_STYLE`: a context, and a decorator.
+
+    What a user has set, by ``matplotlib.rcParams`` or a style sheet, to something else than
+    matplotlib's default stays as it is; so does all else that is set within.
+
+    Examples
+    --------
+    >>> with print_style():
+    ...     _, (axes,) = new_figure()
+    >>> axes.xaxis.label.get_size()
+    8.0
+    """
+    from matplotlib import rcParams, rcParamsDefault
+
+    now: Any = rcParams  # matplotlib's own type lists every name that it knows
+    default: Any = rcParamsDefault
+    before = {name: now[name] for name in PRINT_STYLE if now[name] == default[name]}
+    now.update({name: PRINT_STYLE[name] for name in before})
+    try:
+        yield
+    finally:
+        # not matplotlib's rc_context: what pyplot sets as it loads its backend must last
+        now.update(before)
+
+
+def ink(lightness: float = 0.0) -> tuple[float, float, float]:
+    """Return the colour of text, mixed with as much of the axes' background; both are settings.
+
+    Examples
+    --------
+    >>> ink(), ink(1.0)
+    ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    """
+    from matplotlib import rcParams
+    from matplotlib.colors import to_rgb
+
+    text, paper = to_rgb(rcParams["text.color"]), to_rgb(rcParams["axes.facecolor"])
+    red, green, blue = (a + lightness * (b - a) for a, b in zip(text, paper, strict=True))
+    return red, green, blue
+
+
+def circles(size: float, width: float) -> dict[str, Any]:
+    """Return the settings of open circles: their size, and the width of their line, in points."""
+    return {
+        "linestyle": "none",
+        "marker": "o",
+        "markersize": size,
+        "markeredgewidth": width,
+        "markerfacecolor": ink(1.0),
+        "markeredgecolor": ink(),
+    }
+
+
+def crosses(size: float, width: float) -> dict[str, Any]:
+    """Return the settings of small crosses, for what is no motion of a system, in points."""
+    return {
+        "linestyle": "none",
+        "marker": "x",
+        "markersize": size,
+        "markeredgewidth": width,
+        "markeredgecolor": ink(),
+    }
+
+
+def new_figure(
+    width: float = COLUMN_WIDTH, height: float = 2.6, rows: int = 1
+) -> tuple[Figure, list[Axes]]:
+    """Return a new figure that stands alone, and its axes, one under the other; sizes in inches.
+
+    pyplot does not know it: no window is opened, no display is needed, and it is gone when nothing
+    refers to it any more.
+    """
+    from matplotlib.figure import Figure
+
+    with print_style():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        return figure, list(figure.subplots(rows, squeeze=False)[:, 0])
+
+
+def shown_figure(width: float = COLUMN_WIDTH, height: float = 2.6) -> Figure:
+    """Return a new figure that pyplot shows; sizes in inches."""
+    from matplotlib import pyplot as plt
+
+    return plt.figure(figsize=(width, height), layout="constrained")
+
+
+def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6) -> Axes:
+    """Return the axes, or those of a new figure that pyplot shows; sizes in inches."""
+    if ax is not None:
+        from matplotlib.axes import Axes
+
+        if not isinstance(ax, Axes):
+            raise ValueError(f"ax must be axes of matplotlib; got {ax!r}")
+        return ax
+    figure = shown_figure(width, height)
+    with print_style():
+        return figure.subplots()
+
+
+def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[Path, ...]:
+    """Save a figure as PNG and SVG; each file is the new one, or after any failure the old one.
+
+    Parameters
+    ----------
+    figure : Figure
+    stem : Path
+        Where to, without the ending.
+    resolution : float
+        Dots an inch, where it is made of dots.
+
+    Returns
+    -------
+    tuple of Path
+        The two files.
+
+    Raises
+    ------
+    ValueError, OSError
+        When they cannot be written.
+    """
+    files = []
+    # dates would make the same figure another file
+    for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+        files.append(stem.with_name(f"{stem.name}.{ending}"))
+        with print_style(), whole("stem", files[-1]) as stream:
+            figure.savefig(stream, format=ending, dpi=resolution, metadata=metadata)
+    return tuple(files)

@@ -1,0 +1,101 @@
+"""Drawings that several results share: motions in time, clouds of points, diagrams."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PHASE = r"phase $\varphi$"
+RELATIVE_VELOCITY = "relative velocity $u$"
+
+_QUARTERS = [0.5 * math.pi * i for i in range(5)]
+_QUARTER_NAMES = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
+
+# Points nearer to one another, in widths of the axes, look like one; fewer of them are drawn large.
+_SHARP, _FEW = 0.005, 50
+
+
+def displacement(coordinate: int) -> str:
+    """Return how a displacement is written on an axis; coordinates count from 0."""
+    return f"displacement $x_{{{coordinate + 1}}}$"
+
+
+@print_style()
+def draw_motion(
+    ax: Axes | None,
+    times: Array,
+    values: Array,
+    name: str,
+    stops: Sequence[Array] = (),
+    impacts: tuple[Array, Array] | None = None,
+) -> Axes:
+    """Draw values, (k,), against time, the stops dashed, (k,) each, and the impacts as dots."""
+    axes = shown_axes(ax, height=1.8)
+    axes.plot(times, values, color=ink(), linewidth=0.8, label=name)
+    for i, stop in enumerate(stops):
+        label = "_" if i else "table $x_T$"
+        axes.plot(times, stop, "--", color=ink(), linewidth=0.6, label=label)
+    if impacts is not None:
+        axes.plot(*impacts, "o", color=ink(), markersize=1.8, label="impacts")
+    axes.set_xlabel("time $t$")
+    axes.set_ylabel(name)
+    if len(times) > 1:
+        axes.set_xlim(times[0], times[-1])
+    return axes
+
+
+@print_style()
+def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
+    """Draw points, (p, 2), large where few can be told apart, and name the axes.
+
+    A coordinate that is called `PHASE` goes once around.
+    """
+    axes = shown_axes(ax)
+    size = 3.0 if _distinct(points) < _FEW else 1.2
+    axes.plot(points[:, 0], points[:, 1], markersize=size, color=ink(), **DOTS)
+    for way, name in zip("xy", names, strict=True):
+        axes.set(**{f"{way}label": name})
+        if name == PHASE:
+            axes.set(**{f"{way}lim": (0.0, 2.0 * math.pi), f"{way}ticks": _QUARTERS})
+            axes.set(**{f"{way}ticklabels": _QUARTER_NAMES})
+    return axes
+
+
+def _distinct(points: Array) -> int:
+    """Number of points (p, 2) that a reader can tell apart."""
+    if not len(points):
+        return 0
+    widths = np.maximum(np.ptp(points, axis=0), _SHARP * abs(points).max(axis=0))
+    steps = points / np.where(widths > 0.0, widths, 1.0) / _SHARP
+    return len(np.unique(np.rint(steps), axis=0))
+
+
+@print_style()
+def draw_diagram(
+    ax: Axes | None, values: Array, numbers: Array, names: Sequence[str], size: float = 0.7
+) -> Axes:
+    """Draw numbers, (k, n), against values, (k,), as dots of so many points, and name the axes."""
+    axes = shown_axes(ax)
+    across, up = dots(values, numbers)
+    axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
+    axes.set(xlabel=names[0], ylabel=names[1])
+    grid = np.unique(values)
+    if len(grid) > 1:  # half a step of room, for the dots at the ends
+        first, last = 0.5 * (grid[1] - grid[0]), 0.5 * (grid[-1] - grid[-2])
+        axes.set_xlim(grid[0] - first, grid[-1] + last)
+    return axes
+
+
+def dots(values: Array, numbers: Array) -> tuple[Array, Array]:
+    """Return places across and up, (p,) each, of numbers (k, n), without those that are NaN."""
+    there = ~np.isnan(numbers.ravel())
+    return np.repeat(values, numbers.shape[1])[there], numbers.ravel()[there]

@@ -1,0 +1,219 @@
+"""Where single starts lead: label, a state of the orbit, and how far it is from being settled."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import Diverged, NoCrossing, NoMotion, Refused
+from dynkit.core.validation import Array
+from dynkit.data.store import identity_of, kind_of
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.engine.points import Anything, Columns, Findings, Points, Rows
+from dynkit.labels.columns import COLUMNS, empty_columns, put_label
+from dynkit.labels.label import OrbitKind, OrbitLabel
+
+UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE, NO_MOTION = -1, -2, -3, -4, -5
+
+OTHER_ENDS = {
+    UNSETTLED: "unsettled",
+    RUNS_AWAY: "runs away",
+    NO_CROSSING: "comes to no next crossing",
+    NO_STATE: "no state of the system",
+    NO_MOTION: "cannot be followed",
+}
+"""What a start may come to instead of an attractor, by number."""
+
+SETTLED = 1e-10
+"""A periodic motion has settled when it recurs this well, relative to starts and states."""
+
+# States that a motion may take to settle after it was labelled.
+_BUDGET = 20_000
+# A multiplier nearer to one is not told from it.
+_SLOWEST, _ROUNDING = 0.9999, 1e-13
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What is found at starts, (n, s); small and picklable.
+
+    Parameters
+    ----------
+    system : Map
+    transient, keep : int
+    scale : float
+        The largest number of all starts.
+    sizes : (int, int)
+        How many numbers a section state has, and a packed state.
+    """
+
+    system: Map
+    transient: int
+    keep: int
+    scale: float
+    sizes: tuple[int, int]
+
+    def motion(self, start: Array) -> Attractor:
+        """Simulate from a start."""
+        return self._moved(self.system.state_from(start), self.transient)
+
+    def _moved(self, state: Any, transient: int) -> Attractor:
+        """Simulate from a state.
+
+        Beside an unstable orbit a motion leaves the orbit, if slowly. A motion that is still
+        there after so many more states as a motion may take to settle lies on the orbit.
+        """
+        motion = self.system.attractor(start=state, transient=transient, keep=self.keep)
+        if motion.label.stable is not False:
+            return motion
+        return self.system.attractor(start=motion.final, transient=_BUDGET, keep=self.keep)
+
+    def states_after(self, state: Any, count: int) -> tuple[Array, Any]:
+        """Return the states after one of the system, (count, d), and the last of them.
+
+        Fewer when the motion comes to rest.
+        """
+        motion = self.system.attractor(start=state, transient=1, keep=count)
+        return motion.states, motion.final
+
+    def __call__(self, starts: Array) -> Rows:
+        """Return what is found at some starts."""
+        began = time.perf_counter()
+        return self._rows([self._seen(start) for start in starts], began)
+
+    def rows_from(self, states: Sequence[Any]) -> Rows:
+        """Return what is found when nothing is skipped after some states."""
+        began = time.perf_counter()
+        return self._rows([self._followed(state, 0) for state in states], began)
+
+    def _rows(self, seen: Sequence[Attractor | int], began: float) -> Rows:
+        n = len(seen)
+        arrays: dict[str, Anything] = {
+            **empty_columns(n, UNSETTLED),
+            "rest": np.full(n, np.nan),
+            "state": np.full((n, self.sizes[0]), np.nan),
+            "final": np.full((n, self.sizes[1]), np.nan),
+        }
+        endings, cost = [], Cost(0.0)
+        for place, motion in enumerate(seen):
+            if isinstance(motion, int):
+                arrays["kind"][place] = motion
+                endings.append(OTHER_ENDS[motion])
+                continue
+            label = motion.label
+            put_label(arrays, place, label)
+            if label.kind is OrbitKind.UNSETTLED:
+                arrays["kind"][place] = UNSETTLED
+            endings.append(str(motion.ending.value))
+            cost = cost + Cost(0.0, motion.cost.counts)
+            if label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
+                state, final, rest = self._settled(motion, label)
+            elif label.kind is OrbitKind.CHAOTIC:
+                state, final, rest = motion.states[-1], motion.final, np.nan
+            else:
+                continue
+            arrays["state"][place], arrays["rest"][place] = state, rest
+            arrays["final"][place] = self.system.pack_state(final)
+        return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
+
+    def _seen(self, start: Array) -> Attractor | int:
+        try:
+            state = self.system.state_from(start)
+        except Refused:
+            return NO_STATE
+        return self._followed(state, self.transient)
+
+    def _followed(self, state: Any, transient: int) -> Attractor | int:
+        """The motion from a state, labelled, or the number of what it comes to instead."""
+        try:
+            motion = self._moved(state, transient)
+            _ = motion.label
+        except NoCrossing:
+            return NO_CROSSING
+        except Diverged:
+            return RUNS_AWAY
+        except NoMotion:
+            return NO_MOTION
+        return motion
+
+    def _settled(self, motion: Attractor, label: OrbitLabel) -> tuple[Array, Any, float]:
+        """A state of a periodic motion once it has settled, the last one, and what is still to go.
+
+        What is still to go is told from how much better it recurs from one time to the next.
+        """
+        difference, window = self.system.difference, orbit_size(label)
+        states, final, seen = motion.states, motion.final, 0
+        later = label.simulated - len(states)
+        if later > 0:  # the label is of states after those kept, which may lie beside another orbit
+            (_, final), states = self.states_after(final, later), states[:0]
+        while True:
+            if len(states) < 3 * window:
+                states, final = self.states_after(final, 3 * window)
+                seen += 3 * window
+            early, middle, late = states[-3 * window :].reshape(3, window, -1)
+            size = max(float(np.linalg.norm(late, axis=1).max()), self.scale)
+            state, then = _farthest(late), _farthest(middle)
+            found = float(np.linalg.norm(difference(middle, state), axis=1).min())
+            before = float(np.linalg.norm(difference(early, then), axis=1).min())
+            rest = found
+            if found > _ROUNDING * size:
+                rest /= 1.0 - min(found / before if before else 1.0, _SLOWEST)
+            if found <= SETTLED * size or 2 * seen + 6 * window > _BUDGET:
+                return state, final, rest
+            _, final = self.states_after(final, max(seen, window))
+            seen, states = seen + max(seen, window), states[:0]
+
+
+def _farthest(states: Array) -> Array:
+    """Of the states of a window the one of the largest norm: it is in no chatter."""
+    return np.asarray(states[np.argmax(np.linalg.norm(states, axis=1))])
+
+
+def orbit_size(label: OrbitLabel) -> int:
+    """How many states in a row hold all states of a periodic orbit."""
+    return label.impacts or label.simulated
+
+
+@final
+class Starts(Points):
+    """All starts, (n, s)."""
+
+    def __init__(self, look: Look, starts: Array) -> None:
+        self._look = look
+        self._starts = starts
+
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    @property
+    def work(self) -> Callable[[Array], Rows]:
+        return self._look
+
+    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
+        return self._starts[first:last]
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        return {
+            "kind": "basins of attraction",
+            "system": kind_of(self._look.system),
+            **identity_of(self._look.system),
+            "transient": str(self._look.transient),
+            "keep": str(self._look.keep),
+        }
+
+    @property
+    def columns(self) -> Columns:
+        state, packed = self._look.sizes
+        return {**COLUMNS, "rest": ("f", ()), "state": ("f", (state,)), "final": ("f", (packed,))}
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        return {"starts": self._starts}

@@ -1,0 +1,83 @@
+"""Figures of basins of attraction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.validation import Array
+from dynkit.labels.label import OrbitKind
+from dynkit.plotting.figures import DOTS, circles, ink, shown_axes
+from dynkit.plotting.regions import Region, draw_regions, shades
+from dynkit.sweeps.basins.basin import Basin
+from dynkit.sweeps.basins.classification import NO_CROSSING, NO_STATE, RUNS_AWAY, UNSETTLED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def _others() -> dict[int, Region]:
+    """Regions of the starts that no basin holds, in the colours that are set now."""
+    return {
+        UNSETTLED: Region("unsettled", None, "xxxx"),
+        RUNS_AWAY: Region("runs away", None),
+        NO_CROSSING: Region("no crossing", None, "...."),
+        NO_STATE: Region("no state", ink(0.5)),
+    }
+
+
+def draw_basins(
+    basins: Sequence[Basin], starts: Array, numbers: NDArray[np.int64], ax: Axes | None
+) -> Axes:
+    """Draw basins of starts as `Basins.plot` says."""
+    if numbers.ndim == 1:
+        return _draw_fractions(basins, numbers, ax)
+    names = [f"{basin.number}: {basin.label}" for basin in basins]
+    colours = shades(len(names))
+    regions = [Region(name, colour) for name, colour in zip(names, colours, strict=True)]
+    cells = numbers.copy()
+    for number, region in _others().items():
+        cells[numbers == number] = len(regions)
+        regions.append(region)
+    (first, x), (second, y) = (_axis(starts, axis) for axis in (0, 1))
+    axes = draw_regions(ax, (x, y), (_name(first, 0), _name(second, 1)), cells, regions)
+    size = starts.shape[-1]
+    for basin in basins:
+        if first >= 0 and second >= 0 and size == basin.states.shape[1] == 2:
+            chaotic = basin.label.kind is OrbitKind.CHAOTIC
+            look = {"color": ink(), "markersize": 0.5, **DOTS} if chaotic else circles(2.5, 0.5)
+            states = basin.states[:, [first, second]]
+            axes.plot(*states.T, scalex=False, scaley=False, **look)
+    return axes
+
+
+def _axis(starts: Array, axis: int) -> tuple[int, Array]:
+    """The coordinate that changes along this axis only, and its values; else the axis itself."""
+    other = np.moveaxis(starts, axis, 0)
+    for coordinate in range(starts.shape[-1]):
+        values = other[:, 0, coordinate]
+        alone = (other[:, :, coordinate] == values[:, None]).all()
+        if alone and len(np.unique(values)) == len(values) > 1:
+            return coordinate, values
+    return -1, np.arange(len(other), dtype=np.float64)
+
+
+def _name(coordinate: int, axis: int) -> str:
+    return f"start[{coordinate}]" if coordinate >= 0 else f"starts, axis {axis}"
+
+
+def _draw_fractions(basins: Sequence[Basin], numbers: NDArray[np.int64], ax: Axes | None) -> Axes:
+    axes = shown_axes(ax)
+    bars = [(f"{b.number}: {b.label}", b.fraction) for b in basins]
+    for number, region in _others().items():
+        part = float((numbers == number).mean())
+        bars += [(region.name, part)] if part else []
+    names, parts = [name for name, _ in bars], np.array([part for _, part in bars])
+    errors = np.sqrt(parts * (1.0 - parts) / numbers.size)
+    axes.bar(range(len(bars)), parts, yerr=errors, color=ink(0.6), ecolor=ink(), capsize=2.0)
+    axes.set_xticks(range(len(bars)), names, rotation=45, ha="right")
+    axes.set_ylabel("fraction of the starts")
+    return axes

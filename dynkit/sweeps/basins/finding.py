@@ -1,0 +1,132 @@
+"""`basins`: which start leads to which attractor."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import Executor
+
+import numpy as np
+
+from dynkit.core.no_motion import Refused
+from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
+from dynkit.dynamics.map import Map
+from dynkit.engine.collecting import collect
+from dynkit.engine.points import MOST_POINTS
+from dynkit.sweeps.basins.classification import Look, Starts
+from dynkit.sweeps.basins.matching import told_apart
+from dynkit.sweeps.basins.result import Basins
+
+
+def basins(
+    system: Map,
+    starts: object,
+    *,
+    transient: int = 700,
+    keep: int = 100,
+    executor: Executor | None = None,
+    store: str | os.PathLike[str] | None = None,
+    progress: bool = True,
+) -> Basins:
+    """Find out which start leads to which attractor.
+
+    Periodic motions are followed until they recur to 1e-10, relative to the largest number of the
+    starts and of the states. Two of them have the same attractor when a state of one lies on the
+    orbit of the other, to 1e-8 and what either may still have to go: so two orbits of one label are
+    told apart, and one orbit is itself wherever along it a motion arrives. One that may still have
+    to go more than 1e-4 is unsettled.
+
+    Chaotic motions have the same attractor when the median distance of 64 states of one to the
+    nearest of 2000 states of the other is less than three times that of 512 states of the other
+    itself. Attractors that lie that near to one another are not told apart. Chaos that dies out
+    within these 2512 states is what it comes to then.
+
+    Motions at rest are told apart by why they ended.
+
+    A start on an unstable orbit stays there, and is its own basin: the label says ``unstable``. A
+    start beside an unstable orbit leaves it: the motion is followed for 20,000 states more.
+
+    Parameters
+    ----------
+    system : Map
+        An impact oscillator, or a map such as a Poincare map.
+    starts : (k1, k2, s) or (k, s) array_like
+        Numbers that make a state: the coordinates of a map, s = d; of an impact oscillator its N
+        positions, N velocities and the phase of the table, s = 2N + 1.
+    transient, keep : int
+        How many states to skip and to keep, before a motion is labelled.
+    executor : concurrent.futures.Executor, optional
+        Who simulates, in chunks: processes, threads, Dask, MPI. The result is the same bits by any
+        executor with any number of workers, and by none.
+    store : path, optional
+        An HDF5 file that keeps where the starts led, as for `dynkit.sweep`: the same call resumes
+        it, by whatever executor.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    Basins
+
+    Raises
+    ------
+    ValueError
+        When an argument is refused, by name, before anything is simulated or written; among them a
+        store of other starts, of another version, damaged, or in use. When no start is a state.
+    dynkit.WorkerLost
+        When a worker died and its executor does not start another: what was finished before is kept
+        in the store.
+    OSError
+        When the store cannot be written any more, on the way.
+
+    Examples
+    --------
+    Two stable motions of the chain at one frequency, both P(2,3):
+
+    >>> import numpy as np
+    >>> from dynkit.systems import ImpactChain
+    >>> chain = ImpactChain(frequency=0.8)
+    >>> state = chain.state()
+    >>> starts = np.tile([*state.position, *state.velocity, 0.0], (6, 1))
+    >>> starts[:, -1] = np.arange(6)  # the phase of the table
+    >>> found = basins(chain, starts, progress=False)
+    >>> [str(basin.label) for basin in found.basins]
+    ['P(2,3)', 'P(2,3)']
+    """
+    size = checked_map(system, Map).start_size
+    given = np.asarray(starts)
+    if given.ndim not in (2, 3) or not given.size:
+        raise ValueError(
+            f"starts must have shape (k, {size}) or (k1, k2, {size}), and hold one or "
+            f"more; got shape {given.shape}"
+        )
+    if given.size // size > MOST_POINTS:
+        raise ValueError(f"starts must not be more than {MOST_POINTS}; got {given.size // size}")
+    rows = finite_array("starts", starts, (*given.shape[:-1], size)).reshape(-1, size).copy()
+    rows.setflags(write=False)
+    kept = positive_integer("keep", keep)
+    look = Look(
+        system,
+        non_negative_integer("transient", transient),
+        within_memory("keep", kept, 8.0 * kept * system.dimension),
+        float(abs(rows).max()) or 1.0,
+        (system.dimension, _packed_size(system, rows)),
+    )
+    found = collect(Starts(look, rows), executor=executor, store=store, progress=progress)
+    numbers, attractors = told_apart(look, found, executor)
+    return Basins(look, rows.reshape(given.shape), numbers, attractors, found)
+
+
+def _packed_size(system: Map, rows: Array) -> int:
+    for row in rows:
+        try:
+            return len(system.pack_state(system.state_from(row)))
+        except Refused as refusal:
+            last = refusal
+    raise ValueError(f"starts must hold a state of the system; got none ({last})")

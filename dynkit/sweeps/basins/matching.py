@@ -1,0 +1,170 @@
+"""Which starts share an attractor: orbits by their states, chaos by how near its states come."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.validation import Array
+from dynkit.engine.executors import finished
+from dynkit.engine.points import Rows, chunks_of
+from dynkit.labels.columns import KINDS, label_in
+from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.sweeps.basins.classification import UNSETTLED, Look, orbit_size
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+# Orbits are the same when a state of one is this near to the other, relative to starts and states,
+# and what each may still move; orbits that may still move more than that are not told.
+_NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
+
+# Of chaos: states that stand for the attractor, and that are held against them.
+_REFERENCE, _OWN, _SAMPLE = 2000, 512, 64
+# The median distance to the nearest of them may be so many times that of the attractor's own.
+_FACTOR = 3.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An attractor: the place of the first start that leads there, and states, (n, d)."""
+
+    place: int
+    label: OrbitLabel
+    ending: str
+    states: Array
+
+
+def told_apart(
+    look: Look, rows: Rows, executor: Executor | None
+) -> tuple[NDArray[np.int64], list[Found]]:
+    """Return the number of each start's attractor, and the attractors in the order of the starts.
+
+    Numbers below zero are those of `dynkit.sweeps.basins.classification.OTHER_ENDS`.
+    """
+    chaos, rows = _chaos(look, rows, executor)
+    groups = [*chaos, *_orbits(look, rows), *_rests(rows)]
+    kinds: NDArray[np.int64] = rows.arrays["kind"]
+    numbers = np.where(kinds < 0, kinds, UNSETTLED)
+    groups.sort(key=lambda group: group[0].place)
+    for number, (_, members) in enumerate(groups):
+        numbers[members] = number
+    return numbers, [found for found, _ in groups]
+
+
+_Group = tuple[Found, NDArray[np.intp]]
+
+
+def _places(rows: Rows, *asked: OrbitKind) -> NDArray[np.intp]:
+    return np.flatnonzero(np.isin(rows.arrays["kind"], [KINDS.index(kind) for kind in asked]))
+
+
+def label_at(rows: Rows, place: int) -> OrbitLabel:
+    """Return the label of a start that has a motion."""
+    kind = int(rows.arrays["kind"][place])
+    kinds = OrbitKind.UNSETTLED if kind == UNSETTLED else KINDS[kind]
+    return label_in(rows.arrays, place, kinds)
+
+
+def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:
+    states, rests = rows.arrays["state"], rows.arrays["rest"]
+    left = _places(rows, OrbitKind.PERIODIC, OrbitKind.STICKING)
+    while len(left):
+        first = int(left[0])
+        label = label_at(rows, first)
+        start = look.system.unpack_state(rows.arrays["final"][first])
+        orbit, _ = look.states_after(start, orbit_size(label))
+        size = max(float(np.linalg.norm(orbit, axis=1).max()), look.scale)
+        if not rests[first] <= _MOST * size:
+            left = left[1:]  # it is still on its way, and stays unsettled
+            continue
+        allowed = _NEAR * size + _ERRORS * (rests[left] + rests[first])
+        same = _nearest(look, orbit, states[left]) <= np.minimum(allowed, _MOST * size)
+        same[0] = True
+        yield Found(first, label, rows.texts["ending"][first], orbit), left[same]
+        left = left[~same]
+
+
+def _nearest(look: Look, reference: Array, states: Array) -> Array:
+    """Distance of each state (k, d) to the nearest of the reference, (k,)."""
+    difference = look.system.difference
+    return np.array(
+        [np.linalg.norm(difference(reference, state), axis=1).min() for state in states]
+    )
+
+
+def _chaos(look: Look, rows: Rows, executor: Executor | None) -> tuple[list[_Group], Rows]:
+    """The chaotic attractors; and the rows, in which chaos that died out is what it came to."""
+    finals, groups, ended = rows.arrays["final"], [], {}
+    left = _places(rows, OrbitKind.CHAOTIC)
+    while len(left):
+        first = int(left[0])
+        start = look.system.unpack_state(finals[first])
+        motion = look.system.attractor(start=start, transient=1, keep=_REFERENCE + _OWN)
+        later = look.rows_from([motion.final])
+        if later.arrays["kind"][0] != KINDS.index(OrbitKind.CHAOTIC):
+            ended[first] = later
+            left = left[1:]
+            continue
+        states = motion.states
+        reference, own = states[:_REFERENCE], states[_REFERENCE:]
+        limit = _FACTOR * float(np.median(_nearest(look, reference, own)))
+        same = _medians(look, reference, finals[left], executor) <= limit
+        same[0] = True
+        found = Found(first, label_at(rows, first), rows.texts["ending"][first], reference)
+        groups.append((found, left[same]))
+        left = left[~same]
+    return groups, _changed(rows, ended)
+
+
+def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
+    arrays = {name: array.copy() for name, array in rows.arrays.items()}
+    texts = {name: list(every) for name, every in rows.texts.items()}
+    for place, later in changes.items():
+        for name, array in arrays.items():
+            array[place] = later.arrays[name][0]
+        for name, every in texts.items():
+            every[place] = later.texts[name][0]
+    return Rows(arrays, texts, rows.cost)
+
+
+def _medians(look: Look, reference: Array, finals: Array, executor: Executor | None) -> Array:
+    """Median distance to a chaotic attractor of what follows packed states (k, p), (k,)."""
+    chunks = chunks_of(len(finals))
+    medians = np.empty(len(finals))
+    tasks = [finals[slice(*chunk)] for chunk in chunks]
+    for number, found in finished(_Compared(look, reference), tasks, executor):
+        medians[slice(*chunks[number])] = found
+    return medians
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """The median distance to a chaotic attractor of the states that follow some states."""
+
+    look: Look
+    reference: Array
+
+    def __call__(self, finals: Array) -> Array:
+        medians = []
+        for packed in finals:
+            states, _ = self.look.states_after(self.look.system.unpack_state(packed), _SAMPLE)
+            medians.append(float(np.median(_nearest(self.look, self.reference, states))))
+        return np.array(medians)
+
+
+def _rests(rows: Rows) -> Iterator[_Group]:
+    endings: Sequence[str] = rows.texts["ending"]
+    left = _places(rows, OrbitKind.AT_REST)
+    for ending in dict.fromkeys(endings[place] for place in left.tolist()):
+        members = np.array([place for place in left.tolist() if endings[place] == ending])
+        first = int(members[0])
+        none = np.empty((0, rows.arrays["state"].shape[1]))
+        yield Found(first, label_at(rows, first), ending, none), members

@@ -1,0 +1,256 @@
+"""What a map of two parameters is to do, and the rows of some of its points."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion, Refused, replaced
+from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
+from dynkit.data.store import identity_of, kind_of
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.engine.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
+from dynkit.labels.columns import COLUMNS, empty_columns, put_label
+from dynkit.sweeps.plan import known_names, packed_start, start_of
+
+KIND = "map of two parameters"
+
+NO_MOTION, REFUSED = -1, -2
+
+OTHER_ENDS = {NO_MOTION: "no motion", REFUSED: "refused"}
+"""What a pair may have instead of a motion, by number: refused is a pair, or a start at it."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a map of two parameters is to do, checked by `plan_of`; small and picklable.
+
+    Parameters
+    ----------
+    family : Map or None
+        None for a map that was loaded without its system.
+    kind : str
+        The class of the system, as the user knows it.
+    names : (str, str)
+        The parameters.
+    transient, keep : int
+    observables : tuple of str
+    exponents : int
+        Over how many states the largest Lyapunov exponent is averaged; 0 for not at all.
+    start : array
+        The packed state that all points start from; empty for the system's own.
+    origin : (float, float)
+        The values at which it was packed.
+    """
+
+    family: Map | None
+    kind: str
+    names: tuple[str, str]
+    transient: int
+    keep: int
+    observables: tuple[str, ...]
+    exponents: int
+    start: Array
+    origin: tuple[float, float]
+
+    def system(self, first: float, second: float) -> Map:
+        """Return the system at a pair of values."""
+        if self.family is None:
+            raise ValueError("system must be given to load a map that is to simulate; got None")
+        return replaced(self.family, **{self.names[0]: first, self.names[1]: second})
+
+    def motion(self, first: float, second: float) -> Attractor:
+        """Simulate at a pair of values.
+
+        Raises
+        ------
+        Refused
+            When the system refuses the pair, or the start at it.
+        """
+        system = self.system(first, second)
+        start = self.system(*self.origin).unpack_state(self.start) if len(self.start) else None
+        return system.attractor(start=start, transient=self.transient, keep=self.keep)
+
+    def __call__(self, pairs: Array) -> Rows:
+        """Return what is found at pairs of values, (n, 2)."""
+        n, began = len(pairs), time.perf_counter()
+        labels = empty_columns(n, NO_MOTION)
+        largest = np.full((n, len(self.observables)), np.nan)
+        exponents = np.full(n if self.exponents else 0, np.nan)
+        endings, cost = [], Cost(0.0)
+        for row, (first, second) in enumerate(pairs.tolist()):
+            try:
+                motion = self.motion(first, second)
+                label = motion.label
+                for column, name in enumerate(self.observables):
+                    seen = motion.observable(name)
+                    largest[row, column] = seen.max() if len(seen) else np.nan
+                if self.exponents:
+                    exponents[row] = largest_exponent(motion, self.exponents)
+            except NoMotion as end:
+                kind = REFUSED if isinstance(end, Refused) else NO_MOTION
+                labels["kind"][row] = kind
+                endings.append(f"{OTHER_ENDS[kind]}: {end}")
+                continue
+            put_label(labels, row, label)
+            endings.append(str(motion.ending.value))
+            cost = cost + Cost(0.0, motion.cost.counts)
+        arrays: dict[str, Anything] = {**labels, "largest": largest}
+        if self.exponents:
+            arrays["exponent"] = exponents
+        return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
+
+
+def largest_exponent(attractor: Attractor, count: int) -> float:
+    """Return the largest Lyapunov exponent per state, from the states after those kept.
+
+    A quarter as many again come first, in which the direction that grows is found. NaN where the
+    motion ends.
+    """
+    states = attractor.states
+    if not len(states):
+        return float("nan")
+    try:
+        stretching = attractor.system.stretching(states[-1], count + count // 4)
+    except NoMotion:
+        return float("nan")
+    return float(stretching.logs[count // 4 :, 0].mean())
+
+
+def plan_of(
+    system: Map,
+    values: object,
+    *,
+    transient: int,
+    keep: int,
+    observables: Sequence[str] | None,
+    exponents: int,
+    start: object,
+) -> tuple[Plan, tuple[Array, Array]]:
+    """Check everything that can be checked without simulating, and return the plan and the values.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+    """
+    family = checked_map(system, Map)
+    if not isinstance(values, Mapping) or len(values) != 2:
+        raise ValueError(f"values must hold the values of two parameters by name; got {values!r}")
+    first, second = values
+    known = ", ".join(family.parameters) or "none"
+    for name in (first, second):
+        if name not in family.parameters:
+            raise ValueError(f"values must be of parameters among {known}; got {name!r}")
+    axes = _axis(first, values[first]), _axis(second, values[second])
+    if len(axes[0]) * len(axes[1]) > MOST_POINTS:
+        raise ValueError(
+            f"values must not make more than {MOST_POINTS} pairs; got {len(axes[0])} of {first} "
+            f"and {len(axes[1])} of {second}"
+        )
+    origin = float(axes[0][0]), float(axes[1][0])
+    for name, axis, other in ((first, axes[0], second), (second, axes[1], first)):
+        beside = origin[1] if other == second else origin[0]
+        for place, value in enumerate(axis.tolist()):
+            try:
+                replaced(family, **{name: value, other: beside})
+            except Refused as refusal:
+                at = _places_of(family, (name, value, place), (other, beside))
+                raise ValueError(f"{refusal} in {at}") from refusal
+    packed = packed_start(family.replace(**dict(zip(values, origin, strict=True))), start)
+    kept = positive_integer("keep", keep)
+    plan = Plan(
+        family,
+        kind_of(system),
+        (first, second),
+        non_negative_integer("transient", transient),
+        within_memory("keep", kept, 8.0 * kept),
+        known_names(family.observables, observables),
+        non_negative_integer("exponents", exponents),
+        packed,
+        origin,
+    )
+    return plan, axes
+
+
+def _places_of(family: Map, one: tuple[str, float, int], other: tuple[str, float]) -> str:
+    """Which of two values the system refuses; both where it refuses neither alone."""
+    name, value, place = one
+    own, beside = f"values[{name!r}][{place}]", f"values[{other[0]!r}][0]"
+    for changes, at in (({name: value}, own), (dict([other]), beside)):
+        try:
+            replaced(family, **changes)
+        except Refused:
+            return at
+    return f"{own} with {beside}"
+
+
+def _axis(name: str, values: Any) -> Array:
+    axis = finite_array(f"values[{name!r}]", values, (None,)).copy()
+    if not len(axis):
+        raise ValueError(f"values[{name!r}] must hold at least one number; got none")
+    axis.setflags(write=False)
+    return axis
+
+
+@final
+class Grid(Points):
+    """All pairs of values, the second changing fastest."""
+
+    def __init__(self, plan: Plan, values: tuple[Array, Array]) -> None:
+        self._plan = plan
+        self._values = values
+
+    def __len__(self) -> int:
+        return len(self._values[0]) * len(self._values[1])
+
+    @property
+    def work(self) -> Callable[[Array], Rows]:
+        return self._plan
+
+    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
+        i, j = np.divmod(np.arange(first, last), len(self._values[1]))
+        return np.stack([self._values[0][i], self._values[1][j]], axis=1)
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        plan = self._plan
+        return {
+            "kind": KIND,
+            "system": plan.kind,
+            "parameters": json.dumps(plan.names),
+            "start": start_of(plan.start),
+            **identity_of(plan.system(*plan.origin)),
+            "transient": str(plan.transient),
+            "keep": str(plan.keep),
+            "observables": json.dumps(plan.observables),
+            "exponents": str(plan.exponents),
+        }
+
+    @property
+    def columns(self) -> Columns:
+        plan = self._plan
+        found: Columns = {**COLUMNS, "largest": ("f", (len(plan.observables),))}
+        return {**found, "exponent": ("f", ())} if plan.exponents else found
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        first, second = self._values
+        one, other = self._plan.names
+        values = {f"values of {one}": first, f"values of {other}": second}
+        return {**values, "start": self._plan.start}

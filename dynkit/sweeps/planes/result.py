@@ -1,0 +1,350 @@
+"""The result of a map of two parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections import Counter
+from collections.abc import Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, costing, line_of, span, table
+from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import Array, index_in
+from dynkit.data import store
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Map
+from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other
+from dynkit.engine.points import Rows
+from dynkit.labels.columns import KINDS, label_in
+from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Grid, Plan
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+
+@final
+class ParameterMap:
+    """The kinds of motion at all pairs of values of two parameters, made by `parameter_map`.
+
+    Arrays are (k1, k2): row i belongs to value i of the first parameter, column j to value j of the
+    second one.
+
+    Examples
+    --------
+    >>> from dynkit import parameter_map
+    >>> from dynkit.systems import ImpactChain
+    >>> found = parameter_map(
+    ...     ImpactChain(frequency=0.87),
+    ...     {"frequency": [0.87, 0.88], "amplitude": [0.1]},
+    ...     progress=False,
+    ... )
+    >>> found
+    <ParameterMap: 2 x 1 values of frequency and amplitude; P(1,3) 2>
+    >>> found.impacts[0, 0].item(), found.periods[0, 0].item()
+    (1, 3)
+    >>> str(found.attractor(0, 0).label)
+    'P(1,3)'
+    """
+
+    def __init__(self, plan: Plan, values: tuple[Array, Array], rows: Rows) -> None:
+        self._plan = plan
+        self._values = values
+        self._rows = rows
+        self._shape = (len(values[0]), len(values[1]))
+        for array in (*values, *rows.arrays.values()):
+            array.setflags(write=False)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> ParameterMap:
+        """Open the store of a finished map; nothing is written, and nothing simulated.
+
+        Parameters
+        ----------
+        path : path
+        system : Map, optional
+            The system that was simulated, at any values of the parameters; needed for `attractor`.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of a map of two parameters, when it is not
+            finished, or was made with another system.
+        """
+        file = store.place(path)
+        archive, found = read_rows(file, KIND)
+        entries, arrays = archive.entries, archive.arrays
+        with store.understood(file, KIND):
+            first, second = json.loads(entries["parameters"])
+            values = arrays[f"given/values of {first}"], arrays[f"given/values of {second}"]
+            plan = Plan(
+                None,
+                entries["system"],
+                (first, second),
+                int(entries["transient"]),
+                int(entries["keep"]),
+                tuple(json.loads(entries["observables"])),
+                int(entries["exponents"]),
+                arrays["given/start"],
+                (float(values[0][0]), float(values[1][0])),
+            )
+            refuse_misfits(Grid(plan, values), found)
+        if system is not None:
+            kind = store.kind_of(checked_map(system, Map))
+            plan = dataclasses.replace(plan, family=system, kind=kind)
+            refuse_other(file, Grid(plan, values), archive)
+        if not found.done.all():
+            raise ValueError(
+                f"store must hold a finished map; got {found.done.sum()} of {found.count} points "
+                f"in {file}"
+            )
+        return cls(plan, values, found.rows())
+
+    # --- what was asked for -----------------------------------------------------------------------
+
+    @property
+    def parameters(self) -> tuple[str, str]:
+        """Names of the two parameters."""
+        return self._plan.names
+
+    @property
+    def values(self) -> Mapping[str, Array]:
+        """Values of the two parameters by name, (k1,) and (k2,), read-only."""
+        return MappingProxyType(dict(zip(self.parameters, self._values, strict=True)))
+
+    @property
+    def transient(self) -> int:
+        """How many states were skipped at each pair."""
+        return self._plan.transient
+
+    @property
+    def keep(self) -> int:
+        """How many states were kept at each pair."""
+        return self._plan.keep
+
+    @property
+    def observables(self) -> tuple[str, ...]:
+        """Names of the observables of which the largest values were kept."""
+        return self._plan.observables
+
+    # --- what was found ---------------------------------------------------------------------------
+
+    def _grid(self, name: str) -> NDArray[np.int64]:
+        return np.asarray(self._rows.arrays[name]).reshape(*self._shape, -1)
+
+    @property
+    def impacts(self) -> NDArray[np.int64]:
+        """The n of P(n,m), or of a map's P(n), (k1, k2); 0 where it has none."""
+        return self._grid("numbers")[..., 0]
+
+    @property
+    def periods(self) -> NDArray[np.int64]:
+        """The m of P(n,m) and P(inf,m), (k1, k2); 0 where it has none."""
+        return self._grid("numbers")[..., 1]
+
+    def where(self, kind: OrbitKind) -> NDArray[np.bool_]:
+        """Return where the motion is of a kind, (k1, k2)."""
+        return np.asarray(self._grid("kind")[..., 0] == KINDS.index(kind))
+
+    @cached_property
+    def names(self) -> NDArray[np.str_]:
+        """The labels in words, (k1, k2): P(1,3), chaotic, ``no motion`` or ``refused``.
+
+        ``P(1,3) unstable`` is a state that lies on an unstable orbit, and stays there: it shows no
+        attractor of the pair, and another start does. See `OrbitLabel.stable`.
+        Why there is no motion, or what was refused, is in `endings`.
+        """
+        kinds = self._rows.arrays["kind"].tolist()
+        texts = [OTHER_ENDS.get(kind) or str(self._label(i)) for i, kind in enumerate(kinds)]
+        found = np.array(texts).reshape(self._shape)
+        found.setflags(write=False)
+        return found
+
+    @cached_property
+    def endings(self) -> NDArray[np.str_]:
+        """Why each simulation ended, (k1, k2)."""
+        found = np.array(self._rows.texts["ending"]).reshape(self._shape)
+        found.setflags(write=False)
+        return found
+
+    def largest(self, name: str | None = None) -> Array:
+        """Return the largest kept value of an observable, (k1, k2): NaN where there is none.
+
+        Parameters
+        ----------
+        name : str, optional
+            One of `observables`; the first otherwise.
+
+        Raises
+        ------
+        ValueError
+            When it was not kept.
+        """
+        asked = self.observables[0] if name is None else name
+        if asked not in self.observables:
+            raise ValueError(f"name must be one of: {', '.join(self.observables)}; got {name!r}")
+        column: Array = self._rows.arrays["largest"][:, self.observables.index(asked)]
+        return column.reshape(self._shape)
+
+    @property
+    def exponents(self) -> Array:
+        """The largest Lyapunov exponents, per state, (k1, k2); NaN where the motion ends.
+
+        Raises
+        ------
+        ValueError
+            When none were asked for.
+        """
+        if not self._plan.exponents:
+            raise ValueError("exponents must be asked for when the map is made; got 0")
+        found: Array = self._rows.arrays["exponent"]
+        return found.reshape(self._shape)
+
+    @cached_property
+    def error(self) -> Array:
+        """How wrong the labels may be, (k1, k2), in the sense of their kinds: `OrbitLabel.error`.
+
+        NaN where there is no motion. The error of the states is that of each `attractor`.
+        """
+        labels = [self._label(place) for place in range(len(self._rows.arrays["kind"]))]
+        errors = [np.nan if label is None else label.error for label in labels]
+        found = np.array(errors).reshape(self._shape)
+        found.setflags(write=False)
+        return found
+
+    @property
+    def cost(self) -> Cost:
+        """Seconds of all workers, and counted work; what labels count is not in it."""
+        return self._rows.cost
+
+    def __repr__(self) -> str:
+        names, counts = np.unique(self.names, return_counts=True)
+        order = np.argsort(-counts, kind="stable")
+        shown = [f"{names[i]} {counts[i]}" for i in order[:6].tolist()]
+        shown += [f"{len(order) - 6} more"] if len(order) > 6 else []
+        first, second = self.parameters
+        return (
+            f"<ParameterMap: {self._shape[0]} x {self._shape[1]} values of {first} and {second}; "
+            f"{', '.join(shown)}>"
+        )
+
+    def _repr_html_(self) -> str:
+        facts: Facts = [
+            ("system", line_of(self._plan.family, self._plan.kind, self.parameters)),
+            *(
+                (name, f"{len(values)} values, {span(values)}")
+                for name, values in self.values.items()
+            ),
+        ]
+        facts += [
+            ("states at each", f"{self.keep} kept after {self.transient}"),
+            ("observables", ", ".join(self.observables)),
+            ("cost", costing(self.cost)),
+        ]
+        found = Counter(self.names.ravel().tolist()).most_common()
+        return table("ParameterMap", facts) + table("Motions", found, ("label", "pairs"))
+
+    # --- single points ----------------------------------------------------------------------------
+
+    def label(self, i: int, j: int) -> OrbitLabel:
+        """Return the label at one pair.
+
+        Raises
+        ------
+        ValueError
+            When there is no such pair, or no motion at it.
+        """
+        label = self._label(self._place(i, j))
+        if label is None:
+            why = self.endings[i, j]
+            raise ValueError(f"i, j must be a pair with a motion; got ({i}, {j}), {why}")
+        if label.periods is None:
+            return label
+
+        def harmonics() -> int:
+            return self.attractor(i, j).label.harmonics or 0
+
+        return dataclasses.replace(label, count_harmonics=harmonics)
+
+    def attractor(self, i: int, j: int) -> Attractor:
+        """Return the attractor at one pair: simulated again, the same bits.
+
+        Raises
+        ------
+        ValueError
+            When there is no such pair, or the map was loaded without its system.
+        NoMotion
+            When there is no motion at the pair.
+        """
+        self._place(i, j)
+        first, second = self._values
+        return self._plan.motion(float(first[i]), float(second[j]))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the kinds of motion over the plane of the two parameters, and return the axes.
+
+        The commonest labels have colours, of which neighbours differ in grey too, and their names
+        stand in their regions where there is room. Chaos is black, sticking is hatched.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where; a new figure of column width otherwise.
+        """
+        from dynkit.sweeps.planes.drawing import draw_map
+
+        return draw_map(self.values, self.names, self.where, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return what was found as a dataset over the two parameters.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        from dynkit.data.xarrays import dataset
+
+        over = self.parameters
+        found = {f"largest_{name}": (over, self.largest(name)) for name in self.observables}
+        if self._plan.exponents:
+            found["exponent"] = (over, self.exponents)
+        return dataset(
+            "Kinds of motion over two parameters",
+            {name: (name, values) for name, values in self.values.items()},
+            {
+                "label": (over, self.names),
+                "impacts": (over, self.impacts),
+                "periods": (over, self.periods),
+                "ending": (over, self.endings),
+                "error": (over, self.error),
+                **found,
+            },
+            cost=self.cost,
+            error="how wrong the label may be, in the sense of its kind: OrbitLabel.error",
+            system=self._plan.family,
+            facts={"transient": float(self.transient), "keep": float(self.keep)},
+        )
+
+    def _place(self, i: int, j: int) -> int:
+        for name, place, count in (("i", i, self._shape[0]), ("j", j, self._shape[1])):
+            index_in(name, place, 0, count - 1)
+        return i * self._shape[1] + j
+
+    def _label(self, place: int) -> OrbitLabel | None:
+        arrays = self._rows.arrays
+        kind = int(arrays["kind"][place])
+        return None if kind in OTHER_ENDS else label_in(arrays, place, KINDS[kind])
