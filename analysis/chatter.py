@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, finite_array, non_negative_integer
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False)
-class ChatterRatios:
+class ChatterRatios(Saved):
     """Ratios of successive flight times in a sticking event, which tend to the restitution.
 
     The event is the longest run of flights of which each is shorter than the one before.
@@ -57,6 +59,7 @@ class ChatterRatios:
     True
     """
 
+    _stored: ClassVar = ("flight_times", "cost")
     flight_times: Array
     cost: Cost = field(init=False, repr=False)
 
@@ -117,6 +120,23 @@ class ChatterRatios:
     def bounces(self) -> Array:
         """Bounce numbers, (m - 1,), of the ratios; 1 stands for the event's first two flights."""
         return np.arange(1.0, len(self.flights))
+
+    def dataset(self) -> Dataset:
+        """Return the ratios as a dataset over ``bounce``, and all flight times over ``flight``."""
+        return Dataset(
+            {"bounce": ("bounce", self.bounces)},
+            {
+                "ratio": ("bounce", self.ratios),
+                "error": ("bounce", self.error),
+                "flight_time": ("flight", self.flight_times),
+            },
+            described(
+                "Ratios of successive flight times",
+                cost=self.cost,
+                error="bound of the error of a ratio, to first order",
+                begin=float(self.begin),
+            ),
+        )
 
     def deviation(self, limit: float, *, first: int, last: int) -> float:
         """Return the largest distance of a ratio from the limit, over these bounce numbers.

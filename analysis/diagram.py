@@ -14,6 +14,8 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, costing, span, table
 from dynkit.core.validation import Array, boolean, finite_array, unmasked
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Result
 from dynkit.plotting.figures import print_style
 from dynkit.plotting.points import dots, draw_diagram
 from dynkit.sweeps import Sweep
@@ -44,7 +46,7 @@ class LabelInterval:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class BifurcationDiagram:
+class BifurcationDiagram(Result):
     r"""What orbits show, against the parameter that was swept.
 
     Parameters
@@ -163,6 +165,18 @@ class BifurcationDiagram:
     def cost(self) -> Cost:
         """What the sweep cost; nothing where numbers were given as they are."""
         return Cost(0.0) if self._sweep is None else self._sweep.cost
+
+    def dataset(self) -> Dataset:
+        """Return the observables as a dataset over the parameter and ``state``."""
+        over, labels = self.parameter, [str(label) for label in self.labels]
+        return Dataset(
+            {over: (over, self.values)},
+            {
+                **{name: ((over, f"state of {name}"), x) for name, x in self.observables.items()},
+                **({"label": (over, labels)} if labels else {}),
+            },
+            described("Bifurcation diagram", cost=self.cost, error="see Sweep.error"),
+        )
 
     @cached_property
     def intervals(self) -> tuple[LabelInterval, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Self, final
+from typing import TYPE_CHECKING, ClassVar, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array, positive, positive_integer
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.flow import Flow
 from dynkit.plotting.figures import ink, print_style, shown_axes
@@ -32,7 +34,7 @@ _POINTS = 400
 
 
 @final
-class LyapunovSpectrum:
+class LyapunovSpectrum(Saved):
     """All Lyapunov exponents of a motion, from exact derivatives, with errors.
 
     A frame of all directions is carried along the motion and made orthonormal after every iterate
@@ -88,6 +90,11 @@ class LyapunovSpectrum:
     >>> bool(abs(spectrum.exponents[0] - np.log(2.0)) < 3.0 * spectrum.error[0])
     True
     """
+
+    _stored: ClassVar = ("_name", "_is_flow", "_iterations", "_run")
+    _name: str
+    _is_flow: bool
+    _iterations: int
 
     def __init__(self, attractor: Attractor, iterations: int = 10_000) -> None:
         source = attractor_of(attractor)
@@ -151,7 +158,8 @@ class LyapunovSpectrum:
     def _take(
         self, system: SmoothMap | Flow, stretching: Callable[[int], Stretching], iterations: int
     ) -> None:
-        self._system, self._stretching = system, stretching
+        self._name, self._is_flow = type(system).__name__, isinstance(system, Flow)
+        self._stretching = stretching
         self._iterations = positive_integer("iterations", iterations)
         if self._iterations < LEAST:
             raise ValueError(f"iterations must be at least {LEAST}; got {iterations}")
@@ -165,7 +173,7 @@ class LyapunovSpectrum:
             found = self._stretching(total)
         logs, errors = found.logs[-self._iterations :], found.errors[-self._iterations :]
         times = None if found.times is None else found.times[-self._iterations :]
-        if isinstance(self._system, Flow) and times is not None:
+        if self._is_flow and times is not None:
             logs, errors = logs / times[:, None], errors / times[:, None]
         cost = Cost(time.perf_counter() - began, {"iterates": total})
         return logs, errors, times, cost
@@ -226,8 +234,8 @@ class LyapunovSpectrum:
     @cached_property
     def _per_time(self) -> tuple[Array, Array]:
         if self._run[2] is None:
-            raise ValueError(f"system must have return times; got {self._system!r}")
-        if isinstance(self._system, Flow):
+            raise ValueError(f"system must have return times; got a {self._name}")
+        if self._is_flow:
             return self._exponents
         (duration,), _ = self._estimate(lambda _, duration: duration)
         return self._exponents_of(
@@ -318,13 +326,34 @@ class LyapunovSpectrum:
         """
         return self._averages[0].change
 
+    def dataset(self) -> Dataset:
+        """Return the exponents as a dataset over ``exponent``, which counts from 1."""
+        each = "exponent"
+        found = {"value": (each, self.exponents), "error": (each, self.error)}
+        if self._run[2] is not None:
+            found["per_time"] = each, self.per_time
+            found["per_time_error"] = each, self.per_time_error
+        return Dataset(
+            {each: (each, np.arange(1, len(self.exponents) + 1))},
+            found,
+            described(
+                f"Lyapunov exponents of {self._name}",
+                cost=self.cost,
+                error="one standard error, which covers about 68 %",
+                sum=self.sum,
+                sum_error=self.sum_error,
+                dimension=self.dimension,
+                dimension_error=self.dimension_error,
+            ),
+        )
+
     @property
     def cost(self) -> Cost:
         """Seconds, and iterates that were followed."""
         return self._run[3]
 
     def __repr__(self) -> str:
-        name = type(self._system).__name__
+        name = self._name
         if "_run" not in vars(self):
             return f"<LyapunovSpectrum of {name}: {self._iterations} iterates, when asked for>"
         values, errors = self._exponents

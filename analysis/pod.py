@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, ClassVar, Literal, final
 
 import numpy as np
 
 from dynkit.analysis.averages import amplitudes, standard_errors
-from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, change_of
+from dynkit.analysis.pod_averages import (
+    KnowsAverages,
+    PlainAverages,
+    averages_of,
+    change_of,
+)
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, in_interval, positive, positive_integer
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +29,7 @@ _SHARE = 0.99
 
 
 @final
-class POD:
+class POD(Saved):
     """Proper orthogonal decomposition of R, the time average of x x^T.
 
     Its eigenvectors are the proper orthogonal modes, its eigenvalues their mean squares: the power
@@ -63,6 +70,10 @@ class POD:
     (1, 2)
     """
 
+    _stored: ClassVar = ("about", "_normal_modes", "_averages", "change")
+    about: str
+    _normal_modes: Array | None
+
     def __init__(
         self,
         source: object,
@@ -72,7 +83,7 @@ class POD:
     ) -> None:
         if about not in ("origin", "mean"):
             raise ValueError(f"about must be 'origin' or 'mean'; got {about!r}")
-        self.about = about
+        self.about: str = about
         self._normal_modes = getattr(getattr(source, "system", None), "modal_matrix", None)
         self._averages_of = averages_of(source, times)
         self._change_of = partial(change_of, source)
@@ -87,8 +98,10 @@ class POD:
         return f"<POD about the {self.about}: {share} in {rank} of {len(self.power)} modes{doubt}>"
 
     @cached_property
-    def _averages(self) -> Averages:
-        return self._averages_of()
+    def _averages(self) -> PlainAverages:
+        found = self._averages_of()
+        batches = found.products, found.sums, found.durations
+        return PlainAverages(*batches, found.error, found.mean_error, found.cost)
 
     @cached_property
     def _products(self) -> Array:
@@ -149,6 +162,27 @@ class POD:
         power, modes = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
         modes = modes * np.where(modes[-1] < 0.0, -1.0, 1.0)
         return _read_only(power), _read_only(modes)
+
+    def dataset(self) -> Dataset:
+        """Return powers and modes as a dataset over ``mode`` and ``coordinate``, from 1."""
+        count = np.arange(1, len(self.power) + 1)
+        return Dataset(
+            {"mode": ("mode", count), "coordinate": ("coordinate", count)},
+            {
+                "power": ("mode", self.power),
+                "standard_error": ("mode", self.standard_errors),
+                "cumulative": ("mode", self.cumulative),
+                "shape": (("coordinate", "mode"), self.modes),
+                "mean": ("coordinate", self.mean),
+            },
+            described(
+                f"Proper orthogonal modes about the {self.about}",
+                cost=self.cost,
+                error="bound of the error of any power as an average over this motion",
+                power_error=self.error,
+                batches=float(self.batches),
+            ),
+        )
 
     @property
     def power(self) -> Array:

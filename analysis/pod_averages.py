@@ -64,8 +64,8 @@ class KnowsAverages(Protocol):
 
 @final
 @dataclass(frozen=True, eq=False)
-class SampleAverages:
-    """Sums over samples, as `Averages` has them; without times each sample lasts one."""
+class PlainAverages:
+    """`Averages` as they are stored; sums over samples, of which each lasts one without times."""
 
     products: Array
     sums: Array
@@ -99,7 +99,7 @@ def averages_of(source: object, times: object = None) -> Callable[[], Averages]:
     return partial(_sums, samples, *_trapezoidal(finite_array("times", times, (len(samples),))))
 
 
-def _sums(samples: Array, weights: Array, coarse: Array | None) -> SampleAverages:
+def _sums(samples: Array, weights: Array, coarse: Array | None) -> PlainAverages:
     """Averages of samples (k, N) with weights (k,), and with those of every second one."""
     began = time.perf_counter()
     count = min(BATCHES, len(samples))
@@ -118,7 +118,7 @@ def _sums(samples: Array, weights: Array, coarse: Array | None) -> SampleAverage
         mean_error += float(abs(half - sums.sum(axis=0) / total).max()) / 3.0
     durations = np.array([weights[b].sum() for b in batches])
     cost = Cost(time.perf_counter() - began, {"samples": len(samples)})
-    return SampleAverages(products, sums, durations, error, mean_error, cost)
+    return PlainAverages(products, sums, durations, error, mean_error, cost)
 
 
 def _trapezoidal(times: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from dynkit.analysis.series import (
 )
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, finite_scalar, positive_integer
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.figures import ink, print_style
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @final
-class StroboscopicSection:
+class StroboscopicSection(Saved):
     """States of a driven motion once in every period of the forcing, at one phase.
 
     Parameters
@@ -71,22 +73,47 @@ class StroboscopicSection:
         began = time.perf_counter()
         self.phase = finite_scalar("phase", phase) % TWO_PI
         self._attractor: Attractor | None = None
-        self.times = np.empty(0)
+        self.times, self._default = np.empty(0), (0, 1)
         source = source_of(source)
         if isinstance(source, Attractor):
             self._attractor = source
             self.times = _strobe_times(source, self.phase, periods)
             self.states = source.time_series(self.times)
+            d = self.states.shape[1]
+            self._names = tuple(coordinate_name(source, k) for k in range(d))
+            if is_impact_oscillator(source.system):
+                first = contact_coordinate(source)
+                self._default = first, first + d // 2
         else:
             if periods is not None:
                 raise ValueError(f"periods must be left out with an array; got {periods!r}")
             self.states = _given(source)
+            self._names = tuple(f"coordinate {k}" for k in range(self.states.shape[1]))
         self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
         for array in (self.times, self.states):
             array.setflags(write=False)
 
+    _stored: ClassVar = ("phase", "times", "states", "cost", "error", "_names", "_default")
+    phase: float
+    times: Array
     states: Array
     cost: Cost
+    _names: tuple[str, ...]
+    _default: tuple[int, int]
+
+    def dataset(self) -> Dataset:
+        """Return the states as a dataset; of an array there are no times."""
+        times = {"time": ("state", self.times)} if len(self.times) else {}
+        return Dataset(
+            times,
+            {"coordinate": (("state", "coordinate"), self.states)},
+            described(
+                f"Stroboscopic section at phase {self.phase:.6g}",
+                cost=self.cost,
+                error="estimate of the largest error of the states",
+                state_error=self.error,
+            ),
+        )
 
     def __repr__(self) -> str:
         return f"<StroboscopicSection: {len(self.states)} states at phase {self.phase:.6g}>"
@@ -116,19 +143,12 @@ class StroboscopicSection:
         ValueError
             When there is no such coordinate.
         """
-        attractor, d = self._attractor, self.states.shape[1]
-        default, names = (0, 1), [f"coordinate {k}" for k in range(d)]
-        if attractor is not None:
-            names = [coordinate_name(attractor, k) for k in range(d)]
-            if is_impact_oscillator(attractor.system):
-                first = contact_coordinate(attractor)
-                default = first, first + d // 2
-        chosen = _chosen(coordinates, default, d)
-        return draw_points(ax, self.states[:, chosen], [names[k] for k in chosen])
+        chosen = _chosen(coordinates, self._default, self.states.shape[1])
+        return draw_points(ax, self.states[:, chosen], [self._names[k] for k in chosen])
 
 
 @final
-class ImpactSection:
+class ImpactSection(Saved):
     """States of a motion just after its impacts.
 
     Parameters
@@ -164,11 +184,15 @@ class ImpactSection:
     def __init__(self, source: object) -> None:
         began = time.perf_counter()
         self._attractor: Attractor | None = None
+        self._table = None
         source = source_of(source)
         if isinstance(source, Attractor):
             if not is_impact_oscillator(source.system):
                 raise ValueError(f"source must be a motion with impacts; got {source.system!r}")
             self._attractor, self.states = source, source.states
+            system: Any = source.system
+            speed = float(system.amplitude * system.frequency)
+            self._table = contact_coordinate(source), speed
         else:
             self.states = _given(source)
             self.states.setflags(write=False)
@@ -176,8 +200,28 @@ class ImpactSection:
             raise ValueError("source must hold an impact or more; got 0")
         self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
 
+    _stored: ClassVar = ("states", "cost", "error", "_table")
     states: Array
     cost: Cost
+    _table: tuple[int, float] | None
+
+    def dataset(self) -> Dataset:
+        """Return the impacts as a dataset over ``impact``."""
+        others = {"coordinate": (("impact", "coordinate"), self.states[:, :-2])}
+        return Dataset(
+            {},
+            {
+                "phase": ("impact", self.phase),
+                "relative_velocity": ("impact", self.relative_velocity),
+                **others,
+            },
+            described(
+                "Impacts in the section of the table",
+                cost=self.cost,
+                error="estimate of the largest error of the states",
+                state_error=self.error,
+            ),
+        )
 
     @property
     def relative_velocity(self) -> Array:
@@ -218,14 +262,13 @@ class ImpactSection:
         ValueError
             When the source is an array: it does not say how the table moves.
         """
-        if self._attractor is None:
+        if self._table is None:
             raise ValueError("source must be an attractor to draw velocities; got an array")
-        system: Any = self._attractor.system
-        contact = contact_coordinate(self._attractor)
+        contact, speed = self._table
         name = f"velocity $v_{{{contact + 1}}}$ after impact"
 
         def table(phase: Array) -> Array:
-            return np.asarray(system.amplitude * system.frequency * np.cos(phase))
+            return np.asarray(speed * np.cos(phase))
 
         velocity = table(self.phase) + self.relative_velocity
         axes = draw_points(ax, np.stack([self.phase, velocity], axis=1), (PHASE, name))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive, positive_integer
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.figures import ink, print_style, shown_axes
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @final
-class Sensitivity:
+class Sensitivity(Saved):
     """How two motions part that start a little apart on an attractor.
 
     All coordinates of the attractor's last state are changed by the same distance, and both states
@@ -53,9 +55,14 @@ class Sensitivity:
     True
     """
 
+    _stored: ClassVar = ("_name", "_iterations", "_run")
+    _name: str
+    _iterations: int
+
     def __init__(self, attractor: Attractor, distance: float = 1e-8, iterations: int = 100) -> None:
         source = attractor_of(attractor)
         self._start, self._system = np.asarray(source.states[-1]), source.system
+        self._name = type(self._system).__name__
         self._distance = positive("distance", distance)
         self._iterations = positive_integer("iterations", iterations)
 
@@ -87,13 +94,26 @@ class Sensitivity:
         """What single iterates may add to a distance; it grows as the distance itself does."""
         return self._run[1]
 
+    def dataset(self) -> Dataset:
+        """Return the distances as a dataset over ``iterate``, which counts from 0."""
+        return Dataset(
+            {"iterate": ("iterate", np.arange(len(self.distances)))},
+            {"distance": ("iterate", self.distances)},
+            described(
+                f"Distances of two motions of {self._name}",
+                cost=self.cost,
+                error="what single iterates may add to a distance",
+                iterate_error=self.error,
+            ),
+        )
+
     @property
     def cost(self) -> Cost:
         """Seconds, and iterates of both motions."""
         return self._run[2]
 
     def __repr__(self) -> str:
-        name = type(self._system).__name__
+        name = self._name
         if "_run" not in vars(self):
             return f"<Sensitivity of {name}: {self._iterations} iterations, when asked for>"
         first, last = self.distances[[0, -1]].tolist()

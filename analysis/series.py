@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from dynkit.analysis.motions import source_of
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, finite_array
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.points import displacement, draw_motion
 
@@ -26,7 +28,7 @@ _PERIODS, _SAMPLES = 12, 100
 
 
 @final
-class TimeSeries:
+class TimeSeries(Saved):
     """One coordinate of a motion against time.
 
     Parameters
@@ -68,7 +70,7 @@ class TimeSeries:
     ) -> None:
         began = time.perf_counter()
         self._attractor: Attractor | None = None
-        self.coordinate: int | None = None
+        self.coordinate = None
         self.name = "value"
         source = source_of(source)
         if isinstance(source, Attractor):
@@ -93,8 +95,14 @@ class TimeSeries:
         for array in (self.times, self.values):
             array.setflags(write=False)
 
+    _stored: ClassVar = (
+        *("times", "values", "name", "coordinate", "cost", "table", "impacts", "error"),
+        "_contacts",
+    )
     times: Array
     values: Array
+    name: str
+    coordinate: int | None
     cost: Cost
 
     def __repr__(self) -> str:
@@ -142,15 +150,35 @@ class TimeSeries:
         -------
         Axes
         """
+        if self._contacts is None:
+            return draw_motion(ax, self.times, self.values, self.name)
+        stops, at = self._contacts
+        return draw_motion(ax, self.times, self.values, self.name, stops, (self.impacts, at))
+
+    @cached_property
+    def _contacts(self) -> tuple[tuple[Array, ...], Array] | None:
+        """Places of the stops, (k,) each, and of the impacts; None of another coordinate."""
         attractor, table = self._attractor, self.table
         if attractor is None or table is None or self.coordinate != contact_coordinate(attractor):
-            return draw_motion(ax, self.times, self.values, self.name)
+            return None
         system: Any = attractor.system
-        stops, play = [table], getattr(system, "play", math.inf)
-        if play != math.inf:
-            stops.append(table + (play if system.side == "above" else -play))
-        at = attractor.time_series(self.impacts)[:, self.coordinate]
-        return draw_motion(ax, self.times, self.values, self.name, stops, (self.impacts, at))
+        play = getattr(system, "play", math.inf)
+        other = () if play == math.inf else (table + (play if system.side == "above" else -play),)
+        return (table, *other), attractor.time_series(self.impacts)[:, self.coordinate]
+
+    def dataset(self) -> Dataset:
+        """Return the values as a dataset over time, with the table and the times of impacts."""
+        table = {} if self.table is None else {"table": ("time", self.table)}
+        return Dataset(
+            {"time": ("time", self.times)},
+            {"value": ("time", self.values), **table, "impact_time": ("impact", self.impacts)},
+            described(
+                f"Time series of {self.name}",
+                cost=self.cost,
+                error="estimate of the largest error of the values",
+                value_error=self.error,
+            ),
+        )
 
 
 # --- what is known about motions ------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from dynkit.analysis.series import (
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, finite_array
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 
@@ -34,7 +36,7 @@ _HEIGHT = 2.5
 
 
 @final
-class SpaceTime:
+class SpaceTime(Saved):
     """Displacements of all masses at given times.
 
     Parameters
@@ -95,9 +97,26 @@ class SpaceTime:
         for array in (self.times, self.displacements):
             array.setflags(write=False)
 
+    _stored: ClassVar = ("times", "displacements", "cost", "error")
     times: Array
     displacements: Array
     cost: Cost
+
+    def dataset(self) -> Dataset:
+        """Return the displacements as a dataset over ``time`` and ``mass``, which counts from 1."""
+        return Dataset(
+            {
+                "time": ("time", self.times),
+                "mass": ("mass", np.arange(1, self.displacements.shape[-1] + 1)),
+            },
+            {"displacement": (("time", "mass"), self.displacements)},
+            described(
+                "Displacements of all masses",
+                cost=self.cost,
+                error="estimate of the largest error of the displacements",
+                displacement_error=self.error,
+            ),
+        )
 
     def __repr__(self) -> str:
         samples, masses = self.displacements.shape

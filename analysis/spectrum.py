@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from dynkit.analysis.series import (
 )
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, non_negative, positive, positive_integer
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 from dynkit.orbits.harmonics import Harmonics, harmonics_of
 from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
@@ -45,7 +47,7 @@ _FAINTEST = 1e-12
 
 
 @final
-class PowerSpectrum:
+class PowerSpectrum(Saved):
     """Power spectral density of one coordinate: mean square about the mean per angular frequency.
 
     Welch's method: the mean of the periodograms of half-overlapping segments, each less its mean
@@ -99,6 +101,19 @@ class PowerSpectrum:
     4.5
     """
 
+    _stored: ClassVar = (
+        *("interval", "segments", "name", "table_frequency", "_count", "_finer", "_length"),
+        *("_step", "change", "error", "_estimate", "variance", "cost", "lines"),
+    )
+    interval: float
+    segments: int
+    name: str
+    table_frequency: float | None
+    _count: int
+    _finer: int
+    _length: int
+    _step: float
+
     def __init__(
         self,
         source: object,
@@ -109,7 +124,7 @@ class PowerSpectrum:
         segments: int = 8,
     ) -> None:
         self._source: Attractor | None = None
-        self.table_frequency: float | None = None
+        self.table_frequency = None
         self.name, self._coordinate, self._finer, multiple = "values", 0, 1, 1
         step = None if interval is None else positive("interval", interval)
         source = source_of(source)
@@ -144,7 +159,7 @@ class PowerSpectrum:
 
     def __repr__(self) -> str:
         samples = f"{self._count} samples {self.interval:.6g} apart in {self.segments} segments"
-        known = "_samples" in vars(self)
+        known = "_estimate" in vars(self)
         doubt = f"; {self.change}" if known and self.change is not None else ""
         return f"<PowerSpectrum: {samples}, resolution {self.resolution:.3g}{doubt}>"
 
@@ -243,12 +258,12 @@ class PowerSpectrum:
         """Power spectral density, (m,), per unit of angular frequency."""
         return self._estimate[1]
 
-    @property
+    @cached_property
     def variance(self) -> float:
         """Variance of the samples."""
         return float(np.var(self._samples[0]))
 
-    @property
+    @cached_property
     def cost(self) -> Cost:
         """Seconds and samples."""
         seconds = self._samples[1] + self._estimate[2]
@@ -284,6 +299,21 @@ class PowerSpectrum:
         samples = math.ceil(TWO_PI / (frequency * self._step))
         times = np.linspace(0.0, TWO_PI / frequency, samples + 1)
         return harmonics_of(self._source.time_series(times)[:, self._coordinate], frequency)
+
+    def dataset(self) -> Dataset:
+        """Return the density as a dataset over the angular frequency."""
+        return Dataset(
+            {"frequency": ("frequency", self.frequencies)},
+            {"density": ("frequency", self.density)},
+            described(
+                f"Power spectral density of {self.name}",
+                cost=self.cost,
+                error="relative standard error of a density of a motion without lines",
+                relative_error=self.error,
+                resolution=self.resolution,
+                variance=self.variance,
+            ),
+        )
 
     def power(self, low: float, high: float) -> float:
         """Return the part of the variance between two angular frequencies.

@@ -166,10 +166,10 @@ BAD_INPUT = [
         ),
     ),
     (
-        ["continue", "--frequency", "0.35", "--from", "0.3", "--to", "0.4"],
+        ["continue", "--frequency", "1.346", "--from", "1.3", "--to", "1.4"],
         (
             "continue: error: impacts and periods must be given where the motion is not P(n,m) "
-            "or P(inf,m); at frequency 0.35 it is chaotic"
+            "or P(inf,m); at frequency 1.346 it is chaotic"
         ),
     ),
 ]

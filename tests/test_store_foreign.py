@@ -3,6 +3,7 @@
 Each byte and each length of one store are tried in tests/test_store.py; here are all readers.
 """
 
+import json
 import os
 import socket
 from collections.abc import Callable, Iterator
@@ -20,7 +21,6 @@ from dynkit.data import store
 from dynkit.data.store import Archive
 from dynkit.systems import Henon, Logistic
 
-ROOT = Path(__file__).resolve().parent
 RATES = np.linspace(3.4, 3.9, 6)
 ORBIT = dynkit.periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
 FIXED = dynkit.periodic_orbit(Logistic(rate=2.5), [0.6])
@@ -55,7 +55,7 @@ NOT_NEEDED = {
     "Sweep": ("dynkit",),
     "Branch": ("dynkit",),
     "BifurcationCurve": ("dynkit",),
-    "Network": ("dynkit", "kind"),
+    "Network": ("dynkit",),
 }
 
 
@@ -74,14 +74,6 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Archive]:
         Logistic(rate=2.9), "rate", (2.0, 3.3), impacts=1, seeds=[first.orbit(0)], values=2
     ).save(folder / "network")
     return {kind: store.read(folder / kind) for kind in KINDS}
-
-
-def test_a_branch_of_an_older_version_is_read() -> None:
-    old = Branch.load(ROOT / "continuation" / "format-1.h5", ORBIT)
-    (doubling,) = old.bifurcations
-    assert doubling.value == pytest.approx(0.75 * 0.7**2, rel=1e-14)  # as in test_curves.py
-    assert abs(doubling.orbit.multipliers + 1.0).min() < 1e-10
-    assert (old.label, old.name) == ("P(1)", "a")
 
 
 def refusal(reader: str, path: Path) -> str:
@@ -226,6 +218,35 @@ def test_arrays_made_by_hand_are_refused_or_numbers(
         for other in (np.empty(0), rows[:-1], rows[None], np.array([b"x"] * len(rows)), rows + 1j):
             store.write(place, Archive(archive.entries, {**archive.arrays, name: other}))
             used(reader, place)
+
+
+def places_in(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The places of all values in nested lists and mappings."""
+    yield path
+    parts: Any = tree.items() if isinstance(tree, dict) else ()
+    for key, part in enumerate(tree) if isinstance(tree, list) else parts:
+        yield from places_in(part, (*path, key))
+
+
+@pytest.mark.parametrize("reader", ["Branch.load, orbit", "BifurcationCurve.load, orbit"])
+def test_values_made_by_hand_are_refused_or_data(
+    reader: str, place: Path, archives: dict[str, Archive]
+) -> None:
+    archive = archives[READERS[reader][0]]
+    tree = json.loads(archive.arrays["json"].tobytes())
+    refused = 0
+    for path in list(places_in(tree))[1:]:
+        others: tuple[Any, ...] = (None, [], {}, "../../x", 5, -1, 1e308, [[1.0]])
+        for other in others:
+            changed = json.loads(json.dumps(tree))
+            parent = changed
+            for key in path[:-1]:
+                parent = parent[key]
+            parent[path[-1]] = other
+            text = np.frombuffer(json.dumps(changed).encode(), dtype=np.uint8)
+            store.write(place, Archive(archive.entries, {**archive.arrays, "json": text}))
+            refused += not used(reader, place)
+    assert refused > 100
 
 
 @EACH_READER

@@ -13,7 +13,7 @@ import xarray as xr
 
 import dynkit
 from dynkit import Branch, basins, sweep
-from dynkit.data.xarrays import Variables, dataset
+from dynkit.data.dataset import Dataset, Variables
 from dynkit.systems import BouncingBall, ImpactChain, Logistic
 from tests.test_costs_and_errors import RESULTS
 
@@ -124,6 +124,6 @@ def test_without_xarray_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch
 
 def test_complex_arrays_become_two_and_those_of_nothing_are_left_out() -> None:
     given: Variables = {"z": ("k", [1j]), "own": (("k", "unknown"), np.empty((1, 0)))}
-    made = dataset("x", {}, given, cost=dynkit.Cost(0.0), error="none")
+    made = Dataset({}, given, {}).to_xarray()
     assert set(made) == {"z_real", "z_imaginary"}
     assert (made.z_real.item(), made.z_imaginary.item()) == (0.0, 1.0)

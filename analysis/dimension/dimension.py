@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, inf, nan
 from types import MappingProxyType
-from typing import TYPE_CHECKING, final, get_args
+from typing import TYPE_CHECKING, ClassVar, final, get_args
 
 import numpy as np
 
@@ -37,6 +37,8 @@ from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_scalar, positive
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ _LEAST_SPAN = 128.0  # of the radii, also when all states are one point
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class CorrelationDimension:
+class CorrelationDimension(Saved):
     """The correlation dimension of a set of states, after Grassberger and Procaccia.
 
     C(r) is the part of all pairs of states that are at most r apart; where it is a power of r, the
@@ -115,6 +117,10 @@ class CorrelationDimension:
     (0.0, 'FINITE')
     """
 
+    _stored: ClassVar = (
+        *("norm", "least_ratio", "states", "turns", "window", "diameter", "_found", "change"),
+        *("_apart", "takens"),
+    )
     source: Attractor | Array
     norm: Norm = "maximum"
     theiler: int | None = None
@@ -319,6 +325,28 @@ class CorrelationDimension:
         if self.outcome is not Outcome.FINITE or self.region is None:
             return None
         return round(1.0 / float(self.sums.values[self.sums.radii <= self.region.high][-1]))
+
+    def dataset(self) -> Dataset:
+        """Return the correlation sums and their local slopes as a dataset over the radius."""
+        sums, slopes = self.sums, self.local_slopes
+        return Dataset(
+            {"radius": ("radius", sums.radii), "slope_radius": ("slope_radius", slopes.radii)},
+            {
+                "correlation_sum": ("radius", sums.values),
+                "correlation_sum_error": ("radius", sums.error),
+                "local_slope": ("slope_radius", slopes.values),
+                "local_slope_error": ("slope_radius", slopes.errors),
+            },
+            described(
+                "Correlation dimension",
+                cost=self.cost,
+                error="one standard error, which covers about 68 %",
+                dimension=self.value,
+                dimension_error=self.error,
+                outcome=self.outcome.value,
+                window=float(self.window),
+            ),
+        )
 
     @property
     def cost(self) -> Cost:

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.continuation.archive import ERROR, ends, error_known, identity_of, refuse_other_orbits
 from dynkit.continuation.arclength import OrbitEquations
 from dynkit.continuation.bifurcations import Bifurcation, given, shown
 from dynkit.continuation.termination import Ending, Reason
 from dynkit.core.cost import Cost
+from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, index_in
+from dynkit.data.dataset import Dataset, Variables, described
+from dynkit.data.result import Saved, read_result, write_result
+from dynkit.data.store import Archive
 from dynkit.orbits.newton import error_bound
 from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.axes import Axes
 
-    from dynkit.core.smooth_map import SmoothMap
     from dynkit.orbits.problem import PeriodicOrbit
 
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Branch:
+class Branch(Saved):
     """Periodic orbits that hang together as one parameter changes, made by `continue_orbit`.
 
     Its k points stand in the order in which the curve is run through; orbits are made of them when
@@ -72,6 +78,10 @@ class Branch:
     P(2) True
     """
 
+    _stored: ClassVar = (
+        *("name", "label", "parameter", "unknowns", "multipliers", "admissible", "residuals"),
+        *("bifurcations", "endings", "cost", "error"),
+    )
     name: str
     label: str
     parameter: Array
@@ -84,7 +94,6 @@ class Branch:
     cost: Cost
     _problem: Problem | None
     _system: SmoothMap | None
-    _error: Array | None = None
     _observables: dict[str, Array] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -109,12 +118,10 @@ class Branch:
 
         The parameter is measured in its range, the unknowns in their typical sizes.
         """
-        error = self._error
-        if error is None:
-            low, high = float(self.parameter.min()), float(self.parameter.max())
-            equations = OrbitEquations(self.problem, high - low or 1.0)
-            points = np.column_stack([self.unknowns, self.parameter])
-            error = np.array([_distance(equations, y) for y in points])
+        low, high = float(self.parameter.min()), float(self.parameter.max())
+        equations = OrbitEquations(self.problem, high - low or 1.0)
+        points = np.column_stack([self.unknowns, self.parameter])
+        error = np.array([_distance(equations, y) for y in points])
         error.setflags(write=False)
         return error
 
@@ -225,24 +232,38 @@ class Branch:
 
         return draw_branch(self, ax, y)
 
-    def to_xarray(self) -> xarray.Dataset:
+    def dataset(self) -> Dataset:
         """Return its points as a dataset.
 
         Dimensions are ``point``, ``multiplier``, ``unknown``, ``state`` and ``bifurcation``. Where
         orbits can be made of it, what `plot` draws by default is in it: the first observable.
-
-        Returns
-        -------
-        xarray.Dataset
-
-        Raises
-        ------
-        ImportError
-            When xarray is not installed.
         """
-        from dynkit.continuation.datasets import branch_dataset
-
-        return branch_dataset(self)
+        each = "point"
+        drawn: Variables = {}
+        if self._problem is not None:
+            name = self.system.observables[0]
+            drawn = {name: ((each, "state"), self.observable(name))}
+        return Dataset(
+            {self.name: (each, self.parameter)},
+            {
+                "stable": (each, self.stable),
+                "admissible": (each, self.admissible),
+                **drawn,
+                "multiplier": ((each, "multiplier"), self.multipliers),
+                "unknowns": ((each, "unknown"), self.unknowns),
+                "residual": (each, self.residuals),
+                **error_known(self),
+                **of_bifurcations(self.bifurcations),
+            },
+            described(
+                f"Branch of {self.label}",
+                cost=self.cost,
+                error=ERROR,
+                system=self._system,
+                swept=(self.name,),
+                **ends(self.endings),
+            ),
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
@@ -250,11 +271,10 @@ class Branch:
         Raises
         ------
         ValueError
-            When it cannot be written there.
+            When it cannot be written there, the system cannot be told from others, or the branch
+            was loaded without an orbit.
         """
-        from dynkit.continuation.archive import save_branch
-
-        save_branch(self, path)
+        write_result(path, self, identity_of(self.system, self.first()))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None) -> Branch:
@@ -273,9 +293,48 @@ class Branch:
             When the file is missing, damaged or no store of a branch, or the orbit is of another
             kind or system.
         """
-        from dynkit.continuation.archive import load_branch
+        branch, file, archive = read_result(path, cls)
+        return branch if orbit is None else branch.with_orbits(file, archive, orbit, branch.first())
 
-        return load_branch(path, orbit)
+    def with_orbits(
+        self, file: Path, archive: Archive, orbit: PeriodicOrbit, free: Mapping[str, float]
+    ) -> Branch:
+        """Return it, which was read, as a branch that makes orbits like the one given.
+
+        The store names its system with the parameter at the value that is given as free.
+
+        Raises
+        ------
+        ValueError
+            When the orbit is of another kind or system than that of the store.
+        """
+        refuse_other_orbits(file, archive, self.label, self.unknowns, orbit, free)
+        problem = orbit.problem(self.name)
+        bifurcations = tuple(
+            dataclasses.replace(found, _problem=problem) for found in self.bifurcations
+        )
+        branch = dataclasses.replace(
+            self, bifurcations=bifurcations, _problem=problem, _system=orbit.system
+        )
+        vars(branch)["error"] = self.error
+        return branch
+
+    def first(self) -> dict[str, float]:
+        """Return the parameter's first value, by its name."""
+        return {self.name: float(self.parameter[0])}
+
+
+def of_bifurcations(found: Sequence[Bifurcation]) -> Variables:
+    """Return the numbers of bifurcations as variables of a dataset."""
+    kinds: dict[str, Any] = {
+        "kind": "U2",
+        "value": float,
+        "admissible": bool,
+        "error": float,
+        "place": float,
+    }
+    columns = {name: np.array([getattr(b, name) for b in found], of) for name, of in kinds.items()}
+    return {f"bifurcation_{name}": ("bifurcation", column) for name, column in columns.items()}
 
 
 def _distance(equations: OrbitEquations, y: Array) -> float:

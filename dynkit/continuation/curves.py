@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.continuation.archive import ERROR, ends, error_known, identity_of, refuse_other_orbits
 from dynkit.continuation.arclength import Follower, Point
 from dynkit.continuation.bifurcations import Bifurcation, given
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
@@ -23,11 +25,12 @@ from dynkit.continuation.initial_tangents import start_points
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, in_interval, index_in
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved, read_result, write_result
 from dynkit.orbits.newton import NoSolution, correct, error_bound
 from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.axes import Axes
 
     from dynkit.orbits.problem import PeriodicOrbit
@@ -40,7 +43,7 @@ _CHANGES = 1e-8
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class BifurcationCurve:
+class BifurcationCurve(Saved):
     """Bifurcations of one kind as two parameters change, made by `continue_curve`.
 
     Its k points stand in the order in which the curve is run through. All arrays are read-only.
@@ -86,6 +89,10 @@ class BifurcationCurve:
     'P(1)'
     """
 
+    _stored: ClassVar = (
+        *("kind", "label", "names", "parameters", "unknowns", "own", "admissible", "residuals"),
+        *("endings", "cost", "error"),
+    )
     kind: str
     label: str
     names: tuple[str, str]
@@ -98,7 +105,6 @@ class BifurcationCurve:
     cost: Cost
     _problem: Problem | None
     _event: int = -1
-    _error: Array | None = None
     _widths: Array | float = 1.0
 
     def __post_init__(self) -> None:
@@ -118,15 +124,13 @@ class BifurcationCurve:
         those of their bounds where they hardly change, the orbit's unknowns in their typical sizes,
         and `own`, such as theta, in units of one, or of their size where that is larger.
         """
-        error = self._error
-        if error is None:
-            problem = given(self._problem, "BifurcationCurve")
-            ranges = np.ptp(self.parameters, axis=0)
-            widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)
-            points = zip(self.unknowns, self.own, self.parameters, strict=True)
-            error = np.array(
-                [_distance(self.kind, self._event, problem, widths, *point) for point in points]
-            )
+        problem = given(self._problem, "BifurcationCurve")
+        ranges = np.ptp(self.parameters, axis=0)
+        widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)
+        points = zip(self.unknowns, self.own, self.parameters, strict=True)
+        error = np.array(
+            [_distance(self.kind, self._event, problem, widths, *point) for point in points]
+        )
         error.setflags(write=False)
         return error
 
@@ -165,23 +169,30 @@ class BifurcationCurve:
 
         return draw_curve(self, ax)
 
-    def to_xarray(self) -> xarray.Dataset:
+    def dataset(self) -> Dataset:
         """Return its points as a dataset.
 
         Dimensions are ``point``, ``unknown`` and ``condition``, of the condition's own unknowns.
-
-        Returns
-        -------
-        xarray.Dataset
-
-        Raises
-        ------
-        ImportError
-            When xarray is not installed.
         """
-        from dynkit.continuation.datasets import curve_dataset
-
-        return curve_dataset(self)
+        each, columns = "point", zip(self.names, self.parameters.T, strict=True)
+        return Dataset(
+            {name: (each, column) for name, column in columns},
+            {
+                "admissible": (each, self.admissible),
+                "unknowns": ((each, "unknown"), self.unknowns),
+                "own": ((each, "condition"), self.own),
+                "residual": (each, self.residuals),
+                **error_known(self),
+            },
+            described(
+                f"Curve of {self.kind} of {self.label}",
+                cost=self.cost,
+                error=ERROR,
+                system=None if self._problem is None else self.orbit(0).system,
+                swept=self.names,
+                **ends(self.endings),
+            ),
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
@@ -192,9 +203,7 @@ class BifurcationCurve:
             When it cannot be written there, the system cannot be told from others, or the curve was
             loaded without an orbit.
         """
-        from dynkit.continuation.archive import save_curve
-
-        save_curve(self, path)
+        write_result(path, self, identity_of(self.orbit(0).system, self._first()))
 
     @classmethod
     def load(
@@ -215,9 +224,16 @@ class BifurcationCurve:
             When the file is missing, damaged or no store of a curve, or the orbit is of another
             kind or system.
         """
-        from dynkit.continuation.archive import load_curve
+        curve, file, archive = read_result(path, cls)
+        if orbit is None:
+            return curve
+        refuse_other_orbits(file, archive, curve.label, curve.unknowns, orbit, curve._first())
+        found = dataclasses.replace(curve, _problem=orbit.problem(*curve.names))
+        vars(found)["error"] = curve.error
+        return found
 
-        return load_curve(path, orbit)
+    def _first(self) -> dict[str, float]:
+        return dict(zip(self.names, self.parameters[0].tolist(), strict=True))
 
 
 def continue_curve(

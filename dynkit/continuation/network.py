@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, final
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
+from dynkit.continuation.archive import ERROR, identity_of
 from dynkit.continuation.bifurcations import Bifurcation
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.branch import Branch, of_bifurcations
 from dynkit.continuation.membership import Trail
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_scalar
+from dynkit.data.dataset import Dataset, Variables, described
+from dynkit.data.result import Saved, read_result, write_result
+from dynkit.orbits.problem import PeriodicOrbit
+
+# A residual that is no larger is that of a solution.
+_SOLVED = 1e-8
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from dynkit.orbits.problem import PeriodicOrbit
 
 
 class Finish(Enum):
@@ -55,7 +61,7 @@ class Unexplored(NamedTuple):
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Network:
+class Network(Saved):
     """Branches that were found by `explore`, and which bifurcations lead from one to another.
 
     Parameters
@@ -71,6 +77,7 @@ class Network:
     cost : Cost
     """
 
+    _stored: ClassVar = ("branches", "links", "unexplored", "finish", "message", "cost")
     branches: tuple[Branch, ...]
     links: tuple[Link, ...]
     unexplored: tuple[Unexplored, ...]
@@ -163,17 +170,54 @@ class Network:
 
         return draw_branches(self.branches, ax, y)
 
+    def dataset(self) -> Dataset:
+        """Return the points of all branches, one after the other, as a dataset.
+
+        Dimensions are ``point``, ``bifurcation`` and ``link``; branches count from zero.
+        """
+        each = "point"
+        name = self.branches[0].name if self.branches else "parameter"
+        found = [(i, b) for i, branch in enumerate(self.branches) for b in branch.bifurcations]
+        branches: Variables = {
+            attribute: (each, _joined([getattr(branch, key) for branch in self.branches]))
+            for attribute, key in {
+                "stable": "stable",
+                "admissible": "admissible",
+                "residual": "residuals",
+                "error": "error",
+            }.items()
+        }
+        numbers = [np.full(len(branch), i) for i, branch in enumerate(self.branches)]
+        labels = [np.full(len(branch), branch.label) for branch in self.branches]
+        links = np.array(self.links, dtype=np.int64).reshape(-1, 3)
+        return Dataset(
+            {name: (each, _joined([branch.parameter for branch in self.branches]))},
+            {
+                "branch": (each, _joined(numbers)),
+                "label": (each, _joined(labels)),
+                **branches,
+                "bifurcation_branch": ("bifurcation", np.array([i for i, _ in found], dtype=int)),
+                **of_bifurcations([b for _, b in found]),
+                **{
+                    f"link_{key}": ("link", column)
+                    for key, column in zip(Link._fields, links.T, strict=True)
+                },
+            },
+            described("Network of branches", cost=self.cost, error=ERROR, message=self.message),
+        )
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
 
         Raises
         ------
         ValueError
-            When it cannot be written there.
+            When it cannot be written there, the system cannot be told from others, or the network
+            was loaded without orbits.
         """
-        from dynkit.continuation.network_archive import save_network
-
-        save_network(self, path)
+        branches = self.branches[:1]
+        made = [identity_of(branch.system, branch.first()) for branch in branches]
+        write_result(path, self, made[0] if made else {})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit] = ()) -> Network:
@@ -192,6 +236,25 @@ class Network:
             When the file is missing, damaged or no store of a network, or the orbits are of another
             system.
         """
-        from dynkit.continuation.network_archive import load_network
+        if isinstance(orbits, PeriodicOrbit) or not isinstance(orbits, Iterable):
+            raise ValueError(f"orbits must be a sequence of PeriodicOrbit; got {orbits!r}")
+        network, file, archive = read_result(path, cls)
+        given = list(orbits)
 
-        return load_network(path, orbits)
+        def with_its_orbits(branch: Branch) -> Branch:
+            for orbit in given:
+                if orbit.label == branch.label:
+                    free = {branch.name: network.branches[0].first()[branch.name]}
+                    found = branch.with_orbits(file, archive, orbit, free)
+                    # the same numbers of impacts may be with other stops
+                    residual = found.problem.residual(found.unknowns[0], found.parameter[:1])
+                    if abs(residual).max() < _SOLVED:
+                        return found
+            return branch
+
+        branches = tuple(with_its_orbits(branch) for branch in network.branches)
+        return dataclasses.replace(network, branches=branches)
+
+
+def _joined(arrays: Sequence[Any]) -> Any:
+    return np.concatenate(arrays) if arrays else np.empty(0)

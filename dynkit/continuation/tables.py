@@ -42,7 +42,7 @@ def branch_table(branch: Branch) -> str:
         ("ends where", branch.endings[1]),
         ("residual", f"up to {branch.residuals.max():.1e}"),
     ]
-    if branch._error is not None or "error" in vars(branch):
+    if "error" in vars(branch):
         facts.append(("error", f"up to {branch.error.max():.1e}"))
     facts.append(("cost", costing(branch.cost)))
     return table(f"Branch of {branch.label}", facts) + _found(branch.name, branch.bifurcations)
@@ -75,7 +75,7 @@ def curve_table(curve: BifurcationCurve) -> str:
         ("ends where", curve.endings[1]),
         ("residual", f"up to {curve.residuals.max():.1e}"),
     ]
-    if curve._error is not None or "error" in vars(curve):
+    if "error" in vars(curve):
         facts.append(("error", f"up to {curve.error.max():.1e}"))
     return table(f"Curve of {curve.kind}", [*facts, ("cost", costing(curve.cost))])
 

@@ -151,6 +151,8 @@ def _parsed(path: Path, data: bytes) -> Archive:
                 if isinstance(item, h5py.Dataset):
                     if item.external or item.is_virtual:  # would have other files read
                         raise ValueError(f"the data of {name!r} are elsewhere")
+                    if item.id.get_storage_size() != item.size * item.dtype.itemsize:
+                        raise ValueError(f"{name!r} is {item.shape}, and holds less")
                     arrays[name] = np.asarray(item)
 
             file.visititems(collect)
@@ -216,6 +218,23 @@ def identity_of(system: HasIdentity) -> dict[str, str]:
         When something is neither a number, a string, an array, nor a tuple of them.
     """
     return {f"system.{name}": _text(name, value) for name, value in system.identity.items()}
+
+
+def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> None:
+    """Refuse a system that is not the one of an archive.
+
+    Raises
+    ------
+    ValueError
+        Naming the first thing that differs.
+    """
+    asked = identity_of(system)
+    made = {key: text for key, text in archive.entries.items() if key.startswith("system.")}
+    for key in sorted(made.keys() | asked.keys()):
+        was, now = made.get(key, "none"), asked.get(key, "none")
+        if not same(was, now):
+            name = key.removeprefix("system.")
+            raise ValueError(f"store {path} was made with {name} {was}; got {now}")
 
 
 def _text(name: str, value: object) -> str:

@@ -94,6 +94,14 @@ def _go_on(
         bar.show(findings, rows)
 
 
+def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
+    """Write what was found at all points to a store; ValueError where it cannot be written."""
+    file, findings = stores.place(path), Findings(len(points))
+    findings.add(np.arange(len(points)), rows)
+    with stores.locked(file):
+        _Keeper(file, points).prepare(findings)
+
+
 def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
     """Return what a store holds, and what was found of it.
 

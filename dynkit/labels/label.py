@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
-from typing import Protocol, final
+from typing import ClassVar, Protocol, final
 
 import numpy as np
 
@@ -86,6 +86,10 @@ class OrbitLabel:
     ('P(1) unstable', False)
     """
 
+    _stored: ClassVar = (
+        *("kind", "impacts", "periods", "tolerance", "recurrence", "simulated", "transient_chaos"),
+        *("chance", "multiplier", "multiplier_error", "seconds"),
+    )
     kind: OrbitKind
     impacts: int | None
     periods: int | None

@@ -14,20 +14,21 @@ from dynkit.core.reprs import Facts, costing, line_of, span, table
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import Array, index_in
 from dynkit.data import store
+from dynkit.data.dataset import Dataset, described, known_error
+from dynkit.data.result import Result
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other
+from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other, save_rows
 from dynkit.engine.points import Rows
 from dynkit.labels.label import OrbitLabel
 from dynkit.sweeps.plan import KIND, Plan, Values
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.axes import Axes
 
 
 @final
-class Sweep:
+class Sweep(Result):
     """What a sweep found, made by `dynkit.sweep`.
 
     It holds the observables that were asked for and one state per value. What more is asked for is
@@ -109,6 +110,16 @@ class Sweep:
                 f"in {file}"
             )
         return cls(plan, found.rows())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store, as ``store=`` does: `load` reads it, and `sweep` finds it done.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there, or the sweep was loaded without its system.
+        """
+        save_rows(path, Values(self._plan), self._rows)
 
     @property
     def parameter(self) -> str:
@@ -247,28 +258,16 @@ class Sweep:
         titles = [title.replace("_", " ") for title in (self.parameter, name)]
         return draw_diagram(ax, self.values, self.observable(name), titles)
 
-    def to_xarray(self) -> "xarray.Dataset":
+    def dataset(self) -> Dataset:
         """Return the observables as a dataset over the parameter and ``state``, the kept states.
 
         Labels are in it once all were decided, and the `error`, which simulates, when it was asked
         for before.
-
-        Returns
-        -------
-        xarray.Dataset
-
-        Raises
-        ------
-        ImportError
-            When xarray is not installed.
         """
-        from dynkit.data.xarrays import dataset, known_error
-
         over, names = self.parameter, []
         if len(self._labels) == len(self):
             names = [str(label) for label in self.labels]
-        return dataset(
-            "Sweep of a parameter",
+        return Dataset(
             {over: (over, self.values)},
             {
                 **{name: ((over, "state"), self.observable(name)) for name in self.observables},
@@ -278,10 +277,15 @@ class Sweep:
                 **({"label": (over, names)} if names else {}),
                 **known_error(self, over),
             },
-            cost=self.cost,
-            error="estimate of the largest error of the kept states, from where a value starts on",
-            system=self._plan.system,
-            facts={"transient": float(self.transient), "keep": float(self.keep)},
+            described(
+                "Sweep of a parameter",
+                cost=self.cost,
+                error="estimate of the largest error of the kept states, from where a value starts",
+                system=self._plan.system,
+                swept=(over,),
+                transient=float(self.transient),
+                keep=float(self.keep),
+            ),
         )
 
     @property

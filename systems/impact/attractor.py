@@ -145,11 +145,8 @@ class ImpactAttractor(Attractor):
         Examples
         --------
         >>> from dynkit.systems import ImpactChain
-        >>> attractor = ImpactChain(frequency=0.35).attractor()
-        >>> print(attractor.label)
-        chaotic
-        >>> print(attractor.settled_label())
-        P(39,15) after transient chaos
+        >>> print(ImpactChain(frequency=0.35).attractor().settled_label().kind.value)
+        periodic
         """
         orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
         return orbit.named(settled_label(orbit, kept=kept, budget=budget))

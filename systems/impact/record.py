@@ -16,12 +16,13 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, costing, span, table, told
 from dynkit.core.validation import Array, finite_array, positive_integer
+from dynkit.data.dataset import Dataset, described, known_error
+from dynkit.data.result import Result
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
 from dynkit.systems.impact.state import ImpactState, on_table, phases
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.axes import Axes
 
     from dynkit.systems.impact.attractor import ImpactAttractor
@@ -111,7 +112,7 @@ def batch_size(system: ImpactOscillator) -> int:
 
 
 @final
-class ImpactRecord:
+class ImpactRecord(Result):
     """The impacts of one simulation, and the motion between them.
 
     All quantities are dimensionless. Arrays are worked out when asked for, from 2N + 4 stored
@@ -333,20 +334,11 @@ class ImpactRecord:
 
         return draw_record(self, ax)
 
-    def to_xarray(self) -> xarray.Dataset:
+    def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset; its time counts from the start.
 
         Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. The `error`,
         which simulates, is in it when it was asked for before.
-
-        Returns
-        -------
-        xarray.Dataset
-
-        Raises
-        ------
-        ImportError
-            When xarray is not installed.
 
         Examples
         --------
@@ -355,27 +347,28 @@ class ImpactRecord:
         >>> found.position.dims, found.attrs["parameter_restitution"]
         (('impact', 'mass'), 0.85)
         """
-        from dynkit.data.xarrays import dataset, known_error
-
         n, each = self.system.degrees_of_freedom, "impact"
         begins, ends = self.sticking.T
-        return dataset(
-            "Impacts of a motion",
+        return Dataset(
             {"time": (each, self.time), "mass": ("mass", np.arange(1, n + 1))},
             {
-                "position": ((each, "mass"), self.position),
-                "velocity": ((each, "mass"), self.velocity),
                 "relative_velocity": (each, self.relative_velocity),
                 "phase": (each, self.phase),
                 "energy": (each, self.energy),
+                "position": ((each, "mass"), self.position),
+                "velocity": ((each, "mass"), self.velocity),
                 "contact_begin": ("contact", begins),
                 "contact_end": ("contact", ends),
                 **known_error(self, each),
             },
-            cost=self.cost,
-            error="estimate of the largest error of the section coordinates up to each impact",
-            system=self.system,
-            facts={"ending": self.ending.value, "chatter_error": self.chatter_error},
+            described(
+                "Impacts of a motion",
+                cost=self.cost,
+                error="estimate of the largest error of the section coordinates up to each impact",
+                system=self.system,
+                ending=self.ending.value,
+                chatter_error=self.chatter_error,
+            ),
         )
 
     def as_attractor(self) -> ImpactAttractor:

@@ -104,10 +104,10 @@ def test_a_system_without_the_parameter_is_refused(stored: Path) -> None:
 
 def test_the_store_of_a_branch_is_refused(tmp_path: Path) -> None:
     continue_orbit(henon(), "a", bounds=(-0.2, 1.4), points=20).save(tmp_path / "branch.h5")
-    with pytest.raises(ValueError, match=r"^store must hold a curve of bifurcations; got "):
+    with pytest.raises(ValueError, match=r"^store must hold a BifurcationCurve; got "):
         BifurcationCurve.load(tmp_path / "branch.h5")
 
 
 def test_the_store_of_a_curve_is_no_branch(stored: Path) -> None:
-    with pytest.raises(ValueError, match=r"^store must hold a branch of periodic orbits; got "):
+    with pytest.raises(ValueError, match=r"^store must hold a Branch; got "):
         Branch.load(stored)

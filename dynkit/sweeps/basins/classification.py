@@ -60,6 +60,11 @@ class Look:
     scale: float
     sizes: tuple[int, int]
 
+    @property
+    def entries(self) -> dict[str, str]:
+        """What a store says of it."""
+        return {"transient": str(self.transient), "keep": str(self.keep)}
+
     def motion(self, start: Array) -> Attractor:
         """Simulate from a start."""
         return self._moved(self.system.state_from(start), self.transient)
@@ -181,6 +186,21 @@ def orbit_size(label: OrbitLabel) -> int:
     return label.impacts or label.simulated
 
 
+def look_at(system: Map, rows: Array, transient: int, keep: int) -> Look:
+    """Return how motions from starts (n, s) are looked at; ValueError when none is a state."""
+    size = float(abs(rows).max()) or 1.0
+    return Look(system, transient, keep, size, (system.dimension, _packed_size(system, rows)))
+
+
+def _packed_size(system: Map, rows: Array) -> int:
+    for row in rows:
+        try:
+            return len(system.pack_state(system.state_from(row)))
+        except Refused as refusal:
+            last = refusal
+    raise ValueError(f"starts must hold a state of the system; got none ({last})")
+
+
 @final
 class Starts(Points):
     """All starts, (n, s)."""
@@ -205,8 +225,7 @@ class Starts(Points):
             "kind": "basins of attraction",
             "system": kind_of(self._look.system),
             **identity_of(self._look.system),
-            "transient": str(self._look.transient),
-            "keep": str(self._look.keep),
+            **self._look.entries,
         }
 
     @property

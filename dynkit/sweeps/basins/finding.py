@@ -7,10 +7,8 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from dynkit.core.no_motion import Refused
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import (
-    Array,
     finite_array,
     non_negative_integer,
     positive_integer,
@@ -19,7 +17,7 @@ from dynkit.core.validation import (
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
 from dynkit.engine.points import MOST_POINTS
-from dynkit.sweeps.basins.classification import Look, Starts
+from dynkit.sweeps.basins.classification import Starts, look_at
 from dynkit.sweeps.basins.matching import told_apart
 from dynkit.sweeps.basins.result import Basins
 
@@ -111,22 +109,12 @@ def basins(
     rows = finite_array("starts", starts, (*given.shape[:-1], size)).reshape(-1, size).copy()
     rows.setflags(write=False)
     kept = positive_integer("keep", keep)
-    look = Look(
+    look = look_at(
         system,
+        rows,
         non_negative_integer("transient", transient),
         within_memory("keep", kept, 8.0 * kept * system.dimension),
-        float(abs(rows).max()) or 1.0,
-        (system.dimension, _packed_size(system, rows)),
     )
-    found = collect(Starts(look, rows), executor=executor, store=store, progress=progress)
-    numbers, attractors = told_apart(look, found, executor)
-    return Basins(look, rows.reshape(given.shape), numbers, attractors, found)
-
-
-def _packed_size(system: Map, rows: Array) -> int:
-    for row in rows:
-        try:
-            return len(system.pack_state(system.state_from(row)))
-        except Refused as refusal:
-            last = refusal
-    raise ValueError(f"starts must hold a state of the system; got none ({last})")
+    rows_found = collect(Starts(look, rows), executor=executor, store=store, progress=progress)
+    numbers, basins = told_apart(look, rows_found, given.shape[:-1], executor)
+    return Basins(rows.reshape(given.shape), numbers, basins, rows_found.cost, look)

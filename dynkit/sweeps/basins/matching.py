@@ -15,6 +15,7 @@ from dynkit.engine.executors import finished
 from dynkit.engine.points import Rows, chunks_of
 from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.sweeps.basins.basin import Basin
 from dynkit.sweeps.basins.classification import UNSETTLED, Look, orbit_size
 
 if TYPE_CHECKING:
@@ -42,9 +43,9 @@ class Found:
 
 
 def told_apart(
-    look: Look, rows: Rows, executor: Executor | None
-) -> tuple[NDArray[np.int64], list[Found]]:
-    """Return the number of each start's attractor, and the attractors in the order of the starts.
+    look: Look, rows: Rows, shape: tuple[int, ...], executor: Executor | None
+) -> tuple[NDArray[np.int64], tuple[Basin, ...]]:
+    """Return the number of each start's attractor, and the basins, in the order of the starts.
 
     Numbers below zero are those of `dynkit.sweeps.basins.classification.OTHER_ENDS`.
     """
@@ -53,9 +54,16 @@ def told_apart(
     kinds: NDArray[np.int64] = rows.arrays["kind"]
     numbers = np.where(kinds < 0, kinds, UNSETTLED)
     groups.sort(key=lambda group: group[0].place)
-    for number, (_, members) in enumerate(groups):
+    basins = []
+    for number, (found, members) in enumerate(groups):
         numbers[members] = number
-    return numbers, [found for found, _ in groups]
+        found.states.setflags(write=False)
+        place = tuple(int(i) for i in np.unravel_index(found.place, shape))
+        part = len(members) / len(numbers)
+        error = float(np.sqrt(part * (1.0 - part) / len(numbers)))
+        who = found.label, found.ending, found.states
+        basins.append(Basin(number, *who, place, len(members), part, error))
+    return numbers.reshape(shape), tuple(basins)
 
 
 _Group = tuple[Found, NDArray[np.intp]]

@@ -2,30 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING, final
+import os
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, line_of, table
+from dynkit.core.reprs import Facts, costing, table, told
 from dynkit.core.validation import Array, index_in
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved, read_result, write_result
+from dynkit.data.store import identity_of, refuse_other_system, understood
 from dynkit.dynamics.attractor import Attractor
-from dynkit.engine.points import Rows
+from dynkit.dynamics.map import Map
 from dynkit.sweeps.basins.basin import Basin
-from dynkit.sweeps.basins.classification import OTHER_ENDS, Look
-from dynkit.sweeps.basins.matching import Found
+from dynkit.sweeps.basins.classification import OTHER_ENDS, Look, look_at
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.axes import Axes
 
 
 @final
-class Basins:
+@dataclass(frozen=True, eq=False, repr=False)
+class Basins(Saved):
     """Which start leads to which attractor, made by `dynkit.basins`.
+
+    Parameters
+    ----------
+    starts : (k1, k2, s) or (k, s) array
+        The starts, read-only.
+    numbers : (k1, k2) or (k,) array of int
+        The number of each start's attractor, read-only. Attractors are numbered in the order of the
+        first starts that lead to them. Numbers below zero stand for no attractor: -1 unsettled, -2
+        runs away, -3 comes to no next crossing, -4 no state of the system (such as one beyond the
+        table), -5 cannot be followed.
+    basins : tuple of Basin
+        The attractors that were found, by their numbers.
+    cost : Cost
+        Seconds of all workers, and counted work; what labels count is not in it.
 
     Examples
     --------
@@ -40,90 +56,42 @@ class Basins:
     'runs away'
     """
 
-    def __init__(
-        self,
-        look: Look,
-        starts: Array,
-        numbers: NDArray[np.int64],
-        attractors: Sequence[Found],
-        rows: Rows,
-    ) -> None:
-        self._look = look
-        self._attractors = tuple(attractors)
-        self._cost = rows.cost
-        self._starts = starts
-        self._numbers = numbers.reshape(starts.shape[:-1])
-        self._numbers.setflags(write=False)
+    _stored: ClassVar = ("starts", "numbers", "basins", "cost")
+    starts: Array
+    numbers: NDArray[np.int64]
+    basins: tuple[Basin, ...]
+    cost: Cost
+    _look: Look | None
 
-    @property
-    def starts(self) -> Array:
-        """The starts, (k1, k2, s) or (k, s), read-only."""
-        return self._starts
-
-    @property
-    def numbers(self) -> NDArray[np.int64]:
-        """The number of each start's attractor, (k1, k2) or (k,), read-only.
-
-        Attractors are numbered in the order of the first starts that lead to them. Numbers below
-        zero stand for no attractor: -1 unsettled, -2 runs away, -3 comes to no next crossing, -4 no
-        state of the system (such as one beyond the table), -5 cannot be followed.
-        """
-        return self._numbers
-
-    @cached_property
-    def basins(self) -> tuple[Basin, ...]:
-        """The attractors that were found, by their numbers."""
-        count = self._numbers.size
-        out = []
-        for number, found in enumerate(self._attractors):
-            members = int((self._numbers == number).sum())
-            part = members / count
-            found.states.setflags(write=False)
-            place = np.unravel_index(found.place, self._numbers.shape)
-            out.append(
-                Basin(
-                    number,
-                    found.label,
-                    found.ending,
-                    found.states,
-                    tuple(int(i) for i in place),
-                    members,
-                    part,
-                    float(np.sqrt(part * (1.0 - part) / count)),
-                )
-            )
-        return tuple(out)
+    def __post_init__(self) -> None:
+        self.starts.setflags(write=False)
+        self.numbers.setflags(write=False)
 
     @property
     def error(self) -> Array:
         """Standard errors of the basins' fractions, (number of basins,), of starts at random."""
         return np.array([basin.error for basin in self.basins])
 
-    @property
-    def cost(self) -> Cost:
-        """Seconds of all workers, and counted work; what labels count is not in it."""
-        return self._cost
-
     def __len__(self) -> int:
-        return len(self._attractors)
+        return len(self.basins)
 
     def __repr__(self) -> str:
         shown = [f"{basin.label} {basin.count}" for basin in self.basins]
         for number, text in OTHER_ENDS.items():
-            count = int((self._numbers == number).sum())
+            count = int((self.numbers == number).sum())
             shown += [f"{text} {count}"] if count else []
-        sizes = " x ".join(map(str, self._numbers.shape))
+        sizes = " x ".join(map(str, self.numbers.shape))
         return f"<Basins: {sizes} starts; {', '.join(shown)}>"
 
     def _repr_html_(self) -> str:
         facts: Facts = [
-            ("system", line_of(self._look.system, "")),
-            ("starts", " x ".join(map(str, self._numbers.shape))),
+            *([("system", told(self._look.system, 6))] if self._look else []),
+            ("starts", " x ".join(map(str, self.numbers.shape))),
         ]
         facts += [
-            (text, int((self._numbers == number).sum()))
+            (text, int((self.numbers == number).sum()))
             for number, text in OTHER_ENDS.items()
-            if (self._numbers == number).any()
+            if (self.numbers == number).any()
         ]
         rows = [(b.number, b.label, b.count, b.fraction, f"{b.error:.1e}") for b in self.basins]
         shown = table("Basins", [*facts, ("cost", costing(self.cost))])
@@ -138,8 +106,8 @@ class Basins:
         ValueError
             When there is no such start.
         """
-        number = int(self._numbers[self._place(place)])
-        return OTHER_ENDS[number] if number < 0 else str(self._attractors[number].label)
+        number = int(self.numbers[self._place(place)])
+        return OTHER_ENDS[number] if number < 0 else str(self.basins[number].label)
 
     def attractor(self, *place: int) -> Attractor:
         """Return the attractor of one start: simulated again, the same bits.
@@ -147,9 +115,13 @@ class Basins:
         Raises
         ------
         ValueError
-            When there is no such start, or it has no motion.
+            When there is no such start, or the basins were loaded without their system.
+        NoMotion
+            When there is no motion from the start.
         """
-        return self._look.motion(self._starts[self._place(place)])
+        if self._look is None:
+            raise ValueError("system must be given to Basins.load to get motions back; got None")
+        return self._look.motion(self.starts[self._place(place)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the basins over the starts, and return the axes.
@@ -166,43 +138,72 @@ class Basins:
 
         return draw_basins(self.basins, self.starts, self.numbers, ax)
 
-    def to_xarray(self) -> xarray.Dataset:
+    def dataset(self) -> Dataset:
         """Return the number of each start's attractor, and what the attractors are, as a dataset.
 
         Dimensions are ``start``, or ``row`` and ``column`` of starts in two directions,
         ``coordinate`` of the starts, and ``attractor``.
-
-        Returns
-        -------
-        xarray.Dataset
-
-        Raises
-        ------
-        ImportError
-            When xarray is not installed.
         """
-        from dynkit.data.xarrays import dataset
-
-        over = ("row", "column") if self._numbers.ndim == 2 else ("start",)
-        return dataset(
-            "Basins of attraction",
+        over = ("row", "column") if self.numbers.ndim == 2 else ("start",)
+        meanings: dict[str, Any] = {f"number_{i}": text for i, text in OTHER_ENDS.items()}
+        return Dataset(
             {"attractor": ("attractor", np.arange(len(self)))},
             {
                 "number": (over, self.numbers),
                 "position": ((*over, "coordinate"), self.starts),
-                "label": ("attractor", [str(basin.label) for basin in self.basins]),
-                "count": ("attractor", [basin.count for basin in self.basins]),
-                "fraction": ("attractor", [basin.fraction for basin in self.basins]),
+                "label": ("attractor", np.array([str(b.label) for b in self.basins], dtype=str)),
+                "count": ("attractor", np.array([basin.count for basin in self.basins], int)),
+                "fraction": ("attractor", np.array([basin.fraction for basin in self.basins])),
                 "error": ("attractor", self.error),
             },
-            cost=self.cost,
-            error="standard error of the fraction of starts that were drawn at random",
-            system=self._look.system,
-            facts={f"number_{number}": text for number, text in OTHER_ENDS.items()},
+            described(
+                "Basins of attraction",
+                cost=self.cost,
+                error="standard error of the fraction of starts that were drawn at random",
+                system=self._look and self._look.system,
+                **meanings,
+            ),
         )
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there, or the basins were loaded without their system.
+        """
+        if self._look is None:
+            raise ValueError("system must be given to Basins.load to store them again; got None")
+        write_result(path, self, identity_of(self._look.system) | self._look.entries)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Basins:
+        """Read it from a store: the same bits.
+
+        Parameters
+        ----------
+        path : path
+        system : Map, optional
+            The system that was simulated; needed for `attractor`.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of basins, or was made with another
+            system.
+        """
+        found, file, archive = read_result(path, cls)
+        if system is None:
+            return found
+        refuse_other_system(file, archive, system)
+        with understood(file, cls.__name__):
+            counts = {name: int(archive.entries[name]) for name in ("transient", "keep")}
+        look = look_at(system, found.starts.reshape(-1, found.starts.shape[-1]), **counts)
+        return replace(found, _look=look)
+
     def _place(self, place: tuple[int, ...]) -> tuple[int, ...]:
-        shape: tuple[int, ...] = self._numbers.shape
+        shape: tuple[int, ...] = self.numbers.shape
         inside = len(place) == len(shape)
         if not inside or any(not 0 <= i < k for i, k in zip(place, shape, strict=True)):
             raise ValueError(f"place must lie within {shape}; got {place}")

@@ -19,21 +19,22 @@ from dynkit.core.reprs import Facts, costing, line_of, span, table
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import Array, index_in
 from dynkit.data import store
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Result
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other
+from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other, save_rows
 from dynkit.engine.points import Rows
 from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Grid, Plan
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.axes import Axes
 
 
 @final
-class ParameterMap:
+class ParameterMap(Result):
     """The kinds of motion at all pairs of values of two parameters, made by `parameter_map`.
 
     Arrays are (k1, k2): row i belongs to value i of the first parameter, column j to value j of the
@@ -108,6 +109,16 @@ class ParameterMap:
                 f"in {file}"
             )
         return cls(plan, values, found.rows())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store, as ``store=`` does: `load` reads it, `parameter_map` finds it done.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there, or the map was loaded without its system.
+        """
+        save_rows(path, Grid(self._plan, self._values), self._rows)
 
     # --- what was asked for -----------------------------------------------------------------------
 
@@ -304,26 +315,13 @@ class ParameterMap:
 
         return draw_map(self.values, self.names, self.where, ax)
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Return what was found as a dataset over the two parameters.
-
-        Returns
-        -------
-        xarray.Dataset
-
-        Raises
-        ------
-        ImportError
-            When xarray is not installed.
-        """
-        from dynkit.data.xarrays import dataset
-
+    def dataset(self) -> Dataset:
+        """Return what was found as a dataset over the two parameters."""
         over = self.parameters
         found = {f"largest_{name}": (over, self.largest(name)) for name in self.observables}
         if self._plan.exponents:
             found["exponent"] = (over, self.exponents)
-        return dataset(
-            "Kinds of motion over two parameters",
+        return Dataset(
             {name: (name, values) for name, values in self.values.items()},
             {
                 "label": (over, self.names),
@@ -333,10 +331,15 @@ class ParameterMap:
                 "error": (over, self.error),
                 **found,
             },
-            cost=self.cost,
-            error="how wrong the label may be, in the sense of its kind: OrbitLabel.error",
-            system=self._plan.family,
-            facts={"transient": float(self.transient), "keep": float(self.keep)},
+            described(
+                "Kinds of motion over two parameters",
+                cost=self.cost,
+                error="how wrong the label may be, in the sense of its kind: OrbitLabel.error",
+                system=self._plan.family,
+                swept=over,
+                transient=float(self.transient),
+                keep=float(self.keep),
+            ),
         )
 
     def _place(self, i: int, j: int) -> int:

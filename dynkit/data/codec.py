@@ -1,0 +1,159 @@
+"""Results as plain data and back: numbers, texts, arrays, and records of them.
+
+What is stored of a class follows from its annotations: they are the schema by which data from
+outside are read. No class is looked up by a name that stands in a file.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from functools import cached_property
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = dict[str, NDArray[Any]]
+_KINDS = {np.float64: "f", np.complex128: "c", np.bool_: "b", np.int64: "i"}
+
+
+def encoded(name: str, value: Any, arrays: Arrays) -> Any:
+    """Return a value as JSON writes it; arrays go by their names into `arrays`.
+
+    Raises
+    ------
+    TypeError
+        When a part of it is no plain data.
+    """
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return name
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if _is_record(type(value)):
+        value = {key: getattr(value, key) for key in schema(type(value))}
+    if isinstance(value, Mapping):
+        return {
+            str(key): encoded(f"{name}/{key}".lstrip("/"), part, arrays)
+            for key, part in value.items()
+        }
+    if isinstance(value, Sequence):
+        return [encoded(f"{name}/{i}", part, arrays) for i, part in enumerate(value)]
+    raise TypeError(f"{name} is no plain data: {value!r}")
+
+
+def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """Return the value of an annotated type that `encoded` made a tree and arrays of.
+
+    Raises
+    ------
+    LookupError, TypeError, ValueError
+        When something is missing, or of another type.
+    """
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        if tree is None and type(None) in parts:
+            return None
+        (hint,) = (part for part in parts if part is not type(None))
+        return decoded(hint, name, tree, arrays)
+    if origin is np.ndarray or hint is Any:  # real or complex
+        array = arrays[_is(str, name, tree)]
+        if array.dtype.kind not in ("fc" if hint is Any else _KINDS[get_args(parts[1])[0]]):
+            raise ValueError(f"{name} is {array.dtype} {array.shape}")
+        array.setflags(write=False)
+        return array
+    if origin is tuple:
+        rows = _is(list, name, tree)
+        hints = [parts[0]] * len(rows) if parts[1:] == (...,) else parts
+        each = enumerate(zip(hints, rows, strict=True))
+        return tuple(decoded(of, f"{name}/{i}", row, arrays) for i, (of, row) in each)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        key_of, of = parts
+        items = _is(dict, name, tree).items()
+        return {key_of(key): decoded(of, f"{name}/{key}", row, arrays) for key, row in items}
+    if origin is Literal:
+        return parts[parts.index(tree)]
+    if hint is complex:
+        return complex(*tree) if isinstance(tree, list) else complex(_is(float, name, tree))
+    if hint is float:
+        return float(_is(float, name, float(tree) if type(tree) is int else tree))
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return hint[_is(str, name, tree)]
+    if _is_record(hint):
+        rows, known = _is(dict, name, tree), schema(hint)
+        found = {key: decoded(of, f"{name}/{key}", rows[key], arrays) for key, of in known.items()}
+        record = _made(hint, found)
+        if hasattr(hint, "dataset"):  # which refuses arrays that do not fit together
+            record.dataset()
+        return record
+    return _is(hint, name, tree)
+
+
+def _is(kind: type, name: str, value: Any) -> Any:
+    if type(value) is not kind:
+        raise TypeError(f"{name} is {value!r}")
+    return value
+
+
+def _is_record(kind: Any) -> bool:
+    return isinstance(kind, type) and (
+        dataclasses.is_dataclass(kind) or hasattr(kind, "_fields") or hasattr(kind, "_stored")
+    )
+
+
+def schema(kind: Any) -> dict[str, Any]:
+    """Return what is stored of a class, by name, with its annotated types.
+
+    It is what the class says in ``_stored``, names of attributes and cached properties, or the
+    public fields of a dataclass or named tuple.
+    """
+    hints = get_type_hints(kind)
+    public = [name for name in _arguments(kind) if not name.startswith("_")]
+    found = {}
+    for name in getattr(kind, "_stored", public):
+        member = getattr(kind, name, None)
+        if isinstance(member, cached_property):
+            found[name] = get_type_hints(member.func)["return"]
+        else:
+            found[name] = hints[name]
+    return found
+
+
+def _arguments(kind: Any) -> dict[str, bool]:
+    """Names of what a record is made from, and whether each has a default."""
+    if dataclasses.is_dataclass(kind):
+        missing = dataclasses.MISSING
+        return {
+            entry.name: entry.default is not missing or entry.default_factory is not missing
+            for entry in dataclasses.fields(kind)
+            if entry.init
+        }
+    return {name: name in kind._field_defaults for name in getattr(kind, "_fields", ())}
+
+
+def _made(kind: Any, found: dict[str, Any]) -> Any:
+    """The record, from the values that are stored.
+
+    Private arguments are of objects that no store holds: None where there is no default. A class
+    that is made of what no store holds, such as an attractor, gets its values as they are.
+    """
+    arguments = _arguments(kind)
+    needed = [name for name, optional in arguments.items() if not optional and name not in found]
+    if not arguments or any(not name.startswith("_") for name in needed):
+        record = object.__new__(kind)
+        vars(record).update(found)
+        return record
+    given = {name: value for name, value in found.items() if name in arguments}
+    record = kind(**given, **dict.fromkeys(needed))
+    if len(given) < len(found):
+        vars(record).update({name: found[name] for name in found.keys() - given.keys()})
+    return record

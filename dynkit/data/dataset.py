@@ -1,0 +1,234 @@
+"""Datasets: named arrays with dimensions, from which all other forms of a result are made."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit._version import __version__
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import told
+from dynkit.data.atomic_files import whole
+
+if TYPE_CHECKING:
+    import xarray
+
+Variables = Mapping[str, tuple[str | tuple[str, ...], Any]]
+"""Arrays by name, each with the names of its dimensions."""
+
+ENDINGS = (".csv", ".npz", ".h5")
+"""Endings of the files that `Dataset.export` writes."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Named arrays with dimensions, and attributes that say where they come from.
+
+    Parameters
+    ----------
+    coordinates, variables : mapping of str to (dimensions, array)
+        Arrays by name, each with the name, or the names, of its dimensions.
+    attributes : mapping of str to str or float
+
+    Raises
+    ------
+    ValueError
+        When an array has not as many dimensions as names, or arrays differ in a dimension's size.
+
+    Examples
+    --------
+    >>> data = Dataset({"time": ("time", [0.0, 1.0])}, {"x": ("time", [2.0, 3.0])}, {"title": "x"})
+    >>> print(data.to_csv())
+    time,x
+    0.0,2.0
+    1.0,3.0
+    """
+
+    coordinates: Variables
+    variables: Variables
+    attributes: Mapping[str, str | float]
+
+    def __post_init__(self) -> None:
+        sizes: dict[str, int] = {}
+        for group in ("coordinates", "variables"):
+            made = {}
+            for name, (dimensions, values) in getattr(self, group).items():
+                names = (dimensions,) if isinstance(dimensions, str) else tuple(dimensions)
+                array = np.asarray(values)
+                if array.ndim != len(names):
+                    raise ValueError(f"{name} has the shape {array.shape}, of {', '.join(names)}")
+                for dimension, size in zip(names, array.shape, strict=True):
+                    if sizes.setdefault(dimension, size) != size:
+                        raise ValueError(f"{name} has {size} of {dimension}; {sizes[dimension]}")
+                made[name] = names, array
+            object.__setattr__(self, group, made)
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all arrays by name."""
+        return {name: array for name, (_, array) in {**self.coordinates, **self.variables}.items()}
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return it as an `xarray.Dataset`, which netCDF files can hold.
+
+        Complex arrays become two, of the real and of the imaginary parts: netCDF has none. Those
+        that hold nothing at each place are left out.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        try:
+            import xarray as xr
+        except ImportError as missing:
+            raise ImportError(
+                "to_xarray needs xarray, which is not installed: pip install xarray"
+            ) from missing
+        parts = [_real(group) for group in (self.variables, self.coordinates)]
+        found = xr.Dataset(parts[0], parts[1], self.attributes)
+        if "error" in found:
+            found["error"].attrs["long_name"] = self.attributes["error_meaning"]
+        return found
+
+    def columns(self) -> dict[str, Any]:
+        """Return it as a table: columns of one length, by name.
+
+        Rows are the places of the first variable: where it has several dimensions one after the
+        other, without those at which it is NaN. Variables with other dimensions besides become
+        several columns, ``name[0]``, ``name[1]`` ...; those without the first of its dimensions are
+        left out.
+        """
+        everything = _real({**self.coordinates, **self.variables})
+        over, first = next(iter(_real(self.variables).values()))
+        places = np.indices(first.shape).reshape(len(over), -1)
+        if first.dtype.kind == "f":
+            places = places[:, ~np.isnan(first.ravel())]
+        index = dict(zip(over, places, strict=True))
+        table: dict[str, Any] = {}
+        for dimension in over[1:]:
+            if dimension not in everything:
+                table[dimension] = index[dimension]
+        for name, (dimensions, array) in everything.items():
+            if not dimensions or dimensions[0] not in index:
+                continue
+            rest = [d for d in dimensions if d not in index]
+            moved = np.moveaxis(array, [dimensions.index(d) for d in rest], range(len(rest)))
+            at = tuple(index[d] for d in dimensions if d in index)
+            for place in np.ndindex(moved.shape[: len(rest)]):
+                suffix = f"[{','.join(map(str, place))}]" if place else ""
+                table[f"{name}{suffix}"] = moved[place][at]
+        names = [name for name in self.coordinates if name in table]
+        return {name: table[name] for name in [*names, *(n for n in table if n not in names)]}
+
+    def to_pandas(self) -> Any:
+        """Return the table of `columns` as a `pandas.DataFrame`.
+
+        Raises
+        ------
+        ImportError
+            When pandas is not installed.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(self.columns())
+
+    def to_csv(self) -> str:
+        """Return the table of `columns` as CSV; floats read back bit for bit."""
+        columns = {name: column.tolist() for name, column in self.columns().items()}
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+        return text.getvalue()
+
+    def export(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file: .csv, .npz or .h5; the file is the new one, or the old one.
+
+        .csv holds the table of `columns`, the others all arrays, and the attributes.
+
+        Raises
+        ------
+        ValueError
+            When the file has another ending, or cannot be written.
+        """
+        ending = os.path.splitext(os.fspath(path))[1]  # noqa: PTH122 (as bytes, too)
+        if ending not in ENDINGS:
+            raise ValueError(f"path must end in {', '.join(ENDINGS)}; got {os.fspath(path)!r}")
+        with whole("path", path) as stream:
+            if ending == ".csv":
+                stream.write(self.to_csv().encode())
+            elif ending == ".npz":
+                np.savez_compressed(stream, allow_pickle=False, **self.arrays(), **self.attributes)
+            else:
+                stream.write(self._hdf5())
+
+    def _hdf5(self) -> memoryview:
+        import h5py
+
+        # in memory: HDF5 locks and seeks in what it writes to, and says little when a disk is full
+        buffer = io.BytesIO()
+        with h5py.File(buffer, "w") as file:
+            for name, array in self.arrays().items():
+                file[name] = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
+            file.attrs.update(self.attributes)
+        return buffer.getbuffer()
+
+
+def _real(variables: Variables) -> dict[str, tuple[tuple[str, ...], Any]]:
+    """Arrays without complex numbers, and without those that hold nothing at each place."""
+    found = {}
+    for name, (dimensions, array) in variables.items():
+        if 0 in array.shape[1:]:  # which netCDF does not hold either
+            continue
+        if np.iscomplexobj(array):
+            found[f"{name}_real"] = dimensions, array.real.copy()
+            found[f"{name}_imaginary"] = dimensions, array.imag.copy()
+        else:
+            found[name] = dimensions, array.copy()  # a user may write to it
+    return found  # type: ignore[return-value]
+
+
+def known_error(result: object, dimensions: str) -> Variables:
+    """Return the error of a result, where it was worked out before, as a variable."""
+    found = vars(result).get("error")
+    return {} if found is None else {"error": (dimensions, found)}
+
+
+def described(
+    title: str,
+    *,
+    cost: Cost,
+    error: str,
+    system: Any = None,
+    swept: tuple[str, ...] = (),
+    **facts: Any,
+) -> dict[str, str | float]:
+    """Return attributes of a dataset, which say where it comes from.
+
+    Parameters
+    ----------
+    title : str
+    cost : Cost
+        As the attributes ``cost_seconds`` and so on, all of them floats.
+    error : str
+        What ``error`` means.
+    system : Map, optional
+        Its line as ``system``, its parameters as ``parameter_...``, but for those that were swept.
+    facts : str or float
+        More attributes.
+    """
+    attributes: dict[str, str | float] = {"title": title, "dynkit_version": __version__}
+    if system is not None:
+        fixed = {name: v for name, v in system.parameters.items() if name not in swept}
+        attributes["system"] = told(system, without=swept)
+        attributes |= {f"parameter_{name}": v for name, v in fixed.items()}
+    attributes |= {"error_meaning": error, "cost_seconds": cost.seconds}
+    attributes |= {f"cost_{name.replace(' ', '_')}": float(n) for name, n in cost.counts.items()}
+    return attributes | facts

@@ -1,0 +1,139 @@
+"""Results: what they can be turned into, and how they are stored."""
+
+from __future__ import annotations
+
+import json
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, final
+
+import numpy as np
+
+from dynkit._version import __version__
+from dynkit.data import store
+from dynkit.data.atomic_files import reason
+from dynkit.data.codec import decoded, encoded
+from dynkit.data.dataset import Dataset
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Result(ABC):
+    """A result that has named arrays with dimensions, and all forms that are made of them."""
+
+    @abstractmethod
+    def dataset(self) -> Dataset:
+        """Return its arrays with names, dimensions and attributes."""
+
+    @final
+    def to_xarray(self) -> xarray.Dataset:
+        """Return its `dataset` as an `xarray.Dataset`.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed.
+        """
+        return self.dataset().to_xarray()
+
+    @final
+    def to_pandas(self) -> Any:
+        """Return the table of its `dataset` as a `pandas.DataFrame`; see `Dataset.columns`.
+
+        Raises
+        ------
+        ImportError
+            When pandas is not installed.
+        """
+        return self.dataset().to_pandas()
+
+    @final
+    def export(self, path: str | os.PathLike[str]) -> None:
+        """Write its `dataset` to a file: .csv, .npz or .h5.
+
+        Raises
+        ------
+        ValueError
+            When the file has another ending, or cannot be written.
+        """
+        self.dataset().export(path)
+
+
+class Saved(Result):
+    """A result that a store holds: `save` writes it, `load` reads it, the same bits.
+
+    `_stored` names the attributes and cached properties from which everything else follows.
+    """
+
+    _stored: ClassVar[tuple[str, ...]]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there.
+        """
+        write_result(path, self, {})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read it from a store: the same bits, without what it was made of.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged, or no store of such a result.
+        """
+        return read_result(path, cls)[0]
+
+
+_Saved = TypeVar("_Saved", bound=Saved)
+
+
+def write_result(path: str | os.PathLike[str], result: Saved, entries: Mapping[str, str]) -> None:
+    """Write a result, and more entries, to a store; ValueError where it cannot be written."""
+    file = store.place(path)
+    archive = archived(result, entries)
+    with store.locked(file):
+        try:
+            store.write(file, archive)
+        except OSError as failure:
+            raise ValueError(reason(failure)) from failure
+
+
+def archived(result: Saved, entries: Mapping[str, str]) -> store.Archive:
+    """Return a result, and more entries, as an archive."""
+    arrays: dict[str, Any] = {}
+    tree = encoded("", result, arrays)
+    arrays["json"] = np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
+    return store.Archive({"kind": type(result).__name__, "dynkit": __version__, **entries}, arrays)
+
+
+def read_result(
+    path: str | os.PathLike[str], kind: type[_Saved]
+) -> tuple[_Saved, Path, store.Archive]:
+    """Return the result of a store, its file and its archive.
+
+    Raises
+    ------
+    ValueError
+        When the store holds no result of this kind, or not all of one.
+    """
+    file = store.place(path)
+    archive = store.read(file)
+    return restored(file, archive, kind), file, archive
+
+
+def restored(file: Path, archive: store.Archive, kind: type[_Saved]) -> _Saved:
+    """Return the result of an archive; ValueError where something is missing or does not fit."""
+    if archive.entries.get("kind") != kind.__name__:
+        raise ValueError(f"store must hold a {kind.__name__}; got {file}")
+    with store.understood(file, kind.__name__):
+        tree = json.loads(archive.arrays["json"].tobytes())
+        found: _Saved = decoded(kind, "", tree, archive.arrays)
+    return found

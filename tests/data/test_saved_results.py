@@ -1,0 +1,248 @@
+"""Every result that is saved is read again with the same bits, and shows and draws the same."""
+
+from __future__ import annotations
+
+import inspect
+import io
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import dynkit
+import dynkit.data.store
+from dynkit import analysis
+from dynkit.analysis import (
+    POD,
+    BifurcationDiagram,
+    ChatterRatios,
+    CorrelationDimension,
+    ImpactSection,
+    LyapunovSpectrum,
+    PowerSpectrum,
+    Sensitivity,
+    SpaceTime,
+    StroboscopicSection,
+    TimeSeries,
+)
+from dynkit.core.validation import Array
+from dynkit.data.dataset import Dataset
+from dynkit.data.result import Result, Saved
+from dynkit.systems import Henon, ImpactChain, Logistic
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Any]:
+    chain = ImpactChain(masses=2, frequency=0.9)
+    motion = chain.attractor(transient=100, impacts=60)
+    henon = Henon().attractor(start=[0.1, 0.1], transient=100, keep=600)
+    states = henon.states
+    logistic = dynkit.periodic_orbit(Logistic(rate=2.9), [0.6])
+    branch = dynkit.continue_orbit(logistic, "rate", bounds=(2.5, 3.4))
+    orbit = dynkit.periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
+    (doubling,) = dynkit.continue_orbit(orbit, "a", bounds=(0.1, 1.4)).bifurcations
+    bounds = ((0.0, 3.0), (-0.9, 0.9))
+    short: dict[str, Any] = {"start": [0.3], "transient": 50, "keep": 5, "progress": False}
+    sweep = dynkit.sweep(Logistic(rate=3.5), "rate", [3.1, 3.5, 3.9], **short)
+    plane = {"a": [0.2, 0.3], "b": [0.1, 0.3]}
+    return {
+        "POD": POD(motion),
+        "POD of samples": POD(states, about="mean"),
+        "PowerSpectrum": PowerSpectrum(motion, samples=2048),
+        "PowerSpectrum of an array": PowerSpectrum(states[:, 0], interval=0.5),
+        "LyapunovSpectrum": LyapunovSpectrum(henon, iterations=600),
+        "LyapunovSpectrum of a motion": LyapunovSpectrum(motion, iterations=200),
+        "CorrelationDimension": CorrelationDimension(henon),
+        "TimeSeries": TimeSeries(motion),
+        "TimeSeries of an array": TimeSeries([0.0, 1.0], [0.0, 0.5]),
+        "StroboscopicSection": StroboscopicSection(motion),
+        "ImpactSection": ImpactSection(motion),
+        "SpaceTime": SpaceTime(motion),
+        "Sensitivity": Sensitivity(henon),
+        "ChatterRatios": ChatterRatios(np.array([1.0, 2.0, 1.0, 0.5, 0.25])),
+        "Branch": branch,
+        "BifurcationCurve": dynkit.continue_curve(doubling, ("a", "b"), bounds=bounds, points=5),
+        "Network": dynkit.explore(
+            Logistic(rate=2.9), "rate", (2.5, 3.4), impacts=1, seeds=[branch.orbit(0)], values=2
+        ),
+        "Sweep": sweep,
+        "ParameterMap": dynkit.parameter_map(Henon(), plane, start=[0.1, 0.1], progress=False),
+        "Basins": dynkit.basins(Logistic(rate=3.2), [[-0.1], [0.3]], progress=False),
+    }
+
+
+NAMES = (
+    *("POD", "POD of samples", "PowerSpectrum", "PowerSpectrum of an array", "LyapunovSpectrum"),
+    *("LyapunovSpectrum of a motion", "CorrelationDimension", "TimeSeries"),
+    *("TimeSeries of an array", "StroboscopicSection", "ImpactSection", "SpaceTime", "Sensitivity"),
+    *("ChatterRatios", "Branch", "BifurcationCurve", "Network", "Sweep", "ParameterMap", "Basins"),
+)
+EACH = pytest.mark.parametrize("name", NAMES)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether two values have the same bits."""
+    if isinstance(a, np.ndarray):
+        return bool(a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes())
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    return bool(a == b or (a != a and b != b))
+
+
+@EACH
+def test_what_is_loaded_has_the_same_bits(
+    name: str, results: dict[str, Any], tmp_path: Path
+) -> None:
+    result = results[name]
+    before = result.dataset()
+    result.save(tmp_path / "x.h5")
+    loaded = type(result).load(tmp_path / "x.h5")
+    after = loaded.dataset()
+    # what is made of orbits is there where an orbit is given
+    kept = after.arrays()
+    assert kept
+    assert same({key: before.arrays()[key] for key in kept}, kept)
+    of_system = ("system", "parameter_")
+    expected = {k: v for k, v in before.attributes.items() if not k.startswith(of_system)}
+    assert same(expected, dict(after.attributes))
+    assert repr(loaded) == repr(result)
+    if name != "Sweep":  # which simulates: its system must be given
+        assert same(np.asarray(loaded.error), np.asarray(result.error))
+
+
+@EACH
+def test_what_was_loaded_is_saved_again_or_says_what_is_missing(
+    name: str, results: dict[str, Any], tmp_path: Path
+) -> None:
+    result = results[name]
+    result.save(tmp_path / "x.h5")
+    loaded = type(result).load(tmp_path / "x.h5")
+    if name in ("Branch", "BifurcationCurve", "Network", "Sweep", "ParameterMap", "Basins"):
+        with pytest.raises(ValueError, match=r"(orbit|system) must be given"):
+            loaded.save(tmp_path / "y.h5")
+        assert not (tmp_path / "y.h5").exists()
+        return
+    loaded.save(tmp_path / "y.h5")
+    again = type(result).load(tmp_path / "y.h5")
+    assert same(again.dataset().arrays(), result.dataset().arrays())
+    if name != "POD of samples":
+        assert loaded.plot() is not None
+
+
+@EACH
+def test_every_result_is_exported_in_every_form(
+    name: str, results: dict[str, Any], tmp_path: Path
+) -> None:
+    data = results[name].dataset()
+    results[name].export(tmp_path / "x.npz")
+    results[name].export(tmp_path / "x.h5")
+    results[name].export(tmp_path / "x.csv")
+    with np.load(tmp_path / "x.npz") as stored:
+        assert all(same(stored[key], array) for key, array in data.arrays().items())
+        assert {str(stored["title"]), str(stored["dynkit_version"])} == {
+            data.attributes["title"],
+            dynkit.__version__,
+        }
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert set(file) == set(data.arrays())
+        assert file.attrs["title"] == data.attributes["title"]
+    rows = (tmp_path / "x.csv").read_text().splitlines()
+    table = data.columns()
+    assert rows[0].split(",") == list(table)
+    assert len(rows) == 1 + len(next(iter(table.values())))
+    frame = results[name].to_pandas()
+    assert list(frame.columns) == list(table)
+
+
+def test_floats_of_a_table_read_back_bit_for_bit(results: dict[str, Any]) -> None:
+    data = results["Branch"].dataset()
+    lines = data.to_csv().splitlines()
+    assert [float(line.split(",")[0]) for line in lines[1:]] == data.arrays()["rate"].tolist()
+
+
+def test_a_table_repeats_what_belongs_to_a_value_and_leaves_out_what_is_nan() -> None:
+    data = Dataset(
+        {"p": ("p", [1.0, 2.0])},
+        {"x": (("p", "state"), [[1.0, 2.0], [3.0, np.nan]]), "count": ("p", [2, 1])},
+        {},
+    )
+    assert data.to_csv() == "p,state,x,count\n1.0,0,1.0,2\n1.0,1,2.0,2\n2.0,0,3.0,1\n"
+
+
+def test_other_dimensions_become_columns() -> None:
+    data = Dataset({}, {"x": ("k", [1.0, 2.0]), "z": (("k", "m"), [[1j, 2.0], [3.0, 4.0]])}, {})
+    assert list(data.columns()) == [
+        *("x", "z_real[0]", "z_real[1]", "z_imaginary[0]", "z_imaginary[1]"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("variables", "message"),
+    [
+        ({"x": (("k", "m"), [1.0])}, r"x has the shape \(1,\), of k, m"),
+        ({"x": ("k", [1.0]), "y": ("k", [1.0, 2.0])}, "y has 2 of k; 1"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(variables: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Dataset({}, variables, {})
+
+
+def test_another_ending_is_refused(results: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"path must end in .csv, .npz, .h5; got .*x.txt"):
+        results["POD"].export(tmp_path / "x.txt")
+    assert not list(tmp_path.iterdir())
+
+
+def changed(path: Path, target: Path, name: str, array: Array) -> None:
+    archive = dynkit.data.store.read(path)
+    arrays = {**archive.arrays, name: array}
+    dynkit.data.store.write(target, dynkit.data.store.Archive(archive.entries, arrays))
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (np.zeros((2, 3)), "displacement has 2 of time"),
+        (np.zeros((2, 3), dtype=np.int64), "displacements is int64"),
+        (np.zeros(3), "displacement has the shape"),
+    ],
+)
+def test_arrays_made_by_hand_are_refused(
+    array: Array, message: str, results: dict[str, Any], tmp_path: Path
+) -> None:
+    results["SpaceTime"].save(tmp_path / "x.h5")
+    changed(tmp_path / "x.h5", tmp_path / "y.h5", "displacements", array)
+    with pytest.raises(ValueError, match=message):
+        SpaceTime.load(tmp_path / "y.h5")
+
+
+def test_a_huge_shape_that_holds_nothing_is_refused_before_memory_is_asked_for(
+    tmp_path: Path,
+) -> None:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", userblock_size=512) as file:
+        file.attrs["kind"] = "SpaceTime"
+        file.create_dataset("displacements", (1 << 40, 100), dtype="f8", chunks=(1, 100))
+    data = buffer.getbuffer()[512:]
+    (tmp_path / "x.h5").write_bytes(bytes(dynkit.data.store._heading(data)) + bytes(data))
+    with pytest.raises(ValueError, match=r"'displacements' is \(1099511627776, 100\), and holds"):
+        SpaceTime.load(tmp_path / "x.h5")
+
+
+def test_the_store_of_another_result_is_refused(results: dict[str, Any], tmp_path: Path) -> None:
+    results["POD"].save(tmp_path / "x.h5")
+    with pytest.raises(ValueError, match=r"^store must hold a SpaceTime; got .*x.h5$"):
+        SpaceTime.load(tmp_path / "x.h5")
+
+
+def test_every_measure_is_a_result() -> None:
+    measures = [getattr(analysis, name) for name in dir(analysis)]
+    classes = [kind for kind in measures if inspect.isclass(kind) and hasattr(kind, "plot")]
+    assert classes
+    assert {kind for kind in classes if not issubclass(kind, Result)} == {analysis.WorkPrecision}
+    assert {kind for kind in classes if not issubclass(kind, Saved)} == {
+        *(analysis.WorkPrecision, BifurcationDiagram),  # a diagram is made of a sweep
+    }
