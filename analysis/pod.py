@@ -338,7 +338,7 @@ class POD(Saved):
         """
         from dynkit.analysis.pod_figures import draw_cumulative
 
-        return draw_cumulative(self, ax, self.rank(share), share, label)
+        return draw_cumulative(self.cumulative, self.change, ax, self.rank(share), share, label)
 
     def plot_modes(
         self, ax: Sequence[Axes] | None = None, *, count: int = 4, modes: object = None
@@ -365,7 +365,8 @@ class POD(Saved):
             raise ValueError(f"count must not exceed the {len(self.mean)} modes; got {number}")
         if ax is not None and len(ax) != number:
             raise ValueError(f"ax must hold {number} axes; got {len(ax)}")
-        return draw_modes(self, ax, number, self._unit_columns(modes))
+        others = self._unit_columns(modes)
+        return draw_modes(self.modes, self.modal_assurance(others), ax, number, others)
 
 
 def _read_only(array: Array) -> Array:

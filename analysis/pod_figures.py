@@ -13,28 +13,35 @@ from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_axes, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.analysis.pod import POD
+    from dynkit.analysis.regimes import RegimeChange
 
 # By these curves are told from one another in black and white.
 _STYLES, _MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D")
 
 
 @print_style()
-def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: str | None) -> Axes:
+def draw_cumulative(
+    cumulative: Array,
+    change: RegimeChange | None,
+    ax: Axes | None,
+    rank: int,
+    share: float,
+    label: str | None,
+) -> Axes:
     """Draw as `POD.plot` says."""
     from matplotlib.ticker import MaxNLocator
 
     axes = shown_axes(ax)
-    numbers = np.arange(1, len(pod.power) + 1)
+    numbers = np.arange(1, len(cumulative) + 1)
     drawn = sum(line.get_marker() in _MARKERS for line in axes.lines)
     (line,) = axes.plot(
-        numbers, pod.cumulative, color=ink(), marker=_MARKERS[drawn % len(_MARKERS)],
+        numbers, cumulative, color=ink(), marker=_MARKERS[drawn % len(_MARKERS)],
         markersize=2.8, markerfacecolor=ink(drawn % 2),
         markeredgewidth=0.6, linewidth=0.8, label=label, linestyle=_STYLES[drawn % len(_STYLES)],
     )  # fmt: skip
     axes.annotate(
         "",
-        xy=(rank, float(pod.cumulative[rank - 1])),
+        xy=(rank, float(cumulative[rank - 1])),
         xytext=(0.0, -16.0),
         textcoords="offset points",
         arrowprops={"arrowstyle": "->", "linewidth": 0.6, "color": line.get_color()},
@@ -43,8 +50,8 @@ def draw_cumulative(pod: POD, ax: Axes | None, rank: int, share: float, label: s
         _mark_share(axes, share)
     axes.set_xlabel("number of modes")
     axes.set_ylabel("cumulative power")
-    if pod.change is not None:
-        axes.set_title(str(pod.change), fontsize="small")
+    if change is not None:
+        axes.set_title(str(change), fontsize="small")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     return axes
 
@@ -64,15 +71,16 @@ def _mark_share(axes: Axes, share: float) -> None:
 
 
 @print_style()
-def draw_modes(pod: POD, ax: Sequence[Axes] | None, count: int, others: Array) -> list[Axes]:
-    """Draw as `POD.plot_modes` says."""
+def draw_modes(
+    modes: Array, assurance: Array, ax: Sequence[Axes] | None, count: int, others: Array
+) -> list[Axes]:
+    """Draw as `POD.plot_modes` says; assurance (N, m) is of the modes and the others."""
     from matplotlib.ticker import MaxNLocator
 
     axes = _panels(count) if ax is None else list(ax)
-    numbers = np.arange(1, len(pod.power) + 1)
-    assurance = pod.modal_assurance(others)
+    numbers = np.arange(1, len(modes) + 1)
     for k, panel in enumerate(axes):
-        mode = pod.modes[:, k]
+        mode = modes[:, k]
         j = int(np.argmax(assurance[k]))
         other = others[:, j] * (1.0 if mode @ others[:, j] >= 0.0 else -1.0)
         panel.axhline(0.0, color=ink(0.7), linewidth=0.5, zorder=0)

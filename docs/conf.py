@@ -10,8 +10,7 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 import dynkit
-from dynkit.cli import main
-from dynkit.cli.arguments import make_parser
+from dynkit.cli import COMMANDS, main
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
@@ -81,9 +80,8 @@ def help_of(*arguments: str) -> str:
     return f"```text\n{text.getvalue().strip()}\n```"
 
 
-commands = next(a.choices for a in make_parser()._actions if isinstance(a.choices, dict))
 pages = ["# The `dynkit` command", help_of()]
-for command in commands:
+for command in COMMANDS:
     pages += [f"## `dynkit {command}`", help_of(command)]
 (HERE / "api" / "command.md").write_text("\n\n".join(pages) + "\n", encoding="utf-8")
 

@@ -17,15 +17,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import dynkit.data.store
 from dynkit import BifurcationCurve, Branch, sweep
 from dynkit.cli import main
-from dynkit.cli.output import output_file, write_arrays, write_picture, write_table
+from dynkit.cli.output import output_file, write
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
+from dynkit.data.dataset import Dataset
 from dynkit.engine import collecting
-from dynkit.plotting.figures import new_figure, save_figure
+from dynkit.plotting.figures import new_figure, save_figure, write_figure
 from tests.continuation.starts import henon
 from tests.example_systems import Logistic
 from tutorials.cusumano_bai_1993.page import write_text
@@ -65,14 +67,15 @@ def followed() -> tuple[Branch, BifurcationCurve]:
 def plain_writers(folder: Path) -> dict[str, Callable[[], object]]:
     """What writes numbers, by the name of the file that it writes."""
     branch, curve = followed()
-    numbers = np.random.default_rng(0).random(9000)
+    data = Dataset({}, {"x": ("row", np.random.default_rng(0).random(9000))}, {})
     return {
         "sweep.h5": partial(swept, folder / "sweep.h5"),
         "branch.h5": partial(branch.save, folder / "branch.h5"),
         "curve.h5": partial(curve.save, folder / "curve.h5"),
-        "table.csv": partial(write_table, folder / "table.csv", {"x": numbers.tolist()}),
-        "arrays.npz": partial(write_arrays, folder / "arrays.npz", {"x": numbers}, {}),
-        "arrays.h5": partial(write_arrays, folder / "arrays.h5", {"x": numbers}, {}),
+        **{
+            name: partial(write, folder / name, Figure, data)
+            for name in ("table.csv", "arrays.npz", "arrays.h5")
+        },
     }
 
 
@@ -81,8 +84,10 @@ def writers(folder: Path) -> dict[str, Callable[[], object]]:
     figure, (axes,) = new_figure(2.0, 1.5)
     axes.plot(np.random.default_rng(0).random(2000))
     return plain_writers(folder) | {
-        "picture.png": partial(write_picture, folder / "picture.png", lambda: figure),
-        "picture.svg": partial(write_picture, folder / "picture.svg", lambda: figure),
+        **{
+            name: partial(write_figure, "out", folder / name, figure)
+            for name in ("picture.png", "picture.svg")
+        },
         "figure.png": partial(save_figure, figure, folder / "figure", 600.0),
         "report.md": partial(write_text, folder / "report.md", "x" * 2 * ROOM),
         "command.csv": partial(_command, [*SIMULATE, "--out", str(folder / "command.csv")]),

@@ -1,6 +1,8 @@
 """The `dynkit` command: exit codes, messages, files, help."""
 
 import csv
+import dataclasses
+import os
 import re
 import subprocess
 import sys
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 from dynkit import sweep
-from dynkit.cli import main
+from dynkit.cli import COMMANDS, main, simulate
 from dynkit.cli.options import values_of
 from dynkit.systems import ImpactChain
 
@@ -78,7 +80,7 @@ def test_write_that_fails_leaves_the_old_file(
             raise OSError("disk full")
 
     (folder / "motion.csv").write_text("old")
-    monkeypatch.setattr(csv, "writer", lambda _: Full())
+    monkeypatch.setattr(csv, "writer", lambda *_, **__: Full())
     assert main(["simulate", "--frequency", "1", "--out", "motion.csv"]) == 1
     assert [(path.name, path.read_text()) for path in folder.iterdir()] == [("motion.csv", "old")]
 
@@ -102,6 +104,35 @@ def toml_files_of(text: str) -> dict[str, str]:
 
 def examples_of(text: str) -> list[list[str]]:
     return [line.split()[1:] for line in re.findall(r"^  (dynkit .*)$", text, flags=re.MULTILINE)]
+
+
+def test_the_help_imports_no_library_of_numbers() -> None:
+    code = (
+        "import sys; from dynkit.cli import main; main(['--help']); "
+        "sys.exit(bool({'numpy', 'numba', 'scipy', 'matplotlib'} & {*sys.modules}))"
+    )
+    subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        stdout=subprocess.DEVNULL,
+        check=True,
+    )
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_fits_a_terminal_of_80_columns(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    text, _, examples = described([command], capsys).partition("For instance:")
+    assert max(map(len, text.splitlines())) <= 80
+    assert examples
+
+
+def test_every_field_of_the_chain_is_an_option_with_a_help() -> None:
+    fields = [field.name for field in dataclasses.fields(ImpactChain) if field.init]
+    texts = {option.name: option.help for option in simulate.OPTIONS}
+    assert [name for name in fields if len(texts.get(name, "")) < 10] == []
 
 
 @pytest.mark.parametrize("command", ["simulate", "sweep", "continue"])
@@ -188,9 +219,9 @@ def test_simulate_writes_what_the_chain_simulates(folder: Path) -> None:
     assert main(["simulate", "--frequency", "0.87", "--impacts", "7", "--out", "motion.csv"]) == 0
     record = ImpactChain(frequency=0.87).attractor(impacts=7).record
     head, *rows = rows_of(folder / "motion.csv")
-    assert head == ["time", "phase", "relative_velocity", "energy"]
+    assert head == ["time", "relative_velocity", "phase", "energy"]
     written = np.array(rows, dtype=float)
-    assert np.array_equal(written[:, 2], record.relative_velocity)
+    assert np.array_equal(written[:, 1], record.relative_velocity)
     assert np.array_equal(written[:, 0], record.time)
 
 
@@ -201,10 +232,10 @@ def test_simulate_writes_arrays(ending: str, folder: Path) -> None:
     record = ImpactChain(frequency=0.87).attractor(impacts=7).record
     if ending == "npz":
         with np.load(folder / "motion.npz") as file:
-            position, frequency = file["position"], float(file["frequency"])
+            position, frequency = file["position"], float(file["parameter_frequency"])
     else:
         arrays, parameters = hdf5_of(folder / "motion.h5")
-        position, frequency = arrays["position"], parameters["frequency"]
+        position, frequency = arrays["position"], parameters["parameter_frequency"]
     assert np.array_equal(position, record.position)
     assert frequency == 0.87
 
@@ -215,18 +246,21 @@ def test_sweep_writes_what_sweep_finds(folder: Path) -> None:
         ImpactChain(frequency=0.86), "frequency", [0.86, 0.87, 0.88], keep=9, progress=False
     )
     head, *rows = rows_of(folder / "sweep.csv")
-    assert head == ["frequency", "impact", "relative_velocity", "label"]
+    assert head == [
+        *("frequency", "state", "relative_velocity", "count", "ending", "displaced", "label"),
+    ]
     velocity = np.array([row[2] for row in rows], dtype=float)
     assert np.array_equal(velocity, found.observable("relative_velocity").ravel())
-    assert {row[3] for row in rows} == {"P(1,3)"}
+    assert {row[-1] for row in rows} == {"P(1,3)"}
 
 
 def test_sweep_writes_arrays_with_labels(folder: Path) -> None:
     assert main([*SWEEP, "--keep", "9", "--out", "sweep.h5"]) == 0
     arrays, parameters = hdf5_of(folder / "sweep.h5")
     assert arrays["relative_velocity"].shape == (3, 9)
-    assert arrays["labels"].tolist() == [b"P(1,3)"] * 3
-    assert parameters["parameter"] == "frequency"
+    assert arrays["label"].tolist() == [b"P(1,3)"] * 3
+    assert arrays["frequency"].tolist() == [0.86, 0.87, 0.88]
+    assert (parameters["keep"], parameters["parameter_restitution"]) == (9.0, 0.85)
 
 
 def test_sweep_tells_the_error_of_each_value(
@@ -256,6 +290,44 @@ def test_resumed_sweep_writes_the_same_bytes(folder: Path) -> None:
     assert main([*SWEEP, "--store", "sweep.h5", "--out", "a.csv"]) == 0
     assert main([*SWEEP, "--store", "sweep.h5", "--out", "b.csv"]) == 0
     assert (folder / "a.csv").read_bytes() == (folder / "b.csv").read_bytes()
+
+
+def test_a_start_that_is_given_is_the_first_state_of_a_sweep(folder: Path) -> None:
+    arguments = "sweep --masses 1 --values 0.9 --transient 0 --keep 3 --no-labels --no-progress"
+    assert main([*arguments.split(), "--position", "0.3", "--out", "a.csv"]) == 0
+    chain = ImpactChain(masses=1, frequency=0.9)
+    record = chain.simulate(impacts=3, start=chain.state([0.3]))
+    written = [float(row[2]) for row in rows_of(folder / "a.csv")[1:]]
+    assert written == record.relative_velocity.tolist()
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+@pytest.mark.parametrize("command", ["simulate", "sweep", "map", "continue", "work-precision"])
+def test_every_command_draws_in_every_format(command: str, ending: str, folder: Path) -> None:
+    arguments = {
+        "simulate": "--frequency 0.87",
+        "sweep": "--values 0.87 --keep 20 --no-labels",
+        "map": "--x frequency,0.8,0.9,2 --y damping,0.1,0.2,2 --transient 9 --keep 9",
+        "continue": "--frequency 0.87 --periods 3 --from 0.86 --to 0.88",
+        "work-precision": "--frequency 0.87 --impacts 3 --methods dynkit",
+    }[command]
+    quiet = [] if command in ("simulate", "continue") else ["--no-progress"]
+    small = ["--masses", "2", *arguments.split(), *quiet]
+    assert main([command, *small, "--out", f"picture.{ending}"]) == 0
+    begin = (folder / f"picture.{ending}").read_bytes()[:5]
+    assert begin == {"png": b"\x89PNG\r", "svg": b"<?xml", "pdf": b"%PDF-"}[ending]
+
+
+def test_error_against_run_time_of_a_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "mine.toml").write_text(
+        'masses = 2\nfrequency = 0.87\nimpacts = 3\nmethods = ["dynkit", "DOP853"]\n'
+        "progress = false\n"
+    )
+    assert main(["work-precision", "--config", "mine.toml"]) == 0
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    assert len(re.findall(r"^DOP853 ", printed, flags=re.MULTILINE)) == 4
+    assert re.search(r"^dynkit +- +< \S+ .* not known better$", printed, flags=re.MULTILINE)
 
 
 def test_summary_names_label_and_file(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """`dynkit continue`: what it prints and writes."""
 
+import csv
 import re
 from pathlib import Path
 
@@ -52,6 +53,37 @@ def test_continue_keeps_the_branch(folder: Path) -> None:
     orbit = ImpactChain(frequency=0.87).periodic_orbit(periods=3)
     kept = Branch.load(folder / "branch.h5", orbit)
     assert np.array_equal(kept.unknowns, expected().unknowns)
+
+
+def test_a_table_has_points_and_bifurcations_in_the_order_of_the_curve(folder: Path) -> None:
+    assert main([*CONTINUE, "--periods", "3", "--out", "branch.csv"]) == 0
+    with (folder / "branch.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    branch = expected()
+    points = [row for row in rows if not row["kind"]]
+    assert [float(row["frequency"]) for row in points] == branch.parameter.tolist()
+    velocity = branch.observable("relative_velocity")
+    assert [float(row["relative_velocity[0]"]) for row in points] == velocity[:, 0].tolist()
+    found = [row for row in rows if row["kind"]]
+    assert [row["kind"] for row in found] == [b.kind for b in branch.bifurcations]
+    assert [float(row["frequency"]) for row in found] == [b.value for b in branch.bifurcations]
+    for row, bifurcation in zip(found, branch.bifurcations, strict=True):
+        before = [each for each in rows[: rows.index(row)] if not each["kind"]]
+        assert len(before) == np.floor(bifurcation.place) + 1
+        assert float(row["error_of_frequency"]) == bifurcation.error
+        assert row["distance_from_curve"] == "nan"
+
+
+def test_an_array_file_has_the_dataset_of_the_branch_and_a_store_is_read_again(
+    folder: Path,
+) -> None:
+    assert main([*CONTINUE, "--periods", "3", "--out", "branch.npz"]) == 0
+    branch = expected()
+    with np.load(folder / "branch.npz") as file:
+        assert file["frequency"].tolist() == branch.parameter.tolist()
+        assert file["bifurcation_value"].tolist() == [b.value for b in branch.bifurcations]
+    assert main([*CONTINUE, "--periods", "3", "--out", "branch.h5"]) == 0
+    assert np.array_equal(Branch.load(folder / "branch.h5").parameter, branch.parameter)
 
 
 @pytest.mark.parametrize("ending", ["png", "svg"])

@@ -48,7 +48,7 @@ def test_workers_and_a_store_give_the_same_map() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["--x", "speed,1,2,3"], "x must name one of: springs, .*; got 'speed'"),
+        (["--x", "speed,1,2,3"], "x must be one of: frequency, .*; got 'speed'"),
         (["--x", "frequency,1,2"], r"x must be NAME,FROM,TO,COUNT; got \['frequency', 1, 2\]"),
         (["--x", "1,2,3,4"], "x must be NAME,FROM,TO,COUNT; got"),
         (["--x", "frequency,1,two,4"], "x must be a finite number; got 'two'"),
@@ -56,7 +56,7 @@ def test_workers_and_a_store_give_the_same_map() -> None:
         (["--y", "frequency,1,2,3"], "y must be of another parameter than x"),
         (["--damping", "0.1"], "damping must not be given when it changes; got 0.1"),
         (["--workers", "0"], "workers must be a positive integer; got 0"),
-        (["--out", "map.pdf"], "out must end in .csv, .npz, .h5, .png, .svg; got 'map.pdf'"),
+        (["--out", "map.gif"], "out must end in .csv, .npz, .h5, .png, .svg, .pdf; got 'map.gif'"),
         (["--store", "a.h5", "--out", "a.h5"], "out must be another file than store; got 'a.h5'"),
     ],
 )

@@ -59,8 +59,8 @@ BAD_INPUT = [
         ),
     ),
     (
-        ["simulate", "--frequency", "1", "--out", "motion.pdf"],
-        "simulate: error: out must end in .csv, .npz, .h5, .png, .svg; got 'motion.pdf'",
+        ["simulate", "--frequency", "1", "--out", "motion.gif"],
+        "simulate: error: out must end in .csv, .npz, .h5, .png, .svg, .pdf; got 'motion.gif'",
     ),
     (
         ["simulate", "--frequency", "1", "--out", "missing/motion.csv"],
@@ -109,8 +109,8 @@ BAD_INPUT = [
     (
         ["sweep", "--values", "1", "--parameter", "masses"],
         (
-            "sweep: error: parameter must be one of: springs, damping, restitution, amplitude, "
-            "offset, frequency; got 'masses'"
+            "sweep: error: parameter must be one of: frequency, restitution, amplitude, offset, "
+            "play, springs, damping; got 'masses'"
         ),
     ),
     (
@@ -129,13 +129,65 @@ BAD_INPUT = [
         ["sweep", "--values", "1", "--store", "a.h5", "--out", "a.h5"],
         "sweep: error: out must be another file than store; got 'a.h5'",
     ),
+    (
+        ["simulate", "--frequency", "1", "--side", "left"],
+        "simulate: error: side must be 'above' or 'below'; got 'left'",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--masses", "2", "--harmonic_forces", "1j"],
+        "simulate: error: harmonic_forces must have shape (2,); got shape (1,)",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--masses", "3", "--velocity", "0,1"],
+        "simulate: error: velocity must have shape (3,); got shape (2,)",
+    ),
+    (
+        ["simulate", "--frequency", "1", "--transient", "-1"],
+        "simulate: error: transient must be zero or a positive integer; got -1",
+    ),
+    (
+        ["simulate", "a.toml", "--config", "b.toml"],
+        "simulate: error: config must not be given beside a file; got 'b.toml'",
+    ),
+    (
+        ["sweep", "--values", "1", "--no-labels=3"],
+        "sweep: error: argument --labels/--no-labels: ignored explicit argument '3'",
+    ),
     (["continue", "--frequency", "1"], "continue: error: from must be given"),
+    (
+        [*CONTINUE, "--step", "0"],
+        "continue: error: step must be positive; got 0",
+    ),
+    (
+        [*CONTINUE, "--store", "a.h5", "--out", "a.h5"],
+        "continue: error: out must be another file than store; got 'a.h5'",
+    ),
+    (["work-precision"], "work-precision: error: frequency must be given"),
+    (
+        ["work-precision", "--frequency", "1", "--methods", "dynkit,RK54"],
+        (
+            "work-precision: error: methods must be one of: dynkit, RK45, DOP853, Radau, LSODA; "
+            "got 'RK54'"
+        ),
+    ),
+    (
+        ["work-precision", "--frequency", "1", "--impacts", "0"],
+        "work-precision: error: impacts must be a positive integer; got 0",
+    ),
+    (
+        ["work-precision", "--frequency", "1", "--out", "table.csv"],
+        "work-precision: error: out must end in .png, .svg, .pdf; got 'table.csv'",
+    ),
+    (
+        ["work-precision", "--config", "missing.toml"],
+        "work-precision: error: missing.toml cannot be read: No such file or directory",
+    ),
     (["continue", "--from", "0.7", "--to", "1"], "continue: error: frequency must be given"),
     (
         [*CONTINUE, "--parameter", "masses"],
         (
-            "continue: error: parameter must be one of: springs, damping, restitution, amplitude, "
-            "offset, frequency; got 'masses'"
+            "continue: error: parameter must be one of: frequency, restitution, amplitude, offset, "
+            "play, springs, damping; got 'masses'"
         ),
     ),
     (
@@ -155,8 +207,8 @@ BAD_INPUT = [
         "continue: error: transient must not be given beside impacts or periods; got 10",
     ),
     (
-        [*CONTINUE, "--out", "branch.csv"],
-        "continue: error: out must end in .png, .svg; got 'branch.csv'",
+        [*CONTINUE, "--out", "branch.jpg"],
+        "continue: error: out must end in .csv, .npz, .h5, .png, .svg, .pdf; got 'branch.jpg'",
     ),
     (
         [*CONTINUE, "--store", "missing/branch.h5"],
@@ -192,6 +244,15 @@ def test_bad_input_is_refused_on_one_line_and_nothing_is_written(
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize("arguments", [[], ["simulat"], ["simulate", "a.toml", "b.toml"]])
+def test_what_is_no_command_is_refused_on_one_line(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert re.fullmatch(r"dynkit( simulate)?: error: .*(COMMAND|'simulat'|b\.toml).*\n", error)
+
+
 def test_unknown_key_in_a_file_is_refused_by_name(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -208,6 +269,7 @@ def test_unknown_key_in_a_file_is_refused_by_name(
         ("frequency = '0.87'", "frequency must be a finite number; got '0.87'"),
         ("frequency = true", "frequency must be a finite number; got True"),
         ("frequency = 0.87\nout = 5", "out must be a name; got 5"),
+        ("frequency = 0.87\nside = 1", "side must be a name; got 1"),
         ("frequency = 0.87\nobservable = []", r"observable must be one or more names; got \[\]"),
     ],
 )

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dynkit.cli.options import CONTINUE, SIMULATE, SWEEP
+from dynkit.cli import branch, simulate, sweep, work_precision
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -27,6 +27,8 @@ NAMES = {
 MEMBERS = {("os", "system"), ("sympy", "S"), ("sp", "S")}
 KEYWORDS = {"allow_pickle", "shell"}
 ALLOWED = {
+    # one of the command's own modules
+    ("dynkit/cli/__init__.py", "import_module"),
     # of a number that is an int, a float or one of NumPy's, in strict mode
     ("systems/structure/energies.py", "sympify"),
 }
@@ -130,9 +132,14 @@ json.dump([codes, heard], sys.stdout)
 def attacks(folder: Path) -> list[list[str]]:
     """Every option of every command with every payload, given directly and in a TOML file."""
     tasks: list[list[str]] = []
-    commands = {"simulate": SIMULATE, "sweep": SWEEP, "continue": CONTINUE}
-    for command, options in commands.items():
-        for option in options:
+    commands = {
+        "simulate": simulate,
+        "sweep": sweep,
+        "continue": branch,
+        "work-precision": work_precision,
+    }
+    for command, module in commands.items():
+        for option in module.OPTIONS:
             for payload in PAYLOADS:
                 # a folder that is missing: as names of files they are refused too
                 text = f"missing/{payload}" if option.name in ("store", "out") else payload

@@ -11,7 +11,7 @@ import pytest
 
 from dynkit import MapAttractor, PoincareMap, Stroboscope
 from dynkit.analysis import ExactImpacts, FoundImpacts
-from dynkit.analysis.work_precision.measuring import Measurement
+from dynkit.analysis.work_precision.measurement import Measurement
 from dynkit.dynamics.map import Map
 from dynkit.systems import (
     BouncingBall,

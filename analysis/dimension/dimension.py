@@ -378,7 +378,7 @@ class CorrelationDimension(Saved):
         """
         from dynkit.analysis.dimension.drawing import draw_sums
 
-        return draw_sums(self, ax, label)
+        return draw_sums(self.sums, self._found[1], self.error, ax, label)
 
     def plot_slopes(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
         """Draw the local slopes with one standard error, the scaling region and both estimates.
@@ -392,7 +392,8 @@ class CorrelationDimension(Saved):
         """
         from dynkit.analysis.dimension.drawing import draw_slopes
 
-        return draw_slopes(self, ax, label)
+        scaling, error = self._found[1], self.error
+        return draw_slopes(self.local_slopes, scaling, self.takens, error, ax, label)
 
 
 def _refuse_few(states: Array) -> None:

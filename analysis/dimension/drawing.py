@@ -6,22 +6,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.analysis.dimension.scaling import Estimate, Outcome
+from dynkit.analysis.dimension.scaling import Estimate, LocalSlopes, Outcome, Scaling
+from dynkit.analysis.dimension.sums import CorrelationSums
 from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from dynkit.analysis.dimension.dimension import CorrelationDimension
 
 # beyond this the slopes say nothing, and would only stretch the axes
 _UNKNOWN = 0.5
 
 
 @print_style()
-def draw_sums(dimension: CorrelationDimension, ax: Axes | None, label: str | None) -> Axes:
-    """Draw the correlation sum against the radius, and the scaling region with its line."""
-    sums, region = dimension.sums, dimension.region
+def draw_sums(
+    sums: CorrelationSums, scaling: Scaling, error: float, ax: Axes | None, label: str | None
+) -> Axes:
+    """Draw the correlation sum against the radius, and the scaling region with its line.
+
+    The error is that of the dimension.
+    """
+    region = scaling.region
     axes = shown_axes(ax)
     there = sums.pairs > 0
     axes.loglog(
@@ -34,14 +38,24 @@ def draw_sums(dimension: CorrelationDimension, ax: Axes | None, label: str | Non
         axes.loglog(radii, np.exp(line), color=ink())
     axes.set_xlabel("radius $r$")
     axes.set_ylabel("correlation sum $C(r)$")
-    _describe(dimension, axes)
+    _describe(scaling, error, axes)
     return axes
 
 
 @print_style()
-def draw_slopes(dimension: CorrelationDimension, ax: Axes | None, label: str | None) -> Axes:
-    """Draw the local slopes with one standard error, the scaling region and both estimates."""
-    slopes, region = dimension.local_slopes, dimension.region
+def draw_slopes(
+    slopes: LocalSlopes,
+    scaling: Scaling,
+    takens: Estimate,
+    error: float,
+    ax: Axes | None,
+    label: str | None,
+) -> Axes:
+    """Draw the local slopes with one standard error, the scaling region and both estimates.
+
+    The error is that of the dimension.
+    """
+    region = scaling.region
     axes = shown_axes(ax)
     known = slopes.errors <= _UNKNOWN * np.maximum(slopes.values, 1.0)
     radii, values, errors = (a[known] for a in (slopes.radii, slopes.values, slopes.errors))
@@ -50,23 +64,21 @@ def draw_slopes(dimension: CorrelationDimension, ax: Axes | None, label: str | N
     if region is not None:
         ends = [region.low, region.high]
         axes.semilogx(ends, 2 * [region.slope], color=ink(), linestyle="--")
-        if dimension.outcome in (Outcome.FOUND, Outcome.DRIFT):
-            axes.semilogx(ends, 2 * [dimension.takens.value], color=ink(), linestyle=":")
+        if scaling.outcome in (Outcome.FOUND, Outcome.DRIFT):
+            axes.semilogx(ends, 2 * [takens.value], color=ink(), linestyle=":")
     axes.set_xlabel("radius $r$")
     axes.set_ylabel(r"local slope $d \ln C / d \ln r$")
-    _describe(dimension, axes)
+    _describe(scaling, error, axes)
     return axes
 
 
-def _describe(dimension: CorrelationDimension, axes: Axes) -> None:
-    region = dimension.region
+def _describe(scaling: Scaling, error: float, axes: Axes) -> None:
+    region = scaling.region
     if region is None:
-        axes.set_title(dimension.outcome.value)
+        axes.set_title(scaling.outcome.value)
         return
     axes.axvspan(region.low, region.high, color=ink(0.93), linewidth=0.0, zorder=0)
-    found = Estimate(dimension.value, dimension.error)
-    value = f"{found.value:.3f} \\pm {found.error:.3f}"
-    title = f"$d_c = {value}$, {region.ratio:.3g}:1"
-    if dimension.outcome is Outcome.DRIFT:
-        title += f"\n{dimension.outcome.value}"
+    title = f"$d_c = {region.slope:.3f} \\pm {error:.3f}$, {region.ratio:.3g}:1"
+    if scaling.outcome is Outcome.DRIFT:
+        title += f"\n{scaling.outcome.value}"
     axes.set_title(title)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.plotting.figures import print_style, shown_axes
+from dynkit.analysis.work_precision.measurement import Measurement
+from dynkit.plotting.figures import ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from dynkit.analysis.work_precision.measuring import Measurement, WorkPrecision
-
 _WIDTH, _HEIGHT, _COLUMNS = 7.0, 2.3, 2
+_LOWEST, _DOUBLE = 1e-17, 2.0**-53
 _LOST = 30.0
 """Where in a panel a run with a missed or invented impact is drawn: above all errors."""
 
@@ -26,76 +28,95 @@ _COLORS = ("black", "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purpl
            "tab:pink", "tab:gray", "tab:olive", "tab:cyan")  # fmt: skip
 
 
-def draw_job(measured: WorkPrecision, job: str, ax: Axes | None) -> Axes:
+@final
+@dataclass(frozen=True)
+class Panel:
+    """What is drawn of one job.
+
+    Parameters
+    ----------
+    job : str
+    starts : int
+    lines : mapping of int to sequence of Measurement
+        By the number of the method, whose marker, dashes and colour it has.
+    floor : float
+        What rounding the start costs; NaN if unknown.
+    error : float
+        Of the exact impacts themselves.
+    """
+
+    job: str
+    starts: int
+    lines: Mapping[int, Sequence[Measurement]]
+    floor: float
+    error: float
+
+
+@print_style()
+def draw_job(panel: Panel, ax: Axes | None) -> Axes:
     """Draw one job, with a legend."""
-    axes = shown_axes(ax, height=3.0)
-    _draw(measured, job, axes)
-    axes.legend(fontsize=6, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
+    axes = shown_axes(ax, _WIDTH / _COLUMNS, 3.0)
+    _draw(panel, axes)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return axes
 
 
-def draw_all(measured: WorkPrecision) -> Figure:
+@print_style()
+def draw_all(panels: Sequence[Panel]) -> Figure:
     """Return a figure with a panel for each job, and one legend."""
     from matplotlib.figure import Figure
 
-    rows = math.ceil(len(measured.jobs) / _COLUMNS)
-    with print_style():
-        figure = Figure(figsize=(_WIDTH, _HEIGHT * rows + 0.5), layout="constrained")
-        grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
-        for job, axes in zip(measured.jobs, grid, strict=False):
-            _draw(measured, job, axes)
-            axes.set_title(job)
-        for axes in grid[len(measured.jobs) :]:
-            axes.set_axis_off()
-        entries: dict[str, Any] = {}
-        for axes in grid:
-            for line, name in zip(*axes.get_legend_handles_labels(), strict=True):
-                entries.setdefault(name, line)
-        figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=5)
+    rows = math.ceil(len(panels) / _COLUMNS)
+    figure = Figure(figsize=(_WIDTH, _HEIGHT * rows + 0.5), layout="constrained")
+    grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    for panel, axes in zip(panels, grid, strict=False):
+        _draw(panel, axes)
+        axes.set_title(panel.job)
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    entries: dict[str, Any] = {}
+    for axes in grid:
+        for line, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(name, line)
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=5)
     return figure
 
 
-def _draw(measured: WorkPrecision, job: str, axes: Axes) -> None:
+def _draw(panel: Panel, axes: Axes) -> None:
     from matplotlib.ticker import NullFormatter, NullLocator
 
-    several = len(measured.jobs[job]) > 1
+    several = panel.starts > 1
     axes.set_xscale("log")
     if several:
         axes.set_yscale("symlog", linthresh=1.0)
     else:
         axes.set_yscale("log")
-    for k, method in enumerate(measured.methods):
-        rows = [
-            one
-            for one in measured
-            if one.job == job and one.method == method.name and not math.isnan(one.seconds)
-        ]
+    for k, measured in panel.lines.items():
+        rows = [one for one in measured if not math.isnan(one.seconds)]
         if rows:
             _line(axes, rows, k, several=several)
     axes.set_xlabel("seconds")
     low, high = np.log10(axes.get_xlim())
     axes.set_xlim(10.0 ** math.floor(low), 10.0 ** math.ceil(high))  # whole decades have names
     axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_locator(NullLocator())
     if several:
-        starts = len(measured.jobs[job])
-        axes.set_ylabel(f"starts lost, of {starts}")
-        axes.set_ylim(-0.3, 1.6 * starts)
-        ticks = [0, 1, 10, 100, starts]
+        axes.set_ylabel(f"starts lost, of {panel.starts}")
+        axes.set_ylim(-0.3, 1.6 * panel.starts)
+        ticks = [0, 1, 10, 100, panel.starts]
         axes.set_yticks(ticks, [str(tick) for tick in ticks])
-        axes.yaxis.set_minor_locator(NullLocator())
         return
     axes.set_ylabel("error")
-    axes.set_ylim(1e-17, 10.0 * _LOST)
-    axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1.0, _LOST], [
-        "$10^{-16}$", "$10^{-12}$", "$10^{-8}$", "$10^{-4}$", "1", "lost"
-    ])  # fmt: skip
-    axes.yaxis.set_minor_locator(NullLocator())
-    floor = measured.floors[job]
-    if floor > 0.0:
-        axes.axhline(floor, color="0.6", linewidth=0.6, label="rounding of the start")
+    axes.set_ylim(_LOWEST, 10.0 * _LOST)
+    names = ["$10^{-16}$", "$10^{-12}$", "$10^{-8}$", "$10^{-4}$", "1", "lost"]
+    axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1.0, _LOST], names)
+    if panel.error > _DOUBLE:
+        axes.axhspan(_LOWEST, panel.error, color=ink(0.88), lw=0.0, label="error of the reference")
+    if panel.floor > 0.0:
+        axes.axhline(panel.floor, color="0.6", linewidth=0.6, label="rounding of the start")
 
 
-def _line(axes: Axes, rows: list[Measurement], k: int, *, several: bool) -> None:
+def _line(axes: Axes, rows: Sequence[Measurement], k: int, *, several: bool) -> None:
     style: dict[str, Any] = {
         "marker": _MARKERS[k % len(_MARKERS)],
         "markersize": 7.0 if k == 0 else 3.5,
@@ -111,5 +132,5 @@ def _line(axes: Axes, rows: list[Measurement], k: int, *, several: bool) -> None
     if several:
         axes.plot(seconds, [one.lost for one in rows], clip_on=False, **style)
         return
-    heights = [max(one.error, 2.0**-53) if one.right else _LOST for one in rows]
+    heights = [max(one.error, _DOUBLE) if one.right else _LOST for one in rows]
     axes.plot(seconds, heights, **style)

@@ -155,10 +155,23 @@ def simulate(integrator: Integrator, stick_below: float) -> FoundImpacts:
 
 
 def smallest_bounce(model: ImpactModel, tolerance: float) -> float:
+    """Return the `weakest_bounce` of a model."""
+    return weakest_bounce(model.amplitude * model.frequency, model.velocity, tolerance)
+
+
+def weakest_bounce(table: float, velocity: Array, tolerance: float) -> float:
     """The relative velocity below which a mass sticks: its square is of the tolerance's order.
 
     Not less than what rounding hides: a bounce of 1e-6 of the table's velocity rises by some 1e-13
     of its amplitude.
+
+    Parameters
+    ----------
+    table : float
+        Largest velocity of the table.
+    velocity : (N,)
+        Of the masses at the start.
+    tolerance : float
     """
-    speed = max(model.amplitude * model.frequency, 1e-3 * float(abs(model.velocity).max()))
+    speed = max(table, 1e-3 * float(abs(velocity).max()))
     return math.sqrt(max(tolerance, SMALLEST)) * speed

@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.reprs import told
-from dynkit.core.validation import Array, finite_array, finite_scalar, positive
+from dynkit.core.validation import Array, finite_array, finite_scalar, non_negative, positive
 
 _DOUBLE, _PAIR = 2.0**-53, 2.0**-105
 
@@ -49,6 +49,9 @@ class ExactImpacts:
         impacts; rounding the start costs this times 2^-53.
     period : float, optional
         By which errors of times are judged; by default that of the table.
+    error : float, optional
+        Estimate of the largest error of these impacts themselves, as `errors` counts; by default
+        their `rounding`.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class ExactImpacts:
     chatters: Any = ()
     conditioning: float = math.nan
     period: float = math.nan
+    error: float = math.nan
     _pairs: dict[str, Array] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -109,6 +113,9 @@ class ExactImpacts:
                 raise ValueError(f"{name} must ascend; got {moments.tolist()}")
             for moment in moments[(moments < 0.0) | (moments > self.until)][:1].tolist():
                 raise ValueError(f"{name} must lie in [0, until = {self.until}]; got {moment}")
+        if math.isnan(self.error):
+            self._set("error", self.rounding)
+        self._set("error", non_negative("error", self.error))
 
     def __repr__(self) -> str:
         system = self.system if isinstance(self.system, str) else told(self.system, 6)

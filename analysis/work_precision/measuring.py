@@ -3,95 +3,35 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from time import get_clock_info, perf_counter, process_time
+from dataclasses import fields
+from time import perf_counter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
-from dynkit.analysis.work_precision.comparing import compare
+import numpy as np
+
+from dynkit.analysis.work_precision.drawing import Panel, draw_all, draw_job
 from dynkit.analysis.work_precision.exact import ExactImpacts
-from dynkit.analysis.work_precision.methods import (
-    FoundImpacts,
-    GaveUp,
-    ImpactMethod,
-    OverBudget,
-    Simulation,
-    Unsuited,
-)
+from dynkit.analysis.work_precision.measurement import Measurement, measure
+from dynkit.analysis.work_precision.methods import ImpactMethod, Unsuited
+from dynkit.analysis.work_precision.reference import reference_impacts
 from dynkit.analysis.work_precision.standard_methods import impact_methods
+from dynkit.analysis.work_precision.tables import table_lines
 from dynkit.core.cost import Cost
+from dynkit.core.reprs import line_of
+from dynkit.core.validation import boolean
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_REPEATS, _ENOUGH = 300, 0.2
-"""A run is repeated so often at most, and no more once so many seconds have passed."""
-
-_now = process_time if get_clock_info("process_time").resolution < 1e-6 else perf_counter
-"""Time of the processor, which other work on the machine does not change; where it is coarse, the
-time that passes."""
-
 
 @final
-@dataclass(frozen=True, kw_only=True)
-class Measurement:
-    """One method at one of its tolerances on one job.
-
-    Parameters
-    ----------
-    job, method : str
-    tolerance : float
-        Of the method, in its own meaning; 0 when it has none, NaN when it did not run.
-    error : float
-        Largest error of an impact as `ExactImpacts.errors` has it, or of a release; NaN when an
-        impact is missed or invented, or the method did not come to its end.
-    seconds : float
-        Of the processor, for all starts together, the least of some repetitions; NaN when it did
-        not come to its end.
-    work : mapping of str to int
-        What the method counts.
-    starts, lost : int
-        Starts that were simulated, and those of them in which an impact is missed or invented.
-    impacts, missed, invented : int
-        Exact impacts and releases of these starts; how many of them were not found; how many were
-        found that are none.
-    remark : str
-        What is to be said of it: that it gave up, is not installed, or lost an impact.
-    """
-
-    job: str
-    method: str
-    tolerance: float
-    error: float = math.nan
-    seconds: float = math.nan
-    work: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
-    starts: int = 0
-    lost: int = 0
-    impacts: int = 0
-    missed: int = 0
-    invented: int = 0
-    remark: str = ""
-
-    def __repr__(self) -> str:
-        finest = "" if not self.tolerance > 0.0 else f" at {self.tolerance:g}"
-        parts = [f"error {self.error:.1e}"] if self.right else []
-        if self.lost:
-            parts.append(f"{self.missed} missed, {self.invented} invented of {self.impacts}")
-        if not math.isnan(self.seconds):
-            parts.append(f"{self.seconds:.2g} s")
-        parts += [self.remark] if self.remark else []
-        return f"<Measurement of {self.method}{finest} on {self.job}: {', '.join(parts)}>"
-
-    @property
-    def right(self) -> bool:
-        """Whether it came to its end, and no impact is missed and none invented."""
-        return not math.isnan(self.error)
-
-
-@final
-class WorkPrecision:
+class WorkPrecision(Result):
     """Error against run time of methods that simulate impacts, each over its own tolerance.
 
     All is measured when it is first asked for, and once. Before the time is taken each method may
@@ -104,6 +44,8 @@ class WorkPrecision:
         By name: a start with its exact impacts, or several starts that are one job together.
     methods : sequence of ImpactMethod, optional
         By default those of `impact_methods`.
+    progress : bool
+        Whether to show a bar on standard error while it is measured.
 
     Raises
     ------
@@ -133,6 +75,8 @@ class WorkPrecision:
         self,
         jobs: Mapping[str, ExactImpacts | Sequence[ExactImpacts]],
         methods: Sequence[ImpactMethod] | None = None,
+        *,
+        progress: bool = False,
     ) -> None:
         if not jobs:
             raise ValueError("jobs must hold at least one; got none")
@@ -145,9 +89,61 @@ class WorkPrecision:
         for method in self.methods:
             if not isinstance(method, ImpactMethod):
                 raise ValueError(f"methods must be ImpactMethods; got {method!r}")
+        self._progress = boolean("progress", progress)
         self._measured: list[Measurement] = []
         self._seconds = 0.0
         self._going = self._run()
+
+    @classmethod
+    def of(
+        cls,
+        system: Any,
+        *,
+        start: Any = None,
+        impacts: int = 20,
+        methods: Sequence[ImpactMethod] | None = None,
+        progress: bool = True,
+    ) -> WorkPrecision:
+        """Measure methods on a user's own impact oscillator, beside the impacts that dynkit finds.
+
+        Errors are differences from dynkit's own impacts. `ImpactRecord.error` estimates how wrong
+        these are: `plot` draws it as a band, in which points mean nothing, and `table` says of
+        which errors only that they are smaller. Bounces too weak for the coarsest method, before a
+        mass sticks, are not compared one by one.
+
+        Parameters
+        ----------
+        system : ImpactOscillator
+        start : ImpactState, optional
+            From its ``state``, or where a motion ended; by default ``state()``.
+        impacts : int
+            How many impacts to compare.
+        methods : sequence of ImpactMethod, optional
+            By default those of `impact_methods`.
+        progress : bool
+            Whether to show a bar on standard error while it is measured.
+
+        Raises
+        ------
+        ValueError
+            When an argument is refused; when there is no impact, or dynkit's own error has grown to
+            the size of the motion.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> measured = WorkPrecision.of(
+        ...     ImpactChain(masses=2, frequency=0.87), impacts=5,
+        ...     methods=impact_methods(["dynkit", "DOP853"]), progress=False,
+        ... )
+        >>> finest = measured.measurements[-1]
+        >>> finest.method, finest.missed, finest.error < 1e-8, measured.error < 1e-12
+        ('DOP853', 0, True, True)
+        """
+        chosen = tuple(impact_methods() if methods is None else methods)
+        coarsest = max((t for each in chosen for t in each.tolerances), default=0.0)
+        exact = reference_impacts(system, start, impacts, coarsest)
+        return cls({line_of(system, "", ()): exact}, chosen, progress=progress)
 
     def __iter__(self) -> Iterator[Measurement]:
         """Give the measurements one by one, as soon as they are made."""
@@ -180,8 +176,8 @@ class WorkPrecision:
 
     @property
     def error(self) -> float:
-        """Rounding of the exact impacts: no measured error is more certain than this."""
-        return max(exact.rounding for starts in self.jobs.values() for exact in starts)
+        """Error of the exact impacts themselves: no measured error is more certain than this."""
+        return max(exact.error for starts in self.jobs.values() for exact in starts)
 
     @property
     def cost(self) -> Cost:
@@ -190,9 +186,11 @@ class WorkPrecision:
 
     def table(self) -> str:
         """Return the measurements as a table in Markdown, one line each."""
-        from dynkit.analysis.work_precision.tables import head, line
+        return "\n".join(self.lines())
 
-        return "\n".join([*head(self), *(line(self, each) for each in self)])
+    def lines(self) -> Iterator[str]:
+        """Give the lines of `table` one by one, as soon as they are measured."""
+        return table_lines(list(self.jobs), [method.name for method in self.methods], self)
 
     def plot(self, ax: Axes | None = None, *, job: str | None = None) -> Axes:
         """Draw error against seconds for one job, both logarithmic; each method has its line.
@@ -212,34 +210,71 @@ class WorkPrecision:
         ValueError
             When there is no such job.
         """
-        from dynkit.analysis.work_precision.drawing import draw_job
-
         name = next(iter(self.jobs)) if job is None else job
         if name not in self.jobs:
             raise ValueError(f"job must be one of: {', '.join(self.jobs)}; got {name!r}")
-        return draw_job(self, name, ax)
+        return draw_job(self._panel(name), ax)
+
+    def dataset(self) -> Dataset:
+        """Return what every measurement holds as a dataset over ``measurement``."""
+        found, each = self.measurements, "measurement"
+        names = [entry.name for entry in fields(Measurement) if entry.name != "work"]
+        counted = [next(iter(one.work.items()), ("", 0)) for one in found]
+        return Dataset(
+            {},
+            {
+                **{name: (each, np.array([getattr(x, name) for x in found])) for name in names},
+                "work": (each, np.array([count for _, count in counted])),
+                "unit": (each, np.array([unit for unit, _ in counted], dtype=str)),
+            },
+            described(
+                "Error against run time",
+                cost=self.cost,
+                error="largest error of an impact, or of a release, against the exact ones",
+            ),
+        )
 
     def figure(self) -> Figure:
         """Return a new figure with a panel for each job, as `plot` draws them."""
-        from dynkit.analysis.work_precision.drawing import draw_all
+        return draw_all([self._panel(name) for name in self.jobs])
 
-        return draw_all(self)
+    def _panel(self, job: str) -> Panel:
+        """What is drawn of a job."""
+        lines = {
+            k: [each for each in self if (each.job, each.method) == (job, method.name)]
+            for k, method in enumerate(self.methods)
+        }
+        starts = self.jobs[job]
+        error = max(exact.error for exact in starts)
+        return Panel(job, len(starts), lines, self.floors[job], error)
 
     def _run(self) -> Iterator[Measurement]:
-        for job, starts in self.jobs.items():
-            for method in self.methods:
-                for tolerance in method.tolerances:
-                    began = perf_counter()
-                    try:
-                        runs = [method.prepare(exact, tolerance) for exact in starts]
-                    except Unsuited as refusal:
-                        yield Measurement(
-                            job=job, method=method.name, tolerance=math.nan, remark=str(refusal)
-                        )
-                        break
-                    measured = _measure(job, method, tolerance, starts, runs)
-                    self._seconds += perf_counter() - began
-                    yield measured
+        from tqdm import tqdm
+
+        total = len(self.jobs) * sum(len(method.tolerances) for method in self.methods)
+        shown = {"unit": "run", "file": sys.stderr, "disable": not self._progress}
+        with tqdm(total=total, desc="error against run time", **shown) as bar:
+            for job, starts in self.jobs.items():
+                for method in self.methods:
+                    for measured in self._measure(job, starts, method):
+                        bar.update()
+                        yield measured
+
+    def _measure(
+        self, job: str, starts: tuple[ExactImpacts, ...], method: ImpactMethod
+    ) -> Iterator[Measurement]:
+        for tolerance in method.tolerances:
+            began = perf_counter()
+            try:
+                runs = [method.prepare(exact, tolerance) for exact in starts]
+            except Unsuited as refusal:
+                yield Measurement(
+                    job=job, method=method.name, tolerance=math.nan, remark=str(refusal)
+                )
+                break
+            measured = measure(job, method, tolerance, starts, runs)
+            self._seconds += perf_counter() - began
+            yield measured
 
 
 def _starts(name: str, given: ExactImpacts | Sequence[ExactImpacts]) -> tuple[ExactImpacts, ...]:
@@ -247,67 +282,3 @@ def _starts(name: str, given: ExactImpacts | Sequence[ExactImpacts]) -> tuple[Ex
     if not starts or not all(isinstance(exact, ExactImpacts) for exact in starts):
         raise ValueError(f"jobs[{name!r}] must be one or more ExactImpacts; got {given!r}")
     return starts
-
-
-def _measure(
-    job: str,
-    method: ImpactMethod,
-    tolerance: float,
-    starts: tuple[ExactImpacts, ...],
-    runs: list[Simulation],
-) -> Measurement:
-    found: list[FoundImpacts] = []
-    work: dict[str, int] = {}
-    remark, left = "", method.budget
-    began = _now()
-    for run in runs:
-        try:
-            found.append(run(left))
-        except OverBudget as failure:
-            remark = f"gave up after {method.budget} {failure.unit}"
-            break
-        except GaveUp as failure:
-            remark = str(failure)
-            break
-        for name, count in found[-1].work.items():
-            work[name] = work.get(name, 0) + count
-        left = method.budget - next(iter(work.values()), 0)
-    seconds = _now() - began
-    if not remark:
-        seconds = _shortest(runs, method.budget, seconds)
-    compared = [compare(each, exact) for each, exact in zip(found, starts, strict=False)]
-    lost = sum(not each.right for each in compared)
-    if remark and len(starts) > 1:
-        remark = f"{remark}, {len(found)} of {len(starts)} starts done"
-    if lost:
-        told = f"{lost} of {len(found)} starts lost" if len(starts) > 1 else "lost"
-        remark = f"{told}; {remark}" if remark else told
-    right = len(found) == len(starts) and not lost
-    return Measurement(
-        job=job,
-        method=method.name,
-        tolerance=tolerance,
-        error=max(each.error for each in compared) if right else math.nan,
-        seconds=seconds if len(found) == len(starts) else math.nan,
-        work=MappingProxyType(work),
-        starts=len(found),
-        lost=lost,
-        impacts=sum(each.impacts for each in compared),
-        missed=sum(each.missed for each in compared),
-        invented=sum(each.invented for each in compared),
-        remark=remark,
-    )
-
-
-def _shortest(runs: list[Simulation], budget: int, first: float) -> float:
-    """The shortest time of some repetitions; the first may have compiled something."""
-    best, spent = first, first
-    for _ in range(_REPEATS - 1):
-        if spent > _ENOUGH:
-            break
-        began = _now()
-        for run in runs:
-            run(budget)
-        seconds = _now() - began
-        best, spent = min(best, seconds), spent + seconds
-    return best

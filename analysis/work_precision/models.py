@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,40 +13,6 @@ from numpy.typing import NDArray
 from dynkit.analysis.work_precision.exact import ExactImpacts
 from dynkit.analysis.work_precision.methods import Unsuited
 from dynkit.core.validation import Array
-
-
-class ImpactSystem(Protocol):
-    """What the methods read of an impact oscillator; `dynkit.systems.ImpactOscillator` has it.
-
-    M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency; coordinate ``contact`` stays on
-    its side of a table at amplitude sin(phase) + offset.
-    """
-
-    @property
-    def mass(self) -> Array:
-        """M, (N, N)."""
-        ...
-
-    @property
-    def damping_matrix(self) -> Array:
-        """C, (N, N)."""
-        ...
-
-    @property
-    def stiffness(self) -> Array:
-        """K, (N, N)."""
-        ...
-
-    frequency: float
-    restitution: float
-    amplitude: float
-    offset: float
-    contact: int
-    side: str
-    play: float
-    harmonic_forces: Any
-    constant_forces: Any
-
 
 _NEEDED = (
     "mass", "damping_matrix", "stiffness", "frequency", "restitution", "amplitude", "offset",
@@ -58,6 +24,9 @@ _NEEDED = (
 @dataclass(frozen=True, eq=False)
 class ImpactModel:
     """An impact oscillator in numbers, and a start.
+
+    M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency; coordinate ``contact`` stays on
+    its side of a table at amplitude sin(phase) + offset.
 
     Parameters
     ----------
@@ -98,7 +67,7 @@ class ImpactModel:
         Unsuited
             When it is no impact oscillator, or has a second stop.
         """
-        system: ImpactSystem = exact.system
+        system = exact.system
         for name in _NEEDED:
             if not hasattr(system, name):
                 raise Unsuited(f"not made for it: no impact oscillator, as it has no {name}")

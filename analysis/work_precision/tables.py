@@ -3,57 +3,47 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
 
-from dynkit.analysis.work_precision.methods import ImpactMethod
+from dynkit.analysis.work_precision.measurement import Measurement
 
-if TYPE_CHECKING:
-    from dynkit.analysis.work_precision.measuring import Measurement, WorkPrecision
-
-COLUMNS = ("job", "method", "tolerance", "error", "seconds", "work", "missed", "invented", "remark")
-
-
-def head(measured: WorkPrecision) -> list[str]:
-    """Return the two lines above the table."""
-    widths = _widths(list(measured.jobs), measured.methods)
-    return [_row(COLUMNS, widths), _row(["-" * width for width in widths], widths)]
+_COLUMNS = {
+    "job": 3, "method": 6, "tolerance": 9, "error": 9, "seconds": 8, "work": 19, "missed": 6,
+    "invented": 8, "remark": 6,
+}  # fmt: skip
+"""Names, and least widths."""
 
 
-def line(measured: WorkPrecision, one: Measurement) -> str:
-    """Return the line of one measurement."""
-    return _row(_cells(one), _widths(list(measured.jobs), measured.methods))
+def table_lines(
+    jobs: Sequence[str], methods: Sequence[str], measured: Iterable[Measurement]
+) -> Iterator[str]:
+    """Give the lines of a table in Markdown, each as soon as it is measured."""
+    widths = {**_COLUMNS}
+    for name, texts in (("job", jobs), ("method", methods)):
+        widths[name] = max([widths[name], *map(len, texts)])
+
+    def row(cells: Iterable[str]) -> str:
+        return f"| {' | '.join(map(str.ljust, cells, widths.values()))} |"
+
+    yield row(widths)
+    yield row("-" * width for width in widths.values())
+    for one in measured:
+        yield row(cells(one).values())
 
 
-def _widths(jobs: list[str], methods: tuple[ImpactMethod, ...]) -> tuple[int, ...]:
-    longest = max(map(len, ["job", *jobs])), max(len(x) for x in ["method", *_names(methods)])
-    return (*longest, 9, 8, 8, 19, 6, 8, 6)
-
-
-def _names(methods: tuple[ImpactMethod, ...]) -> list[str]:
-    return [method.name for method in methods]
-
-
-def _cells(one: Measurement) -> list[str]:
+def cells(one: Measurement) -> dict[str, str]:
+    """Return what a table writes of a measurement, by the names of the columns."""
     ran = one.starts > 0
-    work = next(iter(one.work.items()), None)
-    return [
+    work = next((f"{count} {name}" for name, count in one.work.items()), "-")
+    texts = (
         one.job,
         one.method,
-        "-" if not one.tolerance > 0.0 else f"{one.tolerance:.0e}",
-        _number(one.error),
-        _number(one.seconds),
-        "-" if work is None else f"{work[1]} {work[0]}",
+        f"{one.tolerance:.0e}" if one.tolerance > 0.0 else "-",
+        one.known_error,
+        "-" if math.isnan(one.seconds) else f"{one.seconds:.1e}",
+        work,
         str(one.missed) if ran else "-",
         str(one.invented) if ran else "-",
         one.remark,
-    ]
-
-
-def _number(x: float) -> str:
-    return "-" if math.isnan(x) else f"{x:.1e}"
-
-
-def _row(cells: object, widths: tuple[int, ...]) -> str:
-    assert isinstance(cells, list | tuple)
-    padded = [f"{cell:<{width}}" for cell, width in zip(cells, widths, strict=True)]
-    return f"| {' | '.join(padded)} |"
+    )
+    return dict(zip(_COLUMNS, texts, strict=True))

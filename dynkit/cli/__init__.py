@@ -1,11 +1,34 @@
-"""The `dynkit` command: the one place that knows toolkit, systems and analysis."""
+"""The `dynkit` command: the one place that knows toolkit, systems and analysis.
+
+For instance:
+  dynkit simulate --frequency 0.87
+  dynkit sweep --from 0.70 --to 0.76 --step 0.002 --out diagram.png
+  dynkit continue --frequency 0.87 --from 0.7 --to 1.1
+  dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --out map.png
+  dynkit work-precision --frequency 0.87 --out error-time.png
+
+dynkit COMMAND --help tells more about each.
+"""
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
+from types import ModuleType
+from typing import Any, NoReturn
 
 _OK, _FAILED, _BAD_INPUT, _INTERRUPTED = 0, 1, 2, 130
+
+COMMANDS = {
+    "simulate": "one motion",
+    "sweep": "a sweep of one parameter",
+    "map": "a map of two parameters",
+    "continue": "a branch of periodic orbits",
+    "work-precision": "error against run time of dynkit and of SciPy's integrators",
+}
+_FILES = ("simulate", "sweep", "map", "branch", "work_precision")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,20 +50,73 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["simulate", "--frequency", "-1"])
     2
     """
-    from dynkit.cli.arguments import make_parser
+    try:
+        arguments, unknown = _parser().parse_known_args(argv)
+    except SystemExit as ended:  # argparse has said why
+        return ended.code if isinstance(ended.code, int) else _FAILED
+    return _run(arguments, unknown)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Refusals take one line, and exit code 2; options are added when their command is asked for.
+
+    No help of another command waits for what the options are made from.
+    """
+
+    def __init__(self, command: str = "", **settings: Any) -> None:
+        self._command = command
+        settings["formatter_class"] = argparse.RawDescriptionHelpFormatter
+        super().__init__(allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(_BAD_INPUT, f"{self.prog}: error: {message}\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self._command:
+            file = dict(zip(COMMANDS, _FILES, strict=True))[self._command]
+            self._add_options(import_module(f"dynkit.cli.{file}"))
+        return super().parse_known_args(args, namespace)
+
+    def _add_options(self, module: ModuleType) -> None:
+        self.description, mark, examples = (module.__doc__ or "").partition("For instance:")
+        self.epilog = mark + examples
+        self.set_defaults(run=module.run, options=module.OPTIONS)
+        self.add_argument("file", metavar="FILE.toml", nargs="?", help="file of options")
+        self.add_argument("--config", metavar="FILE.toml", help="another way to give it")
+        for option in module.OPTIONS:
+            kind: dict[str, Any] = {"metavar": option.metavar}
+            if not option.metavar:
+                kind = {"action": argparse.BooleanOptionalAction}
+            self.add_argument(f"--{option.name}", help=option.help, default=None, **kind)
+
+
+def _parser() -> _Parser:
+    from dynkit import __version__
+
+    _, mark, examples = (__doc__ or "").partition("For instance:")
+    about = "Dynamical systems with impacts."
+    parser = _Parser(prog="dynkit", description=about, epilog=mark + examples)
+    parser.add_argument("--version", action="version", version=f"dynkit {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, summary in COMMANDS.items():
+        commands.add_parser(name, help=summary, command=name)
+    return parser
+
+
+def _run(arguments: argparse.Namespace, unknown: list[str]) -> int:
+    from dynkit.cli.options import Asked
     from dynkit.core.no_motion import NoMotion
     from dynkit.engine import WorkerLost
     from dynkit.orbits.newton import NoConvergence
 
-    try:
-        arguments, unknown = make_parser().parse_known_args(argv)
-    except SystemExit as ended:  # argparse has said why
-        return ended.code if isinstance(ended.code, int) else _FAILED
     command = f"dynkit {arguments.command}"
     if unknown:
         return _say(command, f"error: there is no argument {' '.join(unknown)}", _BAD_INPUT)
     try:
-        arguments.run(arguments)
+        if arguments.file and arguments.config:
+            raise ValueError(f"config must not be given beside a file; got {arguments.config!r}")
+        file = arguments.file or arguments.config
+        arguments.run(Asked.of(arguments.options, file, vars(arguments)))
     except ValueError as refusal:
         return _say(command, f"error: {_with_notes(refusal)}", _BAD_INPUT)
     except KeyboardInterrupt:

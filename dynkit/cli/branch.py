@@ -1,26 +1,67 @@
-"""`dynkit continue`: a branch of periodic orbits."""
+"""The branch of a periodic orbit as one parameter changes, stable or not.
+
+Its bifurcations are folds (SN), period doublings (PD), tori (NS), branch
+points (BP), grazing (GR) and borders of chatter (CB). It goes through folds,
+and on where the orbits are no motions any more (inadmissible).
+
+Options may also stand in a TOML file, under the same names; what is given on
+the command line goes before what stands there. The branch starts at the value
+of the parameter that is given for the chain, and stays between --from and
+--to. A file .csv has a row for each point, and between them a row for each
+bifurcation, with its kind; .h5 is what --store keeps.
+
+For instance:
+  dynkit continue --frequency 0.87 --from 0.7 --to 1.1
+  dynkit continue --frequency 0.8 --impacts 2 --periods 3 --from 0.75 --to 0.83 --out branch.png
+  dynkit continue --frequency 0.87 --parameter amplitude --from 0.05 --to 0.2 --store branch.h5
+  dynkit continue --frequency 0.87 --from 0.7 --to 1.1 --out branch.csv
+  dynkit continue branch.toml --out branch.svg
+
+branch.toml may hold:
+  damping = 0.1
+  frequency = 0.87
+  periods = 3
+  parameter = "restitution"
+  from = 0.5
+  to = 0.95
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
-from dynkit.cli.options import CHAIN, Options, chain_of, text_of
-from dynkit.cli.output import PICTURES, output_file, writable_file, write_picture
-from dynkit.cli.summary import print_summary
-from dynkit.cli.sweep import SYMBOLS
+import numpy as np
+
+from dynkit.cli.options import SYSTEM, Asked, Option, options_of, parameter_of
+from dynkit.cli.output import OUT, aligned, files_of, plotted, print_summary, write
+from dynkit.continuation.continuing import continue_orbit
+from dynkit.core.reprs import costing, span, written
 from dynkit.core.validation import finite_scalar, in_interval
+from dynkit.data.dataset import Dataset
+from dynkit.systems.impact.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from dynkit.continuation.bifurcations import Bifurcation
     from dynkit.continuation.branch import Branch
     from dynkit.orbits.problem import PeriodicOrbit
     from dynkit.systems.impact.chain import ImpactChain
 
+_STEPS = ("step", "largest_step", "points", "inadmissible")
+OPTIONS = (
+    *SYSTEM,
+    Option("impacts", "COUNT", "n, to start from an orbit P(n,m) instead of the attractor's (1)"),
+    Option("periods", "COUNT", "m, periods of the table in that orbit (1)"),
+    *options_of(ImpactOscillator.attractor, "transient"),
+    Option("parameter", "NAME", "what changes along the branch (frequency)"),
+    Option("from", "X", "its least value"),
+    Option("to", "X", "its greatest value"),
+    *options_of(continue_orbit, *_STEPS),
+    Option("store", "FILE.h5", "keep the branch here; dynkit.Branch.load reads it"),
+    OUT,
+)
 
-def continue_branch(options: Options) -> None:
+
+def run(asked: Asked) -> None:
     """Continue a periodic orbit, write, and print its bifurcations.
 
     Raises
@@ -28,53 +69,47 @@ def continue_branch(options: Options) -> None:
     ValueError
         When an option is refused; nothing was written then.
     """
-    from dynkit.continuation.continuing import continue_orbit
-
-    parameter = text_of(options, "parameter", "frequency") or "frequency"
-    known = [option.name for option in CHAIN if option.name != "masses"]
-    if parameter not in known:
-        raise ValueError(f"parameter must be one of: {', '.join(known)}; got {parameter!r}")
+    parameter = parameter_of(asked.get("parameter", "frequency"))
     for name in ("from", "to"):
-        if name not in options:
+        if name not in asked:
             raise ValueError(f"{name} must be given")
-    low, high = (finite_scalar(name, options[name]) for name in ("from", "to"))
+    low, high = (finite_scalar(name, asked[name]) for name in ("from", "to"))
     if not low < high:
-        raise ValueError(f"to must be greater than from; got {options['to']!r}")
-    chain = chain_of(options)
-    in_interval(parameter, getattr(chain, parameter), low, high)
-    store, out = text_of(options, "store"), text_of(options, "out")
-    if store is not None:
-        writable_file("store", Path(store))
-    file = None if out is None else output_file("out", out)
-    if file is not None and file.suffix not in PICTURES:
-        raise ValueError(f"out must end in {', '.join(PICTURES)}; got {out!r}")
-    orbit = _start(chain, options)
-    branch = continue_orbit(orbit, parameter, bounds=(low, high))
-    if store is not None:
-        branch.save(store)
-    if file is not None:
-        write_picture(file, lambda: _figure(branch))
-    shown = _summary(orbit, branch)
-    written = [str(path) for path in (store, file) if path is not None]
-    if written:
-        shown["written"] = ", ".join(written)
-    print_summary(shown, None)
+        raise ValueError(f"to must be greater than from; got {asked['to']!r}")
+    chain = asked.chain()
+    in_interval(parameter, chain.value_of(parameter), low, high)
+    store, file = files_of(asked)
+    orbit = _orbit(asked, chain)
+    branch = continue_orbit(orbit, parameter, bounds=(low, high), **asked.only(*_STEPS))
+    for path in (store, file):
+        if path and (path is store or path.suffix == ".h5"):
+            branch.save(path)
+        elif path:
+            data = _in_order(branch) if path.suffix == ".csv" else branch.dataset()
+            write(path, partial(plotted, branch), data)
+    motions, count = branch.admissible, len(branch)
+    shown = {
+        "started from": f"{orbit.label}, {'stable' if orbit.stable else 'unstable'}"
+        + ("" if orbit.admissible else ", inadmissible"),
+        parameter: f"{span(branch.parameter)}, {count} points",
+        "stable": f"{(branch.stable & motions).sum()} points",
+        "unstable": f"{(~branch.stable & motions).sum()} points",
+        "inadmissible": f"{(~motions).sum()} points",
+        "ends": "; ".join(dict.fromkeys(map(str, branch.endings))),
+        "cost": costing(branch.cost),
+    }
+    print_summary(shown, store, file)
     if branch.bifurcations:
-        print()
-        _print_table(branch)
+        print("", *aligned(_table(branch)), sep="\n")
 
 
-def _start(chain: ImpactChain, options: Options) -> PeriodicOrbit:
-    if "impacts" in options or "periods" in options:
-        if "transient" in options:
-            raise ValueError(
-                "transient must not be given beside impacts or periods; "
-                f"got {options['transient']!r}"
-            )
-        return chain.periodic_orbit(
-            impacts=options.get("impacts", 1), periods=options.get("periods", 1)
-        )
-    attractor = chain.attractor(transient=options.get("transient", 700))
+def _orbit(asked: Asked, chain: ImpactChain) -> PeriodicOrbit:
+    given = asked.only("impacts", "periods")
+    if given:
+        asked.refuse(["transient"], "beside impacts or periods")
+        orbit: PeriodicOrbit = chain.periodic_orbit(**given)
+        return orbit
+    attractor = chain.attractor(start=asked.start(chain), **asked.only("transient"))
     if attractor.label.periods is None:
         raise ValueError(
             f"impacts and periods must be given where the motion is not P(n,m) or P(inf,m); at "
@@ -83,28 +118,13 @@ def _start(chain: ImpactChain, options: Options) -> PeriodicOrbit:
     return attractor.periodic_orbit()
 
 
-def _summary(orbit: PeriodicOrbit, branch: Branch) -> dict[str, str]:
-    motions = branch.admissible
-    low, high = branch.parameter.min(), branch.parameter.max()
-    return {
-        "started from": f"{orbit.label}, {'stable' if orbit.stable else 'unstable'}"
-        + ("" if orbit.admissible else ", inadmissible"),
-        branch.name: f"{low:.6g} to {high:.6g}, {len(branch)} points",
-        "stable": f"{(branch.stable & motions).sum()} points",
-        "unstable": f"{(~branch.stable & motions).sum()} points",
-        "inadmissible": f"{(~motions).sum()} points",
-        "ends": "; ".join(dict.fromkeys(map(str, branch.endings))),
-        "cost": f"{branch.cost.counts['newton_steps']} Newton steps in {branch.cost.seconds:.2f} s",
-    }
-
-
-def _print_table(branch: Branch) -> None:
-    rows = [["kind", branch.name, "multiplier", "admissible", "error", "Newton steps", "seconds"]]
-    rows += [
+def _table(branch: Branch) -> list[list[str]]:
+    heads = ["kind", branch.name, "multiplier", "admissible", "error", "Newton steps", "seconds"]
+    return [heads] + [
         [
             found.kind,
             f"{found.value:.12g}",
-            _multiplier(found),
+            "-" if found.multiplier is None else written(complex(found.multiplier)),
             "yes" if found.admissible else "no",
             f"{found.error:.0e}",
             str(found.cost.counts["newton_steps"]),
@@ -112,29 +132,28 @@ def _print_table(branch: Branch) -> None:
         ]
         for found in branch.bifurcations
     ]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)]
-        print("  ".join(cells).rstrip())
 
 
-def _multiplier(found: Bifurcation) -> str:
-    if found.multiplier is None:
-        return "-"
-    number = complex(found.multiplier)
-    if abs(number.imag) < 1e-12:
-        return f"{number.real:.6g}"
-    return f"{number.real:.6g} +- {abs(number.imag):.6g}i"
+def _in_order(branch: Branch) -> Dataset:
+    """Points and bifurcations, in the order in which the curve is run through.
 
-
-def _figure(branch: Branch) -> Figure:
-    from dynkit.continuation.network_drawing import draw_branches
-    from dynkit.plotting.figures import new_figure, print_style
-
-    figure, (axes,) = new_figure()
-    with print_style():
-        draw_branches([branch], axes, None)
-        for text, axis in ((branch.name, axes.xaxis), ("relative_velocity", axes.yaxis)):
-            axis.set_label_text(f"{text.replace('_', ' ')} ${SYMBOLS[text]}$")
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    return figure
+    The kind of a point is empty. What a bifurcation has none of is NaN for it, and the other way
+    round: the errors mean different things.
+    """
+    found, size, name = branch.bifurcations, len(branch), branch.system.observables[0]
+    critical = [np.nan if each.multiplier is None else each.multiplier for each in found]
+    points, none = np.full(size, np.nan), np.full(len(found), np.nan)
+    columns: dict[str, tuple[Any, Any]] = {
+        branch.name: (branch.parameter, [each.value for each in found]),
+        "kind": ([""] * size, [each.kind for each in found]),
+        name: (branch.observable(name), [each.orbit.observable(name) for each in found]),
+        "admissible": (branch.admissible, [each.admissible for each in found]),
+        "largest_multiplier": (abs(branch.multipliers).max(axis=1), none),
+        "distance_from_curve": (branch.error, none),
+        "critical_multiplier_real": (points, np.real(critical)),
+        "critical_multiplier_imaginary": (points, np.imag(critical)),
+        f"error_of_{branch.name}": (points, [each.error for each in found]),
+    }
+    order = np.argsort([*range(size), *(each.place for each in found)], kind="stable")
+    rows = {key: np.array([*first, *second])[order] for key, (first, second) in columns.items()}
+    return Dataset({}, {key: (("row", "state")[: x.ndim], x) for key, x in rows.items()}, {})

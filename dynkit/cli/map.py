@@ -1,38 +1,58 @@
-"""`dynkit map`: a map of two parameters."""
+"""A map of two parameters: the motion at each pair of values.
+
+All motions start from the same state.
+
+Options may also stand in a TOML file, under the same names; what is given on
+the command line goes before what stands there. With --store every finished
+chunk is kept, and the same command resumes, also with another number of
+--workers: the result is the same bits.
+
+For instance:
+  dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --workers 2 --out map.png
+  dynkit map --frequency 0.87 --x restitution,0.5,0.9,20 --y offset,-0.1,0.1,20 --out map.csv
+  dynkit map map.toml --store map.h5 --out map.svg
+
+map.toml may hold:
+  x = ["frequency", 0.2, 1.8, 200]
+  y = ["damping", 0.02, 0.3, 200]
+  transient = 900
+  workers = 8
+"""
 
 from __future__ import annotations
 
-from collections import Counter
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from dynkit.cli.options import CHAIN, Options, chain_of, switch_of, text_of
-from dynkit.cli.output import (
-    PICTURES,
-    output_file,
-    writable_file,
-    write_arrays,
-    write_picture,
-    write_table,
-)
-from dynkit.cli.summary import print_summary, sizes
-from dynkit.cli.sweep import SYMBOLS
+import numpy as np
+
+from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, Option, options_of, parameter_of
+from dynkit.cli.output import OUT, counted, files_of, plotted, print_summary, write
+from dynkit.core.reprs import costing, span
 from dynkit.core.validation import finite_scalar, positive_integer
 from dynkit.engine.points import MOST_POINTS
+from dynkit.sweeps.planes import parameter_map
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from dynkit.core.validation import Array
-    from dynkit.sweeps.planes import ParameterMap
 
-_MOST_LABELS = 12
+_SIMULATION = ("transient", "keep", "exponents", "store", "progress")
+_AXIS = "PARAMETER,FROM,TO,COUNT"
+OPTIONS = (
+    *SYSTEM,
+    Option("x", _AXIS, "parameter along x, and its values"),
+    Option("y", _AXIS, "parameter along y, and its values"),
+    *options_of(parameter_map, *_SIMULATION),
+    OBSERVABLE,
+    Option("workers", "COUNT", "processes that simulate (1)"),
+    OUT,
+)
 
 
-def parameter_map(options: Options) -> None:
+def run(asked: Asked) -> None:
     """Make a map of two parameters, write, and print a summary.
 
     Raises
@@ -40,111 +60,38 @@ def parameter_map(options: Options) -> None:
     ValueError
         When an option is refused; nothing was written then.
     """
-    from dynkit.sweeps.planes import parameter_map as mapped
-
-    values = dict(_axis(options, name) for name in ("x", "y"))
+    values = dict(_axis(asked, name) for name in ("x", "y"))
     if len(values) < 2:
-        raise ValueError(f"y must be of another parameter than x; got {options['y']!r}")
-    for name in values:
-        if name in options:
-            raise ValueError(f"{name} must not be given when it changes; got {options[name]!r}")
-    chain = chain_of({**options, **{name: float(axis[0]) for name, axis in values.items()}})
-    progress = switch_of(options, "progress", default=True)
-    workers = positive_integer("workers", options.get("workers", 1))
-    store, out = text_of(options, "store"), text_of(options, "out")
-    if store is not None:
-        writable_file("store", Path(store))
-    file = None if out is None else output_file("out", out)
-    if file is not None and store is not None and file.resolve() == Path(store).resolve():
-        raise ValueError(f"out must be another file than store; got {out!r}")
-    with _executor(workers) as executor:
-        found = mapped(
-            chain,
-            values,
-            transient=options.get("transient", 700),
-            keep=options.get("keep", 100),
-            executor=executor,
-            store=store,
-            progress=progress,
-        )
-    if file is not None:
-        _write(file, found)
-    print_summary(_summary(found), file)
+        raise ValueError(f"y must be of another parameter than x; got {asked['y']!r}")
+    asked.refuse(values, "when it changes")
+    chain = asked.chain(**{name: float(axis[0]) for name, axis in values.items()})
+    names = asked.names("observable", chain.observables[:1], chain.observables)
+    workers = positive_integer("workers", asked.get("workers", 1))
+    _, file = files_of(asked)
+    options = {"start": asked.start(chain), "observables": names, **asked.only(*_SIMULATION)}
+    pool = ProcessPoolExecutor(workers, get_context("spawn")) if workers > 1 else nullcontext()
+    with pool as executor:
+        found = parameter_map(chain, values, executor=executor, **options)
+    largest = {name: found.largest(name) for name in names}
+    if file:
+        write(file, partial(plotted, found, height=3.4), found.dataset())
+    shown = {
+        **{name: f"{span(axis)}, {len(axis)} values" for name, axis in values.items()},
+        "labels": counted(found.names.ravel().tolist()),
+        **{f"largest {name.replace('_', ' ')}": span(x) for name, x in largest.items()},
+        "cost": f"{costing(found.cost)}, of all workers",
+    }
+    print_summary(shown, file)
 
 
-def _executor(workers: int) -> AbstractContextManager[Executor | None]:
-    if workers == 1:
-        return nullcontext()
-    return ProcessPoolExecutor(workers, get_context("spawn"))
-
-
-def _axis(options: Options, name: str) -> tuple[str, Array]:
-    """Return parameter and values (count,) of an axis.
-
-    Raises
-    ------
-    ValueError
-        When they are missing, or refused.
-    """
-    import numpy as np
-
-    given = options.get(name)
+def _axis(asked: Asked, name: str) -> tuple[str, Array]:
+    """Return parameter and values (count,) of an axis; ValueError when they are refused."""
+    given = asked.get(name)
     if not isinstance(given, list | tuple) or len(given) != 4 or not isinstance(given[0], str):
         raise ValueError(f"{name} must be NAME,FROM,TO,COUNT; got {given!r}")
-    known = [option.name for option in CHAIN if option.name != "masses"]
-    if given[0] not in known:
-        raise ValueError(f"{name} must name one of: {', '.join(known)}; got {given[0]!r}")
+    parameter = parameter_of(given[0], name)
     first, last = (finite_scalar(name, value) for value in given[1:3])
     count = positive_integer(f"COUNT of {name}", given[3])
     if count > MOST_POINTS:
         raise ValueError(f"COUNT of {name} must not exceed {MOST_POINTS}; got {count}")
-    return given[0], np.linspace(first, last, count)
-
-
-def _summary(found: ParameterMap) -> dict[str, str]:
-    shown = {
-        name: f"{axis[0]:.6g} to {axis[-1]:.6g}, {len(axis)} values"
-        for name, axis in found.values.items()
-    }
-    counts = Counter(found.names.ravel().tolist()).most_common()
-    words = [f"{label} {count}" for label, count in counts[:_MOST_LABELS]]
-    if len(counts) > _MOST_LABELS:
-        words.append(f"{len(counts) - _MOST_LABELS} more")
-    shown["labels"] = ", ".join(words)
-    for name in found.observables:
-        shown[f"largest {name.replace('_', ' ')}"] = sizes(found.largest(name))
-    impacts = found.cost.counts.get("impacts", 0)
-    shown["cost"] = f"{impacts} impacts in {found.cost.seconds:.2f} s of all workers"
-    return shown
-
-
-def _write(file: Path, found: ParameterMap) -> None:
-    if file.suffix in PICTURES:
-        write_picture(file, lambda: _picture(found))
-        return
-    import numpy as np
-
-    cells: dict[str, Any] = {
-        "label": found.names,
-        "impacts": found.impacts,
-        "periods": found.periods,
-        **{f"largest_{name}": found.largest(name) for name in found.observables},
-        "error": found.error,
-    }
-    if file.suffix == ".csv":
-        axes = np.meshgrid(*found.values.values(), indexing="ij")
-        columns = {**dict(zip(found.parameters, axes, strict=True)), **cells}
-        write_table(file, {name: array.ravel().tolist() for name, array in columns.items()})
-    else:
-        write_arrays(file, {**found.values, **cells}, {"parameters": list(found.parameters)})
-
-
-def _picture(found: ParameterMap) -> Figure:
-    from dynkit.plotting.figures import new_figure, print_style
-
-    figure, (axes,) = new_figure(height=3.4)
-    with print_style():
-        found.plot(axes)
-        for name, axis in zip(found.parameters, (axes.xaxis, axes.yaxis), strict=True):
-            axis.set_label_text(f"{name} ${SYMBOLS[name]}$")
-    return figure
+    return parameter, np.linspace(first, last, count)

@@ -1,125 +1,195 @@
-"""Options of a run: from the command line, from a TOML file, or from both."""
+"""Options of a command: what they are, from signatures; what was asked for, from texts and TOML."""
 
 from __future__ import annotations
 
+import inspect
+import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
 
 from dynkit.core.validation import finite_array, finite_scalar
+from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
     from dynkit.core.validation import Array
-    from dynkit.systems.impact.chain import ImpactChain
-
-Options: TypeAlias = dict[str, Any]
+    from dynkit.systems.impact.state import ImpactState
 
 # More values than this were not meant.
 _MOST_VALUES = 1_000_000
+_NUMBERS = "X1,X2,..."
+_RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its name on the command line and in a file, and its help."""
+    """One option: its name on the command line and in a file, and its help.
+
+    Without a metavar it is a switch; one that is a name or a file is a text, all others are
+    numbers, or names, separated by commas.
+    """
 
     name: str
     metavar: str
     help: str
-    kind: str = "numbers"  # or "text", or "switch"
+
+    @property
+    def text(self) -> bool:
+        """Whether its value is taken as it is, with its commas."""
+        return self.metavar in ("NAME", "FILE", "FILE.h5")
+
+    def parsed(self, value: Any) -> Any:
+        """Return what a text on the command line stands for, as TOML would have it."""
+        if self.text or not isinstance(value, str):
+            return value
+        parts = [_number(part.strip()) for part in value.split(",")]
+        return parts if len(parts) > 1 or self.metavar == _NUMBERS else parts[0]
+
+    def checked(self, value: Any) -> Any:
+        """Return a value; ValueError for a switch without truth value, or a text that is none."""
+        if not self.metavar and not isinstance(value, bool):
+            raise ValueError(f"{self.name} must be true or false; got {value!r}")
+        if self.text and not (isinstance(value, str) and value):
+            raise ValueError(f"{self.name} must be a name; got {value!r}")
+        return value
 
 
-CHAIN = (
-    Option("masses", "N|M1,M2,...", "how many unit masses, or the masses themselves (10)"),
-    Option("springs", "K|K1,K2,...", "spring constants, from the wall outwards (1)"),
-    Option("damping", "G|C1,C2,...", "dashpots, a multiple of the springs; or each (0.1)"),
-    Option("restitution", "R", "coefficient of restitution, in [0, 1] (0.85)"),
-    Option("amplitude", "A", "of the table (0.1)"),
-    Option("offset", "A0", "of the table (0)"),
-    Option("frequency", "W", "angular frequency of the table"),
-)
-_TRANSIENT = Option("transient", "COUNT", "impacts to skip (700)")
-_OBSERVABLE = "NAME[,NAME...]"
-
-SIMULATE = (
-    *CHAIN,
-    _TRANSIENT,
-    Option("impacts", "COUNT", "impacts to keep (100)"),
-    Option("position", "X1,X2,...", "of the masses, to start from (the first mode)"),
-    Option("velocity", "V1,V2,...", "of the masses, to start from (0)"),
-    Option("phase", "PHASE", "of the table, to start from (0)"),
-    Option(
-        "observable",
-        _OBSERVABLE,
-        "among time, phase, relative_velocity, energy, position, velocity (the first four)",
-    ),
-    Option("out", "FILE", "file to write: .csv, .npz, .h5, .png or .svg", kind="text"),
-)
-SWEEP = (
-    *CHAIN,
-    Option("parameter", "NAME", "what to sweep (frequency)", kind="text"),
-    Option("from", "VALUE", "first value"),
-    Option("to", "VALUE", "last value"),
-    Option("step", "STEP", "from one value to the next; may be negative"),
-    Option("values", "V1,V2,...", "the values themselves, instead of --from, --to, --step"),
-    _TRANSIENT,
-    Option("keep", "COUNT", "impacts to keep at each value (100)"),
-    Option("observable", _OBSERVABLE, "what to keep (relative_velocity)"),
-    Option("labels", "", "say of each value what motion it is, P(1,3) or so (yes)", kind="switch"),
-    Option("error", "", "estimate the error at each value, by three more runs (no)", kind="switch"),
-    Option("progress", "", "show how far it is (yes)", kind="switch"),
-    Option("store", "FILE.h5", "keep what is finished here, and resume from it", kind="text"),
-    Option("out", "FILE", "file to write: .csv, .npz, .h5, .png or .svg", kind="text"),
-)
-CONTINUE = (
-    *CHAIN,
-    Option("impacts", "N", "to start from an orbit P(N,M) (1), instead of the attractor's"),
-    Option("periods", "M", "of the table in that orbit (1)"),
-    Option("transient", "COUNT", "impacts to skip to the attractor (700)"),
-    Option("parameter", "NAME", "what changes along the branch (frequency)", kind="text"),
-    Option("from", "VALUE", "its least value"),
-    Option("to", "VALUE", "its greatest value"),
-    Option("store", "FILE.h5", "keep the branch here; dynkit.Branch.load reads it", kind="text"),
-    Option("out", "FILE", "figure to write: .png or .svg", kind="text"),
-)
-MAP = (
-    *CHAIN,
-    Option("x", "NAME,FROM,TO,COUNT", "parameter along x, and its values"),
-    Option("y", "NAME,FROM,TO,COUNT", "parameter along y, and its values"),
-    _TRANSIENT,
-    Option("keep", "COUNT", "impacts to keep at each pair (100)"),
-    Option("workers", "COUNT", "processes that simulate (1)"),
-    Option("progress", "", "show how far it is (yes)", kind="switch"),
-    Option("store", "FILE.h5", "keep what is finished here, and resume from it", kind="text"),
-    Option("out", "FILE", "file to write: .csv, .npz, .h5, .png or .svg", kind="text"),
-)
-_RANGE = ("from", "to", "step")
+def _number(text: str) -> object:
+    for kind in (int, float, complex):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
-def gather(known: Sequence[Option], file: str | None, given: Mapping[str, object]) -> Options:
-    """Return what was asked for, by name; what was given goes before what stands in the file.
+def options_of(owner: Callable[..., object], *names: str) -> tuple[Option, ...]:
+    """Return options for arguments of a class or a function, by default for all of them.
 
-    Raises
-    ------
-    ValueError
-        When the file cannot be read, is not TOML, or holds an unknown key.
+    Their names and defaults are those of its signature, their help is the first sentence of its
+    docstring about them.
+
+    Examples
+    --------
+    >>> options_of(ImpactChain, "restitution")[0].help
+    'Coefficient of restitution in [0, 1]. (0.85)'
     """
-    names = [option.name for option in known]
-    options = {} if file is None else _read(Path(file), names)
-    asked = {
-        option.name: _parsed(given[option.name], option)
-        for option in known
-        if given.get(option.name) is not None
+    # a family of systems has a __new__ of its own, whose signature says nothing
+    called: Any = vars(owner).get("__init__", owner)
+    arguments, texts, found = inspect.signature(called).parameters, _texts(owner), []
+    for name in names or list(arguments)[1:]:
+        default, kind = arguments[name].default, arguments[name].annotation
+        shown = default not in (inspect.Parameter.empty, None, ()) and not isinstance(default, bool)
+        words = texts.get(name, "") + (f" ({default})" if shown else "")
+        found.append(Option(name, _metavar(inspect.formatannotation(kind).strip("'")), words))
+    return tuple(found)
+
+
+def _texts(owner: object) -> dict[str, str]:
+    """First sentences about arguments, by name; what a class leaves to its base is found there."""
+    found: dict[str, str] = {}
+    for each in getattr(owner, "__mro__", (owner,)):
+        _, _, below = inspect.cleandoc(each.__doc__ or "").partition("Parameters\n----------\n")
+        entries = re.findall(r"^(\w[\w, ]*) : .*\n((?: +.+\n?)*)", below.partition("\n\n")[0], re.M)
+        for names, text in entries:
+            first = re.split(r"(?<=\.) ", " ".join(text.replace("`", "").split()))[0]
+            if first and not first.startswith("As for"):
+                found = {**dict.fromkeys(names.split(", "), first), **found}
+    return found
+
+
+def _metavar(annotation: str) -> str:
+    """Return what a kind of argument is called in the help; the first kind that fits."""
+    if annotation == "bool":
+        return ""
+    number = "COUNT" if annotation.startswith("int") else "X"
+    kinds = {
+        "PathLike": "FILE.h5",
+        "str": "NAME",
+        "tuple": f"{number}|{_NUMBERS}",
+        "int": number,
+        "float": number,
     }
-    if "values" in asked:
-        options = {name: value for name, value in options.items() if name not in _RANGE}
-    if any(name in asked for name in _RANGE):
-        options.pop("values", None)
-    return {**options, **asked}
+    return next((name for kind, name in kinds.items() if kind in annotation), _NUMBERS)
 
 
-def _read(file: Path, names: Sequence[str]) -> Options:
+SYSTEM = (*options_of(ImpactChain), *options_of(ImpactOscillator.state, *_START))
+"""The chain, and where it starts."""
+
+OBSERVABLE = Option("observable", "NAME,...", "what to keep of an impact")
+
+
+@final
+class Asked(dict[str, Any]):
+    """What was asked for, by the names of the options."""
+
+    @classmethod
+    def of(cls, known: Iterable[Option], file: str | None, given: Mapping[str, object]) -> Asked:
+        """Return what was asked for; what was given goes before what stands in the file.
+
+        Raises
+        ------
+        ValueError
+            When the file cannot be read, is not TOML, or holds an unknown key; when a switch or a
+            text is none.
+        """
+        by_name = {option.name: option for option in known}
+        options = {} if file is None else _read(Path(file), list(by_name))
+        direct = {
+            name: option.parsed(given[name])
+            for name, option in by_name.items()
+            if given.get(name) is not None
+        }
+        if "values" in direct:
+            options = {name: value for name, value in options.items() if name not in _RANGE}
+        if any(name in direct for name in _RANGE):
+            options.pop("values", None)
+        return cls((name, by_name[name].checked(x)) for name, x in {**options, **direct}.items())
+
+    def only(self, *names: str) -> dict[str, Any]:
+        """Return those of some options that were asked for; the others keep their defaults."""
+        return {name: self[name] for name in names if name in self}
+
+    def refuse(self, names: Iterable[str], why: str) -> None:
+        """Refuse what was given beside something else.
+
+        Raises
+        ------
+        ValueError
+            When one of the names was given.
+        """
+        for name, value in self.only(*names).items():
+            raise ValueError(f"{name} must not be given {why}; got {value!r}")
+
+    def chain(self, **swept: float) -> ImpactChain:
+        """Return the chain; ValueError when the frequency is missing or a value is refused."""
+        arguments = {**self.only(*(option.name for option in options_of(ImpactChain))), **swept}
+        if "frequency" not in arguments:
+            raise ValueError("frequency must be given")
+        return ImpactChain(**arguments)
+
+    def start(self, chain: ImpactChain) -> ImpactState | None:
+        """Return the state to start from, None for the chain's own; ValueError when refused."""
+        given = self.only(*_START)
+        return chain.state(**given) if given else None
+
+    def names(self, option: str, default: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
+        """Return one or more names; ValueError when there are none, or one is unknown."""
+        value = self.get(option, default)
+        names = (value,) if isinstance(value, str) else value
+        if not names or not _is_list(names) or not all(isinstance(x, str) and x for x in names):
+            raise ValueError(f"{option} must be one or more names; got {value!r}")
+        for name in names:
+            one_of(option, name, known)
+        return tuple(names)
+
+
+def _read(file: Path, names: list[str]) -> dict[str, Any]:
     try:
         # a byte-order mark, as some editors write, is no part of the text
         found = tomllib.loads(file.read_bytes().decode("utf-8-sig"))
@@ -135,83 +205,19 @@ def _read(file: Path, names: Sequence[str]) -> Options:
     return found
 
 
-def _parsed(value: object, option: Option) -> object:
-    """Return what a text on the command line stands for, as TOML would have it."""
-    if option.kind == "text" or not isinstance(value, str):
-        return value
-    parts = [_number(part.strip()) for part in value.split(",")]
-    return parts if len(parts) > 1 else parts[0]
+def one_of(name: str, value: Any, known: Iterable[str]) -> str:
+    """Return a name that is known; ValueError otherwise."""
+    if value not in tuple(known):
+        raise ValueError(f"{name} must be one of: {', '.join(known)}; got {value!r}")
+    return str(value)
 
 
-def _number(text: str) -> object:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
+def parameter_of(value: object, name: str = "parameter") -> str:
+    """Return the name of a parameter of chains; ValueError when they have none of this name."""
+    return one_of(name, value, ImpactChain(frequency=1.0).parameters)
 
 
-def chain_of(options: Options) -> ImpactChain:
-    """Return the chain that the options describe.
-
-    Raises
-    ------
-    ValueError
-        When the frequency is missing or a value is refused.
-    """
-    from dynkit.systems.impact.chain import ImpactChain
-
-    arguments = {option.name: options[option.name] for option in CHAIN if option.name in options}
-    if "frequency" not in arguments:
-        raise ValueError("frequency must be given")
-    return ImpactChain(**arguments)
-
-
-def names_of(options: Options, name: str, default: tuple[str, ...]) -> tuple[str, ...]:
-    """Return one or more names, given as a text or as a list of texts.
-
-    Raises
-    ------
-    ValueError
-        When there are none, or they are no texts.
-    """
-    value = options.get(name, default)
-    names = (value,) if isinstance(value, str) else tuple(value) if _is_list(value) else ()
-    if not names or not all(isinstance(each, str) and each for each in names):
-        raise ValueError(f"{name} must be one or more names; got {value!r}")
-    return names
-
-
-def text_of(options: Options, name: str, default: str | None = None) -> str | None:
-    """Return a text.
-
-    Raises
-    ------
-    ValueError
-        When it is none.
-    """
-    value = options.get(name, default)
-    if value is not None and not (isinstance(value, str) and value):
-        raise ValueError(f"{name} must be a name; got {value!r}")
-    return value
-
-
-def switch_of(options: Options, name: str, *, default: bool) -> bool:
-    """Return true or false.
-
-    Raises
-    ------
-    ValueError
-        When it is neither.
-    """
-    value = options.get(name, default)
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} must be true or false; got {value!r}")
-    return value
-
-
-def values_of(options: Options) -> Array:
+def values_of(options: Mapping[str, Any]) -> Array:
     """Return the values to sweep, (k,), from ``values``, or from ``from``, ``to`` and ``step``.
 
     The last value is included when a whole number of steps leads to it.
@@ -226,12 +232,8 @@ def values_of(options: Options) -> Array:
     >>> values_of({"from": 0.7, "to": 0.8, "step": 0.05}).tolist()
     [0.7, 0.75, 0.8]
     """
-    import numpy as np
-
     if "values" in options:
-        for name in _RANGE:
-            if name in options:
-                raise ValueError(f"{name} must not be given beside values; got {options[name]!r}")
+        Asked(options).refuse(_RANGE, "beside values")
         given = options["values"]
         listed = finite_array("values", given if _is_list(given) else [given], (None,))
         if not len(listed):

@@ -2,44 +2,62 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
+from dynkit.cli.options import Option
 from dynkit.data.atomic_files import locked, place, whole
+from dynkit.data.dataset import ENDINGS as DATA, Dataset
+from dynkit.plotting.figures import PICTURES, new_figure, print_style, write_figure
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DATA = (".csv", ".npz", ".h5")
-PICTURES = (".png", ".svg")
+ENDINGS = (*DATA, *PICTURES)
+OUT = Option("out", "FILE", f"file to write, in the format of its ending: {', '.join(ENDINGS)}")
+SYMBOLS = {
+    "frequency": r"\omega", "restitution": "r", "amplitude": "A", "offset": "A_0",
+    "damping": r"\gamma", "springs": "k", "relative_velocity": "u", "energy": "E",
+    "phase": r"\phi", "time": "t",
+}  # fmt: skip
+"""How parameters and observables are written on axes."""
+
+_MOST_LABELS = 12
 
 
-def output_file(name: str, text: str) -> Path:
+def files_of(
+    asked: Mapping[str, Any], endings: tuple[str, ...] = ENDINGS
+) -> tuple[Path | None, Path | None]:
+    """Return the store and the file to write, checked but not touched.
+
+    Raises
+    ------
+    ValueError
+        When an ending is unknown, one of them cannot be written, or both are the same.
+    """
+    store, out = asked.get("store"), asked.get("out")
+    kept = None if store is None else output_file("store", store)
+    file = None if out is None else output_file("out", out, endings)
+    if file and kept and file.resolve() == kept.resolve():
+        raise ValueError(f"out must be another file than store; got {out!r}")
+    return kept, file
+
+
+def output_file(name: str, text: str, endings: tuple[str, ...] = ()) -> Path:
     """Return the path of a file to write, checked but not touched.
 
     Raises
     ------
     ValueError
-        When its ending is unknown, or it cannot be written.
+        When its ending is none of some, or it cannot be written.
     """
     path = Path(text)
-    if path.suffix not in DATA + PICTURES:
-        raise ValueError(f"{name} must end in {', '.join(DATA + PICTURES)}; got {text!r}")
-    return writable_file(name, path)
-
-
-def writable_file(name: str, path: Path) -> Path:
-    """Return the path when a file can be written there.
-
-    Raises
-    ------
-    ValueError
-        When it cannot.
-    """
+    if endings and path.suffix not in endings:
+        raise ValueError(f"{name} must end in {', '.join(endings)}; got {text!r}")
     try:
         if path.is_dir():
             raise ValueError(f"{name} must be a file; got the folder {str(path)!r}")
@@ -49,56 +67,72 @@ def writable_file(name: str, path: Path) -> Path:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as failure:
-        raise _unwritable(name, path, failure) from failure
+        raise ValueError(
+            f"{name} must be writable; got {str(path)!r} ({failure.strerror})"
+        ) from failure
     with locked(name, place(name, path)):
         return path
 
 
-def _unwritable(name: str, path: Path, failure: OSError) -> ValueError:
-    return ValueError(f"{name} must be writable; got {str(path)!r} ({failure.strerror})")
+class _Plotted(Protocol):
+    def plot(self, ax: Axes) -> Axes: ...
 
 
-def write_table(path: Path, columns: Mapping[str, Sequence[object]]) -> None:
-    """Write columns of one length as CSV; floats in full, so that they read back bit for bit."""
-    table = io.StringIO(newline="")
-    writer = csv.writer(table)
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    with whole("out", path) as stream:
-        stream.write(table.getvalue().encode())
+def plotted(found: _Plotted, height: float = 2.6) -> Figure:
+    """Return a figure of what a result draws, with symbols in the titles, and a legend above."""
+    figure, (axes,) = new_figure(height=height)
+    with print_style():
+        found.plot(axes)
+        for axis in (axes.xaxis, axes.yaxis):
+            title = axis.get_label_text()
+            symbol = SYMBOLS.get(title.replace(" ", "_"))
+            axis.set_label_text(f"{title} ${symbol}$" if symbol else title)
+        if axes.get_legend_handles_labels()[1] and axes.get_legend() is None:
+            axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    return figure
 
 
-def write_arrays(path: Path, arrays: Mapping[str, Any], parameters: Mapping[str, object]) -> None:
-    """Write arrays by name as .npz or .h5, and the parameters: as arrays, or as attributes."""
-    import numpy as np
-
-    with whole("out", path) as stream:
-        if path.suffix == ".npz":
-            everything: dict[str, Any] = {**arrays, **parameters}
-            np.savez_compressed(stream, **everything)
-        else:
-            stream.write(_hdf5(arrays, parameters))
+def write(path: Path, draw: Callable[[], Figure], data: Dataset) -> None:
+    """Write what the ending asks for: a picture, or the dataset."""
+    if path.suffix in PICTURES:
+        write_figure("out", path, draw())
+    else:
+        with whole("out", path) as stream:
+            stream.write(data.as_bytes(path.suffix))
 
 
-def _hdf5(arrays: Mapping[str, Any], parameters: Mapping[str, object]) -> memoryview:
-    import h5py
-    import numpy as np
-
-    # in memory: HDF5 locks and seeks in what it writes to, and says little when a disk is full
-    buffer = io.BytesIO()
-    with h5py.File(buffer, "w") as file:
-        for name, array in arrays.items():
-            data = np.asarray(array)
-            if data.dtype.kind == "U":
-                data = data.astype(h5py.string_dtype())
-            file[name] = data
-        for name, value in parameters.items():
-            file.attrs[name] = value
-    return buffer.getbuffer()
+# --- what is printed when a run is done ----------------------------------------------------------
 
 
-def write_picture(path: Path, draw: Callable[[], Figure]) -> None:
-    """Write a figure as .png or .svg."""
-    figure = draw()
-    with whole("out", path) as stream:
-        figure.savefig(stream, format=path.suffix[1:], dpi=600)
+def print_summary(shown: Mapping[str, object], *files: Path | None) -> None:
+    """Print two columns, and the files that were written."""
+    written = ", ".join(str(file) for file in files if file)
+    lines = {**shown, **({"written": written} if written else {})}
+    print(*aligned((name, str(text)) for name, text in lines.items()), sep="\n")
+
+
+def aligned(rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return rows as lines of columns.
+
+    Examples
+    --------
+    >>> aligned([("label", "P(1,3)"), ("ending", "none")])
+    ['label   P(1,3)', 'ending  none']
+    """
+    table = list(rows)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in table]
+
+
+def counted(labels: Iterable[str]) -> str:
+    """Return how often there are which labels, the commonest first.
+
+    Examples
+    --------
+    >>> counted(["P(1,3)", "chaotic", "P(1,3)"])
+    'P(1,3) 2, chaotic 1'
+    """
+    counts = Counter(labels).most_common()
+    words = [f"{label} {count}" for label, count in counts[:_MOST_LABELS]]
+    words += [f"{len(counts) - _MOST_LABELS} more"] if counts[_MOST_LABELS:] else []
+    return ", ".join(words)

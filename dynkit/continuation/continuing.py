@@ -50,14 +50,16 @@ def continue_orbit(
         Name of the parameter that changes.
     bounds : (float, float)
         Least and greatest value of the parameter.
-    step, largest_step : float
-        First and largest distance between points. The parameter is measured in the distance of the
-        bounds, the unknowns in their typical sizes (root mean square).
+    step : float
+        First distance between points. The parameter is measured in the distance of the bounds, the
+        unknowns in their typical sizes (root mean square).
+    largest_step : float
+        Largest distance between points.
     points : int
         How many points at most in each direction.
     inadmissible : bool
-        Whether the branch goes on, its points marked, where the orbits are no motions of the
-        system.
+        Whether the branch goes on where the orbits are no motions of the system. These points are
+        marked.
 
     Returns
     -------

@@ -172,14 +172,15 @@ def written(value: object) -> str:
 
 
 def span(values: Any) -> str:
-    """Return the least and the greatest of some numbers in words.
+    """Return the least and the greatest of some numbers in words, NaN left out.
 
     Examples
     --------
-    >>> span([2.0, 1.0, 3.0]), span([1.0]), span([])
+    >>> span([2.0, 1.0, 3.0]), span([1.0]), span([np.nan])
     ('1 to 3', '1', 'none')
     """
     numbers = np.asarray(values, dtype=float)
+    numbers = numbers[~np.isnan(numbers)]
     if not numbers.size:
         return "none"
     low, high = float(numbers.min()), float(numbers.max())

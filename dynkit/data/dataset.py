@@ -45,7 +45,7 @@ class Dataset:
     Examples
     --------
     >>> data = Dataset({"time": ("time", [0.0, 1.0])}, {"x": ("time", [2.0, 3.0])}, {"title": "x"})
-    >>> print(data.to_csv())
+    >>> print(data.as_csv())
     time,x
     0.0,2.0
     1.0,3.0
@@ -62,6 +62,8 @@ class Dataset:
             for name, (dimensions, values) in getattr(self, group).items():
                 names = (dimensions,) if isinstance(dimensions, str) else tuple(dimensions)
                 array = np.asarray(values)
+                if array.dtype.hasobject:
+                    raise ValueError(f"{name} holds what is neither a number nor a text")
                 if array.ndim != len(names):
                     raise ValueError(f"{name} has the shape {array.shape}, of {', '.join(names)}")
                 for dimension, size in zip(names, array.shape, strict=True):
@@ -139,7 +141,7 @@ class Dataset:
 
         return pd.DataFrame(self.columns())
 
-    def to_csv(self) -> str:
+    def as_csv(self) -> str:
         """Return the table of `columns` as CSV; floats read back bit for bit."""
         columns = {name: column.tolist() for name, column in self.columns().items()}
         text = io.StringIO(newline="")
@@ -162,18 +164,19 @@ class Dataset:
         if ending not in ENDINGS:
             raise ValueError(f"path must end in {', '.join(ENDINGS)}; got {os.fspath(path)!r}")
         with whole("path", path) as stream:
-            if ending == ".csv":
-                stream.write(self.to_csv().encode())
-            elif ending == ".npz":
-                np.savez_compressed(stream, allow_pickle=False, **self.arrays(), **self.attributes)
-            else:
-                stream.write(self._hdf5())
+            stream.write(self.as_bytes(ending))
 
-    def _hdf5(self) -> memoryview:
-        import h5py
-
+    def as_bytes(self, ending: str) -> bytes | memoryview:
+        """Return what `export` writes to a file with this ending."""
+        if ending == ".csv":
+            return self.as_csv().encode()
         # in memory: HDF5 locks and seeks in what it writes to, and says little when a disk is full
         buffer = io.BytesIO()
+        if ending == ".npz":
+            np.savez_compressed(buffer, **self.arrays(), **self.attributes)
+            return buffer.getbuffer()
+        import h5py
+
         with h5py.File(buffer, "w") as file:
             for name, array in self.arrays().items():
                 file[name] = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array

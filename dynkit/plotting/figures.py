@@ -40,6 +40,11 @@ PRINT_STYLE: Mapping[str, Any] = {
 }
 """Matplotlib settings: type of 7 to 8 points at column width."""
 
+# dates would make the same figure another file
+_METADATA = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+PICTURES = tuple(_METADATA)
+"""Endings of the files that a figure is written to."""
+
 DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0.0}
 """Settings of a cloud of points; size and colour are the drawer's choice."""
 
@@ -166,10 +171,29 @@ def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[
     ValueError, OSError
         When they cannot be written.
     """
-    files = []
-    # dates would make the same figure another file
-    for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-        files.append(stem.with_name(f"{stem.name}.{ending}"))
-        with print_style(), whole("stem", files[-1]) as stream:
-            figure.savefig(stream, format=ending, dpi=resolution, metadata=metadata)
-    return tuple(files)
+    files = tuple(stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".svg"))
+    for file in files:
+        write_figure("stem", file, figure, resolution)
+    return files
+
+
+def write_figure(name: str, path: Path, figure: Figure, resolution: float = 600.0) -> None:
+    """Write a figure in the format of the file's ending, one of `PICTURES`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    path : Path
+    figure : Figure
+    resolution : float
+        Dots an inch, where it is made of dots.
+
+    Raises
+    ------
+    ValueError, OSError
+        When it cannot be written; the old file, if any, is there then.
+    """
+    form, metadata = path.suffix[1:], _METADATA[path.suffix]
+    with print_style(), whole(name, path) as stream:
+        figure.savefig(stream, format=form, dpi=resolution, metadata=metadata)

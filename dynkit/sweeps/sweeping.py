@@ -45,8 +45,10 @@ def sweep(
         One of the system's ``parameters``.
     values : (k,) array_like
         In the order to follow, which may go up and down.
-    transient, keep : int
-        How many states to skip and to keep at each value.
+    transient : int
+        How many states to skip at each value.
+    keep : int
+        How many states to keep at each value.
     observables : sequence of str, optional
         What to keep of a state, nothing else is stored: among the system's ``observables``, by
         default the first (``relative_velocity`` for impact oscillators). Those of a plain map are
@@ -61,9 +63,10 @@ def sweep(
         Who simulates, in chunks, values that do not follow one another: processes, threads, Dask,
         MPI. The result is the same bits by any executor with any number of workers, and by none.
     store : path, optional
-        An HDF5 file that keeps what is finished: rewritten every second, or less often when that
-        takes long, and when the sweep ends or is interrupted. The same call resumes it, by whatever
-        executor, and gives (on the same machine) the same bits as one that was never interrupted.
+        An HDF5 file that keeps what is finished. It is rewritten every second, or less often when
+        that takes long, and when the sweep ends or is interrupted. The same call resumes it, by
+        whatever executor, and gives (on the same machine) the same bits as one that was never
+        interrupted.
     progress : bool
         Whether to show a bar on standard error, with the current parameter, and its label where
         the kept states tell.

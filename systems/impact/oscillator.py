@@ -64,24 +64,26 @@ class ImpactOscillator(DrivenStructure, Map):
         Angular frequency of the table and of the forces, positive.
     restitution : float
         Coefficient of restitution in [0, 1].
-    amplitude, offset : float
-        Of the table; the amplitude is not negative. A stop at rest has amplitude 0.
+    amplitude : float
+        Amplitude of the table, not negative. A stop at rest has amplitude 0.
+    offset : float
+        Middle of the table's motion.
     contact : int
         Which coordinate hits the table; the last one by default.
     side : {"above", "below"}
         On which side of the table it stays.
     play : float
-        Distance to a second stop, which faces the first and moves with it; positive, by default
+        Positive distance to a second stop, which faces the first and moves with it. By default
         infinite: there is none. Relative velocities after impacts with it count negative.
     harmonic_forces : (N,) array_like of complex, optional
-        F. A real F_j is the force F_j sin(phase) on coordinate j.
+        F, amplitudes of forces on the coordinates. A real F_j is the force F_j sin(phase).
     constant_forces : (N,) array_like of float, optional
-        g, such as weights.
+        g, forces on the coordinates, such as weights.
     chatter_tolerance : float
-        Chatter is replaced by contact when that changes no position or velocity by more than this,
-        to leading order, and the place of the contact mass in the bounces left out by no more than
-        a thousand times this; 0 for never. The changes made, as contact begins, are summed up in
-        the record's ``chatter_error``.
+        Chatter is replaced by contact when that changes no position or velocity by more than this;
+        0 for never. That holds to leading order, and the place of the contact mass in the bounces
+        left out changes by no more than a thousand times this. The changes made, as contact begins,
+        are summed up in the record's ``chatter_error``.
 
     Raises
     ------
@@ -141,12 +143,14 @@ class ImpactOscillator(DrivenStructure, Map):
 
         Parameters
         ----------
-        position, velocity : (N,) array_like
-            By default at rest in the shape of the first mode with modal amplitude one, the contact
-            coordinate on its side of zero (the start of Cusumano & Bai); where that is beyond a
-            stop, or on one that moves towards it, half-way between the two, or one away from the
-            only one. Where the first mode has a node at the contact coordinate, only that
-            coordinate is moved.
+        position : (N,) array_like
+            Of the coordinates; by default in the shape of the first mode. Its modal amplitude is
+            then one, the contact coordinate on its side of zero (the start of Cusumano & Bai);
+            where that is beyond a stop, or on one that moves towards it, half-way between the two,
+            or one away from the only one. Where the first mode has a node at the contact
+            coordinate, only that coordinate is moved.
+        velocity : (N,) array_like
+            Of the coordinates; by default 0.
         phase : float
             Phase of the table, taken modulo 2 pi.
 
@@ -276,7 +280,7 @@ class ImpactOscillator(DrivenStructure, Map):
         transient : int
             How many impacts to skip.
         keep, impacts : int, optional
-            How many impacts to keep: one number with two names, 100 by default.
+            How many impacts to keep, 100 by default: one number with two names.
 
         Raises
         ------

@@ -12,11 +12,19 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from dynkit.analysis import ExactImpacts, FoundImpacts, ImpactMethod, WorkPrecision
+from dynkit.analysis import (
+    ExactImpacts,
+    FoundImpacts,
+    ImpactMethod,
+    WorkPrecision,
+    impact_methods,
+)
 from dynkit.analysis.work_precision.comparing import compare, matched
 from dynkit.analysis.work_precision.methods import OverBudget, Simulation, Unsuited
+from dynkit.analysis.work_precision.reference import reference_impacts
+from dynkit.analysis.work_precision.solve_ivp import SolveIVP
 from dynkit.systems import ImpactChain
-from tests.analysis.work_precision_cases import bounces
+from tests.analysis.work_precision_cases import bounces, sticking
 
 PERIOD = 2.0
 
@@ -182,8 +190,6 @@ def test_a_method_that_is_not_installed_is_skipped_with_a_word() -> None:
 def test_methods_say_of_what_is_no_impact_oscillator_that_they_are_not_made_for_it(
     name: str,
 ) -> None:
-    from dynkit.analysis import impact_methods
-
     (one,) = WorkPrecision({"clock": three()}, impact_methods([name]))
     assert one.remark.startswith("not made for it: ")
 
@@ -213,6 +219,94 @@ def test_cost_counts_measurements_and_the_error_is_that_of_the_reference() -> No
 def test_the_floor_is_what_rounding_the_start_costs() -> None:
     measured = WorkPrecision({"clock": three(conditioning=64.0)}, [Shifted()])
     assert measured.floors == {"clock": 2.0**-47}
+
+
+# --- a user's own oscillator ----------------------------------------------------------------------
+
+
+def test_own_impacts_are_as_wrong_as_they_say() -> None:
+    exact = bounces()
+    start = exact.system.state(exact.position, exact.velocity)
+    own = reference_impacts(exact.system, start, len(exact.times), 1e-3)
+    wrong = exact.errors(own.times, own.positions, own.velocities)
+    assert wrong.max() <= own.error < 1e-11
+
+
+def test_errors_count_from_dynkits_own_impacts_whose_error_is_said() -> None:
+    exact = bounces()
+    measured = WorkPrecision.of(
+        exact.system,
+        start=exact.system.state(exact.position, exact.velocity),
+        impacts=len(exact.times),
+        methods=impact_methods(["dynkit", "DOP853"]),
+        progress=False,
+    )
+    own, *others = measured
+    assert (own.error, own.reference, own.remark) == (0.0, measured.error, "not known better")
+    beside = WorkPrecision({"exact": exact}, impact_methods(["DOP853"])).measurements
+    for one, other in zip(others, beside, strict=True):
+        assert abs(one.error - other.error) <= measured.error + beside[0].reference
+    assert f"< {measured.error:.1e}" in measured.table()
+
+
+def test_a_chatter_is_no_list_of_bounces() -> None:
+    exact = sticking()
+    start = exact.system.state(exact.position, exact.velocity)
+    own = reference_impacts(exact.system, start, 80, 1e-3)
+    np.testing.assert_allclose(own.releases[:1], exact.releases, rtol=1e-9)
+    (begin, end), *_ = own.chatters.tolist()
+    assert begin < exact.chatters[0, 1] == pytest.approx(end)
+    assert not ((begin < own.times) & (own.times < end)).any()
+    measured = WorkPrecision({"own": own}, [SolveIVP("DOP853", (1e-3, 1e-9))])
+    assert [(one.missed, one.invented) for one in measured] == [(0, 0), (0, 0)]
+
+
+def test_a_motion_that_begins_in_a_chatter_invents_nothing() -> None:
+    chain = ImpactChain(masses=2, frequency=0.408, restitution=0.3)
+    own = reference_impacts(chain, chain.attractor().final, 20, 1e-3)
+    assert own.chatters[0, 0] == 0.0
+    (one,) = WorkPrecision({"own": own}, [SolveIVP("DOP853", (1e-9,))])
+    assert (one.missed, one.invented) == (0, 0)
+
+
+def test_a_mass_without_restitution_has_impacts_and_no_chatter() -> None:
+    chain = ImpactChain(masses=2, frequency=0.87, restitution=0.0)
+    own = reference_impacts(chain, None, 3, 1e-3)
+    assert len(own.times) == 3
+    assert len(own.chatters) == 0
+
+
+def test_the_error_of_the_reference_is_a_band() -> None:
+    measured = WorkPrecision({"clock": three(error=1e-9)}, [Shifted()])
+    axes = measured.plot(Figure().subplots())
+    (band,) = [part for part in axes.patches if part.get_label() == "error of the reference"]
+    assert band.get_extents().transformed(axes.transData.inverted()).y1 == pytest.approx(1e-9)
+    assert measured.error == 1e-9
+
+
+@pytest.mark.parametrize(
+    ("system", "changed", "message"),
+    [
+        ("a clock", {}, "system must be an ImpactOscillator; got 'a clock'"),
+        (ImpactChain(masses=2, frequency=0.87), {"impacts": 0}, "impacts must be a positive"),
+        (ImpactChain(masses=2, frequency=0.87), {"methods": []}, "methods must hold at least one"),
+        (
+            ImpactChain(masses=1, frequency=0.87, amplitude=0.0, offset=-9.0),
+            {},
+            "start must lead to an impact",
+        ),
+        (
+            ImpactChain(frequency=1.346),
+            {"impacts": 2000},
+            "impacts must be so few that dynkit's own error stays below the size of the motion; g",
+        ),
+    ],
+)
+def test_what_gives_no_reference_is_refused(
+    system: Any, changed: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        WorkPrecision.of(system, **changed)
 
 
 # --- the table and the figure ---------------------------------------------------------------------
@@ -310,8 +404,6 @@ def test_bad_jobs_and_methods_are_refused(jobs: Any, methods: Any, message: str)
 
 
 def test_an_unknown_method_or_job_is_refused() -> None:
-    from dynkit.analysis import impact_methods
-
     with pytest.raises(ValueError, match=r"methods must hold names among dynkit, .*; got 'RK54'"):
         impact_methods(["RK54"])
     with pytest.raises(ValueError, match="job must be one of: clock; got 'watch'"):

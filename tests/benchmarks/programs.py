@@ -6,7 +6,7 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 from typing import NoReturn
 
-from dynkit.cli.output import writable_file
+from dynkit.cli.output import output_file
 from dynkit.data.atomic_files import whole
 
 
@@ -39,10 +39,7 @@ def output(out: str, endings: tuple[str, ...]) -> Path:
     ValueError
         When its ending is another, or it cannot be written.
     """
-    path = Path(out)
-    if path.suffix not in endings:
-        raise ValueError(f"out must end in {', '.join(endings)}; got {out!r}")
-    return writable_file("out", path)
+    return output_file("out", out, endings)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -43,7 +43,7 @@ BAD_ARGUMENTS: list[tuple[Main, list[str], str]] = [
     (
         work_precision,
         ["--out", "table.txt"],
-        "out must end in .csv, .md, .png, .svg; got 'table.txt'",
+        "out must end in .csv, .md, .png, .svg, .pdf; got 'table.txt'",
     ),
     (work_precision, ["--out", "missing/table.md"], NO_FOLDER),
     (work_precision, ["chaos"], "unrecognized arguments: chaos"),

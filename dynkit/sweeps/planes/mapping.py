@@ -34,8 +34,10 @@ def parameter_map(
         Its own values of the two parameters have no effect.
     values : mapping of str to array_like
         The values of two of the system's ``parameters``, (k1,) and (k2,), in any order.
-    transient, keep : int
-        How many states to skip and to keep at each pair.
+    transient : int
+        How many states to skip at each pair.
+    keep : int
+        How many states to keep at each pair.
     observables : sequence of str, optional
         Of which the largest value is kept: among the system's ``observables``, by default the
         first (``relative_velocity`` for impact oscillators).
@@ -47,8 +49,8 @@ def parameter_map(
         Who simulates, in chunks: processes, threads, Dask, MPI. The result is the same bits by any
         executor with any number of workers, and by none.
     store : path, optional
-        An HDF5 file that keeps what is finished, as for `dynkit.sweep`: the same call resumes it,
-        by whatever executor.
+        An HDF5 file that keeps what is finished. As for `dynkit.sweep` the same call resumes it, by
+        whatever executor.
     progress : bool
         Whether to show a bar on standard error.
 

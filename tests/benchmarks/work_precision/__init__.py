@@ -6,20 +6,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import TextIO
 
 from dynkit.analysis import ImpactMethod, WorkPrecision
-from dynkit.analysis.work_precision.measuring import Measurement
-from dynkit.analysis.work_precision.tables import head, line
-from dynkit.cli.output import write_picture, write_table
+from dynkit.plotting.figures import PICTURES, write_figure
 from tests.benchmarks.peers import all_methods
 from tests.benchmarks.programs import output, write_text
 from tests.benchmarks.work_precision.jobs import JOBS, standard_jobs
 from tests.benchmarks.work_precision.notes import NOTES
 
-ENDINGS = (".csv", ".md", ".png", ".svg")
+ENDINGS = (".csv", ".md", *PICTURES)
 
 
 def work_precision(
@@ -34,7 +31,7 @@ def work_precision(
     Parameters
     ----------
     out : str, optional
-        File to write as well: the table as .csv or .md, or the figure as .png or .svg.
+        File to write as well: the table as .csv or .md, or the figure as .png, .svg or .pdf.
     only : sequence of str, optional
         Some of the jobs, by name; by default all.
     methods : sequence of str, optional
@@ -49,10 +46,8 @@ def work_precision(
     """
     file, chosen = checked(out, only, methods)
     measured = WorkPrecision(standard_jobs(only), chosen)
-    for text in head(measured):
-        print(text, file=log)
-    for one in measured:
-        print(line(measured, one), file=log, flush=True)
+    for text in measured.lines():
+        print(text, file=log, flush=True)
     print(f"\n{NOTES}", file=log)
     if file is not None:
         _write(file, measured)
@@ -77,19 +72,10 @@ def checked(
 
 
 def _write(file: Path, measured: WorkPrecision) -> None:
-    if file.suffix in (".png", ".svg"):
-        write_picture(file, measured.figure)
+    if file.suffix in PICTURES:
+        write_figure("out", file, measured.figure())
     elif file.suffix == ".csv":
-        write_table(file, _columns(measured))
+        measured.export(file)
     else:
         text = f"# Error against run time\n\n{measured.table()}\n\n{NOTES}"
         write_text(file, text)
-
-
-def _columns(measured: WorkPrecision) -> dict[str, list[object]]:
-    """What every measurement holds, column by column."""
-    rows = measured.measurements
-    names = [field.name for field in fields(Measurement) if field.name != "work"]
-    columns: dict[str, list[object]] = {name: [getattr(x, name) for x in rows] for name in names}
-    counted = [next(iter(one.work.items()), ("", 0)) for one in rows]
-    return {**columns, "work": [count for _, count in counted], "unit": [x for x, _ in counted]}

@@ -1,0 +1,165 @@
+"""One measurement: what a method makes of a job, and in how many seconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from time import get_clock_info, perf_counter, process_time
+from types import MappingProxyType
+from typing import final
+
+from dynkit.analysis.work_precision.comparing import compare
+from dynkit.analysis.work_precision.exact import ExactImpacts
+from dynkit.analysis.work_precision.methods import (
+    FoundImpacts,
+    GaveUp,
+    ImpactMethod,
+    OverBudget,
+    Simulation,
+)
+
+_REPEATS, _ENOUGH = 300, 0.2
+"""A run is repeated so often at most, and no more once so many seconds have passed."""
+
+_now = process_time if get_clock_info("process_time").resolution < 1e-6 else perf_counter
+"""Time of the processor, which other work on the machine does not change; where it is coarse, the
+time that passes."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """One method at one of its tolerances on one job.
+
+    Parameters
+    ----------
+    job, method : str
+    tolerance : float
+        Of the method, in its own meaning; 0 when it has none, NaN when it did not run.
+    error : float
+        Largest error of an impact as `ExactImpacts.errors` has it, or of a release; NaN when an
+        impact is missed or invented, or the method did not come to its end.
+    seconds : float
+        Of the processor, for all starts together, the least of some repetitions; NaN when it did
+        not come to its end.
+    work : mapping of str to int
+        What the method counts.
+    starts, lost : int
+        Starts that were simulated, and those of them in which an impact is missed or invented.
+    impacts, missed, invented : int
+        Exact impacts and releases of these starts; how many of them were not found; how many were
+        found that are none.
+    reference : float
+        Error of the exact impacts themselves: a smaller `error` means nothing.
+    remark : str
+        What is to be said of it: that it gave up, is not installed, or lost an impact, or that its
+        error is not known better than to be below `reference`.
+    """
+
+    job: str
+    method: str
+    tolerance: float
+    error: float = math.nan
+    seconds: float = math.nan
+    work: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    starts: int = 0
+    lost: int = 0
+    impacts: int = 0
+    missed: int = 0
+    invented: int = 0
+    reference: float = 0.0
+    remark: str = ""
+
+    def __repr__(self) -> str:
+        finest = "" if not self.tolerance > 0.0 else f" at {self.tolerance:g}"
+        parts = [f"error {self.known_error}"] if self.right else []
+        if self.lost:
+            parts.append(f"{self.missed} missed, {self.invented} invented of {self.impacts}")
+        if not math.isnan(self.seconds):
+            parts.append(f"{self.seconds:.2g} s")
+        parts += [self.remark] if self.remark else []
+        return f"<Measurement of {self.method}{finest} on {self.job}: {', '.join(parts)}>"
+
+    @property
+    def right(self) -> bool:
+        """Whether it came to its end, and no impact is missed and none invented."""
+        return not math.isnan(self.error)
+
+    @property
+    def known_error(self) -> str:
+        """The error in words: less than that of the exact impacts where it is smaller."""
+        if math.isnan(self.error):
+            return "-"
+        within = self.error < self.reference
+        return f"{'< ' if within else ''}{max(self.error, self.reference):.1e}"
+
+
+def measure(
+    job: str,
+    method: ImpactMethod,
+    tolerance: float,
+    starts: tuple[ExactImpacts, ...],
+    runs: list[Simulation],
+) -> Measurement:
+    """Measure one method at one tolerance on the starts of a job, with what it has prepared."""
+    found: list[FoundImpacts] = []
+    work: dict[str, int] = {}
+    remark, left = "", method.budget
+    began = _now()
+    for run in runs:
+        try:
+            found.append(run(left))
+        except OverBudget as failure:
+            remark = f"gave up after {method.budget} {failure.unit}"
+            break
+        except GaveUp as failure:
+            remark = str(failure)
+            break
+        for name, count in found[-1].work.items():
+            work[name] = work.get(name, 0) + count
+        left = method.budget - next(iter(work.values()), 0)
+    seconds = _now() - began
+    if not remark:
+        seconds = _shortest(runs, method.budget, seconds)
+    compared = [compare(each, exact) for each, exact in zip(found, starts, strict=False)]
+    lost = sum(not each.right for each in compared)
+    if remark and len(starts) > 1:
+        remark = f"{remark}, {len(found)} of {len(starts)} starts done"
+    if lost:
+        counted = f"{lost} of {len(found)} starts lost" if len(starts) > 1 else "lost"
+        remark = f"{counted}; {remark}" if remark else counted
+    right = len(found) == len(starts) and not lost
+    error = max(each.error for each in compared) if right else math.nan
+    reference = max(exact.error for exact in starts)
+    if error < reference:
+        remark = "not known better"
+    return Measurement(
+        job=job,
+        method=method.name,
+        tolerance=tolerance,
+        error=error,
+        seconds=seconds if len(found) == len(starts) else math.nan,
+        work=MappingProxyType(work),
+        starts=len(found),
+        lost=lost,
+        impacts=sum(each.impacts for each in compared),
+        missed=sum(each.missed for each in compared),
+        invented=sum(each.invented for each in compared),
+        reference=reference,
+        remark=remark,
+    )
+
+
+def _shortest(runs: list[Simulation], budget: int, first: float) -> float:
+    """The shortest time of some repetitions; the first may have compiled something."""
+    best, spent = first, first
+    for _ in range(_REPEATS - 1):
+        if spent > _ENOUGH:
+            break
+        began = _now()
+        for run in runs:
+            run(budget)
+        seconds = _now() - began
+        best, spent = min(best, seconds), spent + seconds
+    return best

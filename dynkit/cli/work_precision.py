@@ -1,0 +1,61 @@
+"""Error against run time of dynkit and of SciPy's integrators.
+
+The first impacts of a chain are compared.
+
+Errors are differences from dynkit's own impacts, whose own error is drawn as a
+band: points in it mean nothing. All options may also stand in a TOML file,
+under the same names; what is given on the command line goes before what stands
+there.
+
+For instance:
+  dynkit work-precision --masses 2 --frequency 0.87 --impacts 10 --out error-time.png
+  dynkit work-precision --config mine.toml --out error-time.pdf
+
+mine.toml may hold:
+  masses = 3
+  frequency = 0.9
+  impacts = 5
+  methods = ["dynkit", "DOP853", "LSODA"]
+"""
+
+from __future__ import annotations
+
+from dynkit.analysis.work_precision.measuring import WorkPrecision
+from dynkit.analysis.work_precision.standard_methods import NAMES, impact_methods
+from dynkit.analysis.work_precision.tables import cells
+from dynkit.cli.options import SYSTEM, Asked, Option, options_of
+from dynkit.cli.output import aligned, files_of, plotted, print_summary
+from dynkit.plotting.figures import PICTURES, write_figure
+
+OPTIONS = (
+    *SYSTEM,
+    *options_of(WorkPrecision.of, "impacts", "progress"),
+    Option("methods", "NAME,...", f"some of {', '.join(NAMES)} (all)"),
+    Option("out", "FILE", f"picture to write: {', '.join(PICTURES)}"),
+)
+_COLUMNS = ("method", "tolerance", "error", "seconds", "work", "remark")
+
+
+def run(asked: Asked) -> None:
+    """Measure, draw, and print a table: of the columns of `WorkPrecision.table` what 80 take.
+
+    Raises
+    ------
+    ValueError
+        When an option is refused; nothing was written then.
+    """
+    methods = impact_methods(asked.names("methods", NAMES, NAMES))
+    _, file = files_of(asked, PICTURES)
+    chain = asked.chain()
+    options = {"start": asked.start(chain), **asked.only("impacts", "progress")}
+    measured = WorkPrecision.of(chain, methods=methods, **options)
+    rows = [cells(one) for one in measured]
+    if file:
+        write_figure("out", file, plotted(measured, height=3.2))
+    shown = {
+        "system": next(iter(measured.jobs)),
+        "error of the reference": f"{measured.error:.1e} (smaller errors mean nothing)",
+        "seconds": f"{measured.cost.seconds:.1f}",
+    }
+    print_summary(shown, file)
+    print("", *aligned([_COLUMNS, *([row[name] for name in _COLUMNS] for row in rows)]), sep="\n")
