@@ -88,6 +88,9 @@ class OrbitEquations(Equations):
     def rounding(self, y: Array) -> Array:
         return self.problem.rounding(y[:-1], y[-1:])
 
+    def linearization_error(self, y: Array) -> Any:
+        return self.problem.linearization_error(y[:-1], y[-1:])
+
     def jacobian(self, y: Array) -> Array:
         x, p, m = y[:-1], y[-1:], self._m
         matrix = np.empty((m, m + 1))

@@ -55,7 +55,8 @@ class Bifurcation:
     value : float
         Its value there.
     error : float
-        To first order a bound on the error of `value`.
+        To first order a bound on the error of `value`. Infinite where a bifurcation of a map that
+        gives no jacobian was only bisected.
     multiplier : complex or None
         The critical multiplier: 1, -1, or exp(i theta), as wrong as theta; None at GR and CB.
     direction : (m,) array

@@ -346,4 +346,4 @@ def _moved(equations: OrbitEquations, y: Array) -> Array:
     scale = equations.scale(y)
     jacobian = equations.jacobian(y)
     tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    return error_bound(jacobian, y, equations.residual(y), scale, tangent, equations.rounding(y))
+    return error_bound(equations, jacobian, y, scale, tangent)

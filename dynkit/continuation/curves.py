@@ -362,9 +362,7 @@ def _distance(
     y = np.concatenate([x, own, p])
     scale, jacobian = equations.scale(y), equations.full_jacobian(y)
     tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    rounding = equations.rounding(y)
-    bound = error_bound(jacobian, y, equations.residual(y), scale, tangent, rounding)
-    return float((bound / scale).max())
+    return float((error_bound(equations, jacobian, y, scale, tangent) / scale).max())
 
 
 def _start(

@@ -13,7 +13,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import ROUNDING, Equations, NoSolution
-from dynkit.orbits.problem import Condition, Problem
+from dynkit.orbits.problem import NOISE, Condition, Problem
 
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
 """Step of central differences, in scaled unknowns: rounding and curvature balance each other."""
@@ -43,6 +43,11 @@ class CriticalMultiplier(Condition):
         # D = left sizes right: the last row is already the conjugate of a null vector
         self._left, self._right = left[:, -1], right[-1]
         self._made_of = x, own, p, matrix
+        off = problem.linearization_error(x, p)
+        self.noise = float(np.sum(np.outer(abs(self._left), abs(self._right)) * off * self._units))
+        """What the error of D beyond rounding leaves in g."""
+        self.unit = max(1.0, self.noise / NOISE)
+        """What g is measured in, so that no more than `NOISE` is left."""
 
     @cached_property
     def rounding(self) -> float:
@@ -55,13 +60,14 @@ class CriticalMultiplier(Condition):
         x, own, p, matrix = self._made_of
         mu, factors = self.multiplier(own), self._problem.factors(x, p)
         off = 16.0 * ROUNDING
-        if factors is not None:
+        if factors is not None and not self.noise:
             sizes = np.linalg.norm(factors[0], axis=(1, 2))
             # a factor that is zero has no critical multiplier
             off = float((factors[1][sizes > 0.0] / sizes[sizes > 0.0]).sum())
         ends = [self._scaled(x, p, mu * (1.0 + s * _DISTURBED)) for s in (1.0, -1.0)]
         slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
-        return 16.0 * ROUNDING * max(1.0, float(abs(matrix).max())) + off * float(abs(slope))
+        own_rounding = 16.0 * ROUNDING * max(1.0, float(abs(matrix).max()))
+        return (own_rounding + off * float(abs(slope)) + self.noise) / self.unit
 
     @abstractmethod
     def multiplier(self, own: Array) -> complex:
@@ -84,7 +90,7 @@ class CriticalMultiplier(Condition):
         matrix = self._bordered(x, own, p)
         target = np.zeros(len(matrix))
         target[-1] = 1.0
-        return self._equations(np.linalg.solve(matrix, target)[-1])
+        return self._equations(np.linalg.solve(matrix, target)[-1]) / self.unit
 
     def _equations(self, g: Any) -> Array:
         return np.array([g.real])
@@ -154,7 +160,7 @@ class BranchPoint(CriticalMultiplier):
         target[-1] = 1.0
         *null, g = np.linalg.solve(bordered.T, target)
         slope = self._problem.parameter_derivative(x, p)[:, 0]
-        return np.array([g, null @ slope])
+        return np.array([g, null @ slope]) / self.unit
 
 
 @final
@@ -235,14 +241,14 @@ class BifurcationEquations(Equations):
 
     def _slope(self, y: Array, way: Array) -> Array:
         """Return a derivative of the condition along a way."""
-        step = DIFFERENCE
+        step = max(DIFFERENCE, getattr(self.condition, "noise", 0.0) ** (1.0 / 3.0))
         change = self._change(y, step * way)
         for _ in range(_SHORTER):
             if abs(change).max() <= _CHANGE:
                 break
             step /= 16.0
             change = self._change(y, step * way)
-        return change / step
+        return np.asarray(change / step)
 
     def _change(self, y: Array, step: Array) -> Array:
         """Return how the condition changes over a step, to second order."""
@@ -265,10 +271,15 @@ class BifurcationEquations(Equations):
         sizes = np.maximum(1.0, abs(own))
         return np.concatenate([self.problem.scale(x) * self._m**0.5, sizes, self._widths])
 
+    def linearization_error(self, y: Array) -> Any:
+        x, _, p = self.split(y)
+        return self.problem.linearization_error(x, p)
+
     def rounding(self, y: Array) -> Array:
         x, _, p = self.split(y)
         of_orbit = self.problem.rounding(x, p)
-        own = max(getattr(self.condition, "rounding", 0.0), float(of_orbit.max()))
+        of_states = float(of_orbit.max()) / getattr(self.condition, "unit", 1.0)
+        own = max(getattr(self.condition, "rounding", 0.0), of_states)
         return np.concatenate([of_orbit, np.full(self.condition.unknowns + 1, own)])
 
     def _condition(self, y: Array) -> Array:

@@ -93,6 +93,8 @@ def locate(
         return None
     errors = abs(after.y - before.y) + _blur(follower, after)
     x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
+    if critical and np.any(problem.linearization_error(x, p)):
+        errors[:] = np.inf  # multipliers are critical elsewhere, and nothing tells how far away
     return Located(
         crossing,
         x=x,
@@ -115,9 +117,7 @@ def _height(point: Point, crossing: Crossing) -> float:
 def _blur(follower: Follower, point: Point) -> Array:
     """How far unknowns and parameter of a border may be off because its orbit is, (m + 1,)."""
     equations, scale = follower.equations, point.scale
-    jacobian, residual = equations.jacobian(point.y), equations.residual(point.y)
-    rounding = equations.rounding(point.y)
-    bound = error_bound(jacobian, point.y, residual, scale, point.tangent, rounding)
+    bound = error_bound(equations, equations.jacobian(point.y), point.y, scale, point.tangent)
     return np.asarray((bound / scale).max() * scale)
 
 
@@ -167,10 +167,9 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         condition, _ = condition_of(kind, event, problem, x, own, p)
         equations.condition = condition
         scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
-        residual, rounding = equations.residual(found.y), equations.rounding(found.y)
+        bound = error_bound(equations, jacobian, found.y, scale, None)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    bound = error_bound(jacobian, found.y, residual, scale, None, rounding)
     if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
         return None
     if kind == "BP" and abs(own[0]) > _UNFOLDED:

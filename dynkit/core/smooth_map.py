@@ -8,10 +8,10 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.differences import parameter_difference
+from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.stretching import Stretching, stretched
+from dynkit.core.stretching import Stretching, product_with_error, stretched
 from dynkit.core.validation import (
     Array,
     finite_array,
@@ -51,9 +51,11 @@ class SmoothMap(Family, ABC):
             When the state is not finite, or not of that shape.
         """
 
-    @abstractmethod
     def jacobian(self, state: Array) -> Array:
         """Return the derivative of the next state with respect to the state.
+
+        Unless a subclass gives it, or its factors, it is found from differences of next states, by
+        `dynkit.core.differences.numerical_derivative`; `jacobian_factors` has its error.
 
         Parameters
         ----------
@@ -67,7 +69,26 @@ class SmoothMap(Family, ABC):
         ------
         ValueError
             When the state is not finite, or not of that shape.
+        NoMotion
+            When there is no next state, or no derivative.
+
+        Examples
+        --------
+        >>> from dynkit import Map
+        >>> class Square(Map):
+        ...     dimension = 1
+        ...
+        ...     def __call__(self, state):
+        ...         return state**2
+        >>> Square().jacobian([3.0])
+        array([[6.]])
+        >>> _, errors = Square().jacobian_factors([3.0])
+        >>> bool(errors[0] < 1e-10)
+        True
         """
+        if type(self).jacobian_factors is SmoothMap.jacobian_factors:
+            return self._differences(state)[0]
+        return product_with_error(*self.jacobian_factors(state))[0]
 
     def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
         """Return matrices whose product is the jacobian, and the errors of their entries.
@@ -86,15 +107,31 @@ class SmoothMap(Family, ABC):
             In the order of time: the jacobian is ``factors[n - 1] @ ... @ factors[0]``.
         errors : (n,) array
             Estimate of the error of an entry of each factor: by default the `accuracy` times the
-            norm of the jacobian.
+            norm of the jacobian, or what the differences claim where no jacobian is given.
 
         Raises
         ------
-        ValueError
-            When the state is not finite, or not of that shape.
+        ValueError, NoMotion
+            As `jacobian`.
         """
+        if type(self).jacobian is SmoothMap.jacobian:
+            factor, error = self._differences(state)
+            return factor[None], np.array([error.max()])
         factor = self.jacobian(state)
         return factor[None], np.array([self.accuracy * np.linalg.norm(factor)])
+
+    @property
+    def _by_differences(self) -> bool:
+        """Whether neither jacobian nor factors are given: differences may err beyond `accuracy`."""
+        given = type(self).jacobian, type(self).jacobian_factors
+        return given == (SmoothMap.jacobian, SmoothMap.jacobian_factors)
+
+    def _differences(self, state: Array) -> tuple[Array, Array]:
+        """The jacobian, (d, d), by differences, and its error."""
+        here = finite_array("state", state, (self.dimension,))
+        return numerical_derivative(
+            self.next_state, here, accuracy=self.accuracy, difference=self.difference
+        )
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b; a map with angles wraps them to the shortest way.

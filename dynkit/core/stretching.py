@@ -53,3 +53,17 @@ def stretched(factors: Array, errors: Array, frame: Array) -> tuple[Array, Array
     # a direction that is lost for good has no error
     off[np.isneginf(logs)] = 0.0
     return frame, logs, off
+
+
+def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
+    """Return a product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
+
+    The entries of each factor are wrong by its error, (n,), at most; rounding is left out, and
+    so are products of errors.
+    """
+    product, error = factors[0], float(errors[0])
+    for factor, off in zip(factors[1:], errors[1:], strict=True):
+        grown = error * np.linalg.norm(factor, np.inf)
+        error = float(grown + off * np.linalg.norm(product, 1))
+        product = factor @ product
+    return product, error

@@ -173,7 +173,8 @@ class Dataset:
         # in memory: HDF5 locks and seeks in what it writes to, and says little when a disk is full
         buffer = io.BytesIO()
         if ending == ".npz":
-            np.savez_compressed(buffer, **self.arrays(), **self.attributes)
+            everything: dict[str, Any] = {**self.arrays(), **self.attributes}
+            np.savez_compressed(buffer, **everything)
             return buffer.getbuffer()
         import h5py
 

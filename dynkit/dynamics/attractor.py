@@ -14,6 +14,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.reprs import Facts, costing, table, told
 from dynkit.core.smooth_map import SmoothMap, checked_map
+from dynkit.core.stretching import product_with_error
 from dynkit.core.validation import (
     Array,
     finite_array,
@@ -210,9 +211,6 @@ class MapAttractor(Attractor):
     ...
     ...     def __call__(self, state):
     ...         return (state + 2.0 / state) / 2.0
-    ...
-    ...     def jacobian(self, state):
-    ...         return np.array([[0.5 - 1.0 / state[0] ** 2]])
     >>> attractor = MapAttractor(Newton(), [1.0], transient=20, iterations=30)
     >>> attractor.states[0]
     array([1.41421356])
@@ -424,13 +422,18 @@ class _MapOrbit:
         """Return the label of what was looked at so far, with its multiplier if it is periodic."""
         if label.impacts is None or self.window is None:
             return label
-        n = label.impacts
+        n, system = label.impacts, self.system
         try:
-            jacobians = [self.system.jacobian(state) for state in self.window[-1 - 2 * n : -1]]
+            found = [
+                product_with_error(*system.jacobian_factors(state))
+                for state in self.window[-1 - 2 * n : -1]
+            ]
         except NoMotion:  # the orbit touches the section: no derivative
             return label
-        factors = np.array(jacobians)
-        return with_multiplier(label, factors[n:], factors[:n], self.system.accuracy)
+        factors = np.array([product for product, _ in found])
+        # others are wrong by what the accuracy says
+        more = np.array([error for _, error in found[n:]]) if system._by_differences else None
+        return with_multiplier(label, factors[n:], factors[:n], system.accuracy, more)
 
     def difference(self, a: Array, b: Array) -> Array:
         return self.system.difference(a, b)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
 import numpy as np
 
-from dynkit.core.differences import parameter_difference
+from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.stretching import CLEAR, Stretching, stretched
@@ -87,16 +87,18 @@ class Flow(Family, ABC):
     1. `dimension`, the number d of the state's coordinates.
     2. ``velocity(state)``, the (d,) rate of the state.
     3. ``advance(state, duration)``, the (d,) state after a duration >= 0.
-    4. ``derivative(state, duration)``, the (d, d) derivative of ``advance`` with respect to the
-       state, the duration held fixed.
-    5. ``next_crossing(state, section, time_limit)``, the first time t > 0 at which the section's
+    4. ``next_crossing(state, section, time_limit)``, the first time t > 0 at which the section's
        value passes through zero in the section's direction. A state that lies on the section, to
        rounding, has not crossed it yet. When no crossing comes by the time limit it raises
        `NoCrossing`: no search goes on for ever.
 
-    and may offer ``parameters``, ``replace`` and `accuracy` as a map does, and
-    ``parameter_derivative(state, duration, name)``, the exact (d,) derivative of ``advance`` by a
-    parameter, which otherwise is found by differences.
+    and may offer ``parameters``, ``replace`` and `accuracy` as a map does, and two derivatives that
+    otherwise are found by differences:
+
+    5. ``derivative(state, duration)``, the exact (d, d) derivative of ``advance`` with respect to
+       the state, the duration held fixed.
+    6. ``parameter_derivative(state, duration, name)``, the exact (d,) derivative of ``advance`` by
+       a parameter.
 
     None of these changes its arguments or the flow, and a state that is not finite, or not of the
     right shape, is refused with ValueError. Where the motion runs away, `velocity` and `advance`
@@ -118,9 +120,30 @@ class Flow(Family, ABC):
     def advance(self, state: Array, duration: float) -> Array:
         """Return the state, (d,), a duration >= 0 after a state, (d,)."""
 
-    @abstractmethod
     def derivative(self, state: Array, duration: float) -> Array:
-        """Return the derivative, (d, d), of the advanced state with respect to the state."""
+        """Return the derivative, (d, d), of the advanced state with respect to the state.
+
+        Unless a subclass gives it, it is found from differences of `advance`. Their error is part
+        of that of multipliers and exponents, as it is for `Map.jacobian`.
+        """
+        return self._differences(state, duration)[0]
+
+    @property
+    def _by_differences(self) -> bool:
+        """Whether derivatives are differences, which may err beyond the `accuracy`."""
+        return type(self).derivative is Flow.derivative
+
+    def _differences(self, state: Array, duration: float) -> tuple[Array, Array]:
+        """The derivative, (d, d), by differences, and its error."""
+
+        def advanced(start: Array) -> Array:
+            end = self.advance(start, duration)
+            if not np.isfinite(end).all():
+                raise Diverged(f"the motion from {start.tolist()} runs away within {duration}")
+            return end
+
+        here = finite_array("state", state, (self.dimension,))
+        return numerical_derivative(advanced, here, accuracy=self.accuracy)
 
     def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
         """Return the derivative, (d,), of the advanced state with respect to a parameter.
@@ -195,11 +218,16 @@ class Flow(Family, ABC):
         return self._halved(state, duration, basis, _HALVINGS)
 
     def _halved(self, state: Array, duration: float, basis: Basis, halvings: int) -> Iterator[Part]:
-        end, derivative = self.advance(state, duration), self.derivative(state, duration)
+        end, off = self.advance(state, duration), 0.0
         if not np.isfinite(end).all():
             raise Diverged(f"the motion from {state.tolist()} runs away within {duration}")
+        if self._by_differences:
+            derivative, wrong = self._differences(state, duration)
+            off = float(wrong.max())
+        else:
+            derivative = self.derivative(state, duration)
         size = max(1.0, float(np.linalg.norm(derivative, 2)))
-        part = Part(end, derivative, size, self.accuracy * size)
+        part = Part(end, derivative, size, max(off, self.accuracy * size))
         if not halvings or part.even(basis(state), basis(end)):
             yield part
             return

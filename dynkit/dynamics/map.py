@@ -22,11 +22,12 @@ class Map(SmoothMap):
        next state for another reason, it raises a `NoMotion`: `NoCrossing`, or `Refused` for a
        finite state outside of the map's range. Every other exception is taken for a fault in the
        map: no sweep, basin or orbit search catches it.
-    3. ``jacobian(state)``, the exact (d, d) derivative of the call: row i belongs to coordinate i
-       of the result.
 
     and may offer:
 
+    3. ``jacobian(state)``, the exact (d, d) derivative of the call: row i belongs to coordinate i
+       of the result. Otherwise it is found by differences, some 5 to 20 calls for each coordinate,
+       and their error is part of what is claimed of multipliers, exponents and bifurcations.
     4. ``difference(a, b)``, when coordinates are angles: a - b, wrapped to the shortest way. Its
        arguments are (..., d) and broadcast; it is antisymmetric, and zero where a equals b.
     5. ``parameters`` and ``replace``, when it belongs to a family of maps and is no dataclass; see
@@ -35,7 +36,7 @@ class Map(SmoothMap):
     7. ``parameter_derivative(state, name)``, the exact (d,) derivative of the call by a parameter;
        otherwise it is found by differences.
     8. ``jacobian_factors(state)``, when the derivative is a product along the way, whose small
-       eigenvalues would be lost in the product itself.
+       eigenvalues would be lost in the product itself; `jacobian` multiplies them.
     9. ``stretching(state, n)``, when it knows a faster way to what Lyapunov exponents are made of.
 
     What sweeps, parameter planes and basins use has a default, and belongs together where the
@@ -69,10 +70,6 @@ class Map(SmoothMap):
     ...     def __call__(self, state):
     ...         x = finite_array("state", state, (1,))
     ...         return self.rate * x * (1.0 - x)
-    ...
-    ...     def jacobian(self, state):
-    ...         (x,) = finite_array("state", state, (1,))
-    ...         return np.array([[self.rate * (1.0 - 2.0 * x)]])
     >>> logistic = Logistic(rate=4.0)
     >>> logistic.iterate([0.25], 2)
     array([[0.25],

@@ -97,23 +97,10 @@ class PoincareMap(Map):
         """Return the time from a point of the section, (d - 1,), to the next crossing."""
         return self.crossing(state).time
 
-    def jacobian(self, state: Array) -> Array:
-        """Return the derivative, (d - 1, d - 1), with the hit time's own change accounted for.
-
-        Raises
-        ------
-        TangentCrossing
-            When the flow is tangent to the section at the crossing.
-        NoCrossing, ValueError
-            As the call itself.
-        """
-        product = np.eye(self.dimension)
-        for factor in self.jacobian_factors(state)[0]:
-            product = factor @ product
-        return product
-
     def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
         """Return derivatives (n, d - 1, d - 1) over parts of the return, and errors of entries.
+
+        The hit time's own change is accounted for.
 
         Where a part ends, a disturbance is what it is across the flow: a disturbance along the flow
         changes the time of a return and not the state. No part shrinks a disturbance across the
@@ -123,10 +110,16 @@ class PoincareMap(Map):
 
         Raises
         ------
-        TangentCrossing, NoCrossing, ValueError
-            As `jacobian`.
+        TangentCrossing
+            When the flow is tangent to the section at the crossing.
+        NoCrossing, ValueError
+            As the call itself.
         """
         return self._factors(state, self.crossing(state))
+
+    @property
+    def _by_differences(self) -> bool:
+        return self.flow._by_differences
 
     def _factors(self, state: Array, hit: Crossing) -> tuple[Array, Array]:
         parts = list(self.flow._parts(self.section.lift(state), hit.time, self._across))
@@ -155,7 +148,7 @@ class PoincareMap(Map):
         Raises
         ------
         TangentCrossing, NoCrossing
-            As for `jacobian`.
+            As for `jacobian_factors`.
         ValueError
             As the call itself; and when there is no such parameter.
         """

@@ -12,7 +12,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive, positive_integer
 from dynkit.labels.recurrence import REPETITIONS, Recurrences
-from dynkit.orbits.multipliers import product_eigenvalues
+from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, product_eigenvalues
 
 # A decay is extrapolated when the orbit it leads to is this near: in tolerances; relative, when the
 # budget ends.
@@ -297,7 +297,9 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
             return OrbitLabel(OrbitKind.UNSETTLED, None, None, tolerance, nearest, spent)
 
 
-def with_multiplier(label: OrbitLabel, last: Array, before: Array, accuracy: float) -> OrbitLabel:
+def with_multiplier(
+    label: OrbitLabel, last: Array, before: Array, accuracy: float, errors: Array | None = None
+) -> OrbitLabel:
     """Return the label of a periodic orbit with its `multiplier`.
 
     Parameters
@@ -309,6 +311,8 @@ def with_multiplier(label: OrbitLabel, last: Array, before: Array, accuracy: flo
         to come when it falls by as much in each as disturbances do.
     accuracy : float
         Of the map, relative.
+    errors : (n,) array, optional
+        How wrong entries of the derivatives of the last period may be beyond that.
     """
     if not (np.isfinite(last).all() and np.isfinite(before).all()):
         return label
@@ -317,6 +321,10 @@ def with_multiplier(label: OrbitLabel, last: Array, before: Array, accuracy: flo
     change = abs(found - earlier)
     series = change * max(1.0, found / apart) if apart else np.inf
     error = series + _DERIVATIVES * len(last) * accuracy * max(1.0, found)
+    if errors is not None:
+        random = np.random.default_rng(0)
+        probes = [disturbed_eigenvalues(last, errors, random)[0] for _ in range(PROBES)]
+        error += MARGIN * float(abs(abs(np.array(probes)) - found).max())
     return replace(label, multiplier=found, multiplier_error=error)
 
 

@@ -16,11 +16,9 @@ from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, finite_array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution, orbit_bound
-from dynkit.orbits.problem import PeriodicOrbit, Problem, fractions
+from dynkit.orbits.problem import NOISE, PeriodicOrbit, Problem, fractions
 
 _NONE = np.empty(0)
-# Errors of calls are no larger than this in the equations: Newton's method ends in them.
-_NOISE = 1e-13
 # States that agree so well, in units of their size, are one.
 _REPEATED = 1e-7
 
@@ -51,7 +49,7 @@ class StatesProblem(Problem):
         self._names = tuple(names)
         self._values = np.array([system.value_of(name) for name in names])
         self._sizes = sizes(states)
-        self.units = self._sizes * max(1.0, system.accuracy / _NOISE)
+        self.units = self._sizes * max(1.0, system.accuracy / NOISE)
         """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
         self._at: tuple[bytes, SmoothMap] = (self._values.tobytes(), system)
 
@@ -253,7 +251,7 @@ class MapOrbit(PeriodicOrbit):
 
         Twice the sum, over the inverse derivative, of the residual that is left and four times the
         accuracy of a call, for states of the size of the largest. Infinite where the derivative is
-        singular.
+        singular, or may be within the error of differences.
         """
         return float(orbit_bound(self.problem(), self._x, _NONE).max())
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial, reduce
+from functools import partial
 from typing import Any, Self, final
 
 import numpy as np
 
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.stretching import product_with_error
 from dynkit.core.validation import Array
 from dynkit.orbits.map_orbit import StatesProblem, following
 from dynkit.orbits.newton import NoSolution
@@ -29,8 +30,8 @@ class MapProblem(StatesProblem):
 
     def __init__(self, system: SmoothMap, states: Array, names: Sequence[str] = ()) -> None:
         super().__init__(system, states, names)
-        self._derivatives: tuple[bytes, Array, tuple[Array, Array]]
-        self._derivatives = b"", np.empty(0), (np.empty(0), np.empty(0))
+        self._derivatives: tuple[bytes, Array, Array, tuple[Array, Array]]
+        self._derivatives = b"", np.empty(0), np.empty(0), (np.empty(0), np.empty(0))
 
     @property
     def label(self) -> str:
@@ -53,6 +54,17 @@ class MapProblem(StatesProblem):
         by_state = self.jacobians(x, p) / self.units[:, None]
         return by_state, np.broadcast_to(-np.diag(1.0 / self.units), by_state.shape)
 
+    def linearization_error(self, x: Array, p: Array) -> Any:
+        system = self.at(p)
+        if not system._by_differences:
+            return 0.0
+        self.jacobians(x, p)
+        n, d = self._like.shape
+        matrix = np.zeros((n, d, n, d))
+        each = np.arange(n)
+        matrix[each, :, each] = self._derivatives[2][:, None, None] / self.units[:, None]
+        return matrix.reshape(n * d, n * d)
+
     def parameter_derivative(self, x: Array, p: Array) -> Array:
         system, columns = self.at(p), []
         for name in self._names:
@@ -62,7 +74,7 @@ class MapProblem(StatesProblem):
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
         self.jacobians(x, p)
-        return self._derivatives[2]
+        return self._derivatives[3]
 
     def states(self, x: Array) -> Array:
         states = self._rows(x).copy()
@@ -84,16 +96,20 @@ class MapProblem(StatesProblem):
         key = np.asarray(x).tobytes() + np.asarray(p, dtype=np.float64).tobytes()
         if key != self._derivatives[0]:
             system, factors, errors = self.at(p), list[Array](), list[Array]()
+            wrong = list[float]()
 
             def jacobian(state: Array) -> Array:
                 matrices, off = system.jacobian_factors(state)
                 factors.append(matrices)
                 errors.append(ROUNDINGS * off)
-                return reduce(lambda product, factor: np.asarray(factor @ product), matrices)
+                product, error = product_with_error(matrices, off)
+                wrong.append(error)
+                return product
 
             found = _defined(jacobian, self._rows(x))
             found.setflags(write=False)
-            self._derivatives = key, found, (np.concatenate(factors), np.concatenate(errors))
+            known = np.concatenate(factors), np.concatenate(errors)
+            self._derivatives = key, found, np.array(wrong), known
         return self._derivatives[1]
 
 

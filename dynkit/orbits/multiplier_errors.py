@@ -7,12 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.orbits.multipliers import product_eigenvalues
+from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues
 from dynkit.orbits.newton import NoSolution
 
-_PROBES = 4
-# A few probes seldom add up what a bound of every single unknown allows.
-_MARGIN = 4.0
 _ROUNDING = 2.0**-52
 # Of positive numbers: a multiplier, or its rounding, may be smaller and count as zero.
 _SMALLEST = 2.0**-1074
@@ -40,7 +37,7 @@ def multiplier_errors(
     worst, random, m = np.zeros(len(found)), np.random.default_rng(0), len(x)
     if not (np.isfinite(found).all() and np.isfinite(moved).all()):
         return np.full(len(found), np.inf)
-    for _ in range(_PROBES):
+    for _ in range(PROBES):
         step = moved * random.choice([-1.0, 1.0], len(moved))
         try:
             there = _disturbed(problem, x + step[:m], p + step[m:], random)
@@ -49,16 +46,14 @@ def multiplier_errors(
         if not np.isfinite(there).all():
             return np.full(len(found), np.inf)
         worst = np.maximum(worst, _changes(found, there))
-    return np.asarray(_MARGIN * (worst + _ROUNDING * abs(found)))
+    return np.asarray(MARGIN * (worst + _ROUNDING * abs(found)))
 
 
 def _disturbed(problem: ProductOfFactors, x: Array, p: Array, random: np.random.Generator) -> Any:
     known = problem.factors(x, p)
     if known is None:
         return problem.multipliers(x, p)
-    factors, off = known
-    changes = random.uniform(-1.0, 1.0, factors.shape)
-    return product_eigenvalues(factors + off[:, None, None] * changes)
+    return disturbed_eigenvalues(*known, random)
 
 
 def _changes(found: Any, there: Any) -> Array:

@@ -8,6 +8,12 @@ import numpy as np
 
 from dynkit.core.validation import Array, finite_array
 
+PROBES = 4
+"""How many disturbances of factors show how wrong eigenvalues of their product may be."""
+
+MARGIN = 4.0
+"""Times what these show: few of them seldom add up what a bound of every single entry allows."""
+
 # Rounds of orthogonal iteration before the algorithm proper: they put large eigenvalues first.
 _ROUNDS = 2
 
@@ -54,6 +60,15 @@ def product_eigenvalues(factors: Any) -> Any:
     mantissas, exponents = _eigenvalues(factors)
     with np.errstate(over="ignore", under="ignore"):
         return np.ldexp(mantissas.real, exponents) + 1j * np.ldexp(mantissas.imag, exponents)
+
+
+def disturbed_eigenvalues(factors: Array, errors: Array, random: np.random.Generator) -> Any:
+    """Return the `product_eigenvalues` of factors whose entries are off by errors, (n,), at most.
+
+    By different parts of these, at random.
+    """
+    changes = random.uniform(-1.0, 1.0, factors.shape)
+    return product_eigenvalues(factors + errors[:, None, None] * changes)
 
 
 def log_product_eigenvalues(factors: Any) -> Any:

@@ -65,6 +65,13 @@ class Equations(ABC):
     def rounding(self, y: Array) -> Array:
         """Return how wrong each equation may be by rounding."""
 
+    @abstractmethod
+    def linearization_error(self, y: Array) -> Any:
+        """Return how wrong the derivative by the first m unknowns may be beyond rounding, (m, m).
+
+        Of the first m equations; or zero.
+        """
+
 
 @final
 class Correction(NamedTuple):
@@ -213,14 +220,19 @@ def bordered_direction(jacobian: Array, scale: Array, row: Array) -> Direction |
 
 
 def error_bound(
-    jacobian: Array, y: Array, f: Array, scale: Array, row: Array | None, rounding: Any
+    equations: Equations, jacobian: Array, y: Array, scale: Array, row: Array | None
 ) -> Array:
-    """Return how far a solution y with residual f may be from the exact one, unknown by unknown.
+    """Return how far a solution y may be from the exact one, unknown by unknown.
 
-    It is twice |inverse of the derivative| (|f| + rounding): to first order a bound when the
+    It is twice |inverse of the derivative| (|residual| + rounding): to first order a bound when the
     equations are right to `rounding`, and to four roundings of what the unknowns add to them, which
-    counts where these are large.
+    counts where these are large. The inverse is the largest that the error of the derivative
+    allows; the bound is infinite where the derivative may be singular.
     """
+    f, rounding, off = (
+        asked(y)
+        for asked in (equations.residual, equations.rounding, equations.linearization_error)
+    )
     n, q = jacobian.shape
     matrix = np.empty((q, q))
     np.multiply(jacobian, scale, out=matrix[:n])
@@ -231,7 +243,15 @@ def error_bound(
     except np.linalg.LinAlgError:
         return np.full(q, np.inf)
     left = abs(f) + rounding + _OF_UNKNOWNS * (abs(jacobian) @ abs(y))
-    return np.asarray(2.0 * scale * (abs(inverse[:, :n]) @ left))
+    bound = np.asarray(2.0 * scale * (abs(inverse[:, :n]) @ left))
+    if np.any(off):
+        # |1 / (A + E)| <= |1 / A| + |1 / A| |E| |1 / (A + E)|
+        m, grown = len(off), np.zeros((q, q))
+        grown[:, :m] = abs(inverse[:, :m]) @ (off * scale[:m])
+        if not grown.sum(axis=1).max() < 1.0:
+            return np.full(q, np.inf)
+        bound = scale * np.linalg.solve(np.eye(q) - grown, bound / scale)
+    return bound
 
 
 class OrbitProblem(Protocol):
@@ -242,6 +262,9 @@ class OrbitProblem(Protocol):
 
     def linearization(self, x: Array, p: Array, /) -> Any:
         """Return the derivative of F by x, (m, m)."""
+
+    def linearization_error(self, x: Array, p: Array, /) -> Any:
+        """Return how wrong the derivative may be beyond rounding, (m, m), or zero."""
 
     def scale(self, x: Array, /) -> Array:
         """Return typical sizes of the unknowns, (m,)."""
@@ -270,6 +293,9 @@ class FixedParameters(Equations):
     def rounding(self, y: Array) -> Array:
         return self._problem.rounding(y, self._p)
 
+    def linearization_error(self, y: Array) -> Any:
+        return self._problem.linearization_error(y, self._p)
+
 
 def orbit_bound(problem: OrbitProblem, x: Array, p: Array) -> Array:
     """Return the `error_bound` (m,) of the unknowns of one orbit at given parameters.
@@ -280,8 +306,7 @@ def orbit_bound(problem: OrbitProblem, x: Array, p: Array) -> Array:
         Where the equations have no derivative.
     """
     equations = FixedParameters(problem, p)
-    jacobian, f = equations.jacobian(x), equations.residual(x)
-    return error_bound(jacobian, x, f, equations.scale(x), None, equations.rounding(x))
+    return error_bound(equations, equations.jacobian(x), x, equations.scale(x), None)
 
 
 def solve(problem: OrbitProblem, guess: Array, p: Array) -> tuple[Array, tuple[float, ...]]:

@@ -19,6 +19,9 @@ from dynkit.core.validation import Array
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution, orbit_bound
 
+NOISE = 1e-13
+"""Errors of calls are no larger than this in the equations: Newton's method ends in them."""
+
 
 def fractions(n: int) -> list[int]:
     """Return the proper divisors of n: after so many states an orbit of n may come again."""
@@ -110,6 +113,10 @@ class Problem(ABC):
         D(1) is the derivative of F by x. A number mu is a Floquet multiplier of the orbit just
         where D(mu) is singular. Real for a real multiplier, else complex.
         """
+
+    def linearization_error(self, x: Array, p: Array) -> Any:
+        """Return how wrong D, (m, m), may be beyond rounding; zero, unless a subclass knows."""
+        return 0.0
 
     @abstractmethod
     def parameter_derivative(self, x: Array, p: Array) -> Array:

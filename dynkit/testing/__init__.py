@@ -12,6 +12,7 @@ where the system is smooth. Derivatives are compared with differences, within th
 estimate of themselves; states of flows, which may be integrated, within 1e-7, relative.
 """
 
+from dynkit.core.differences import numerical_derivative
 from dynkit.testing.attractors import (
     AttractorCheck,
     MakeAttractor,
@@ -24,7 +25,6 @@ from dynkit.testing.attractors import (
     time_series_does_not_depend_on_company,
     transient_skips_states,
 )
-from dynkit.testing.derivatives import VectorFunction, numerical_derivative
 from dynkit.testing.flows import (
     FlowCheck,
     advance_composes,
@@ -62,7 +62,7 @@ from dynkit.testing.poincare_maps import (
     poincare_map_checks,
     time_limit_is_kept,
 )
-from dynkit.testing.requirements import check_name
+from dynkit.testing.requirements import VectorFunction, check_name
 from dynkit.testing.sections import (
     SectionCheck,
     check_section,

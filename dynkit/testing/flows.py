@@ -9,9 +9,9 @@ import numpy as np
 from dynkit.core.no_motion import replaced
 from dynkit.core.validation import Array
 from dynkit.dynamics.flow import Flow
-from dynkit.testing.derivatives import VectorFunction
 from dynkit.testing.requirements import (
     FLOW_ACCURACY,
+    VectorFunction,
     inside_its_range,
     require_close,
     require_derivative,

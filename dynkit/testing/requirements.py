@@ -1,16 +1,18 @@
 """What checks are made of: each requirement raises AssertionError, which names it."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from dynkit.core.no_motion import NoMotion, replaced
+from dynkit.core.differences import numerical_derivative
+from dynkit.core.no_motion import NoMotion, Refused, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.validation import Array
-from dynkit.testing.derivatives import VectorFunction, numerical_derivative
 
 FLOW_ACCURACY = 1e-7
+
+VectorFunction: TypeAlias = Callable[[Array], Array]
 
 _Family = TypeVar("_Family", bound=Family)
 
@@ -89,11 +91,16 @@ def require_derivative(
     accuracy: float = 2.0**-52,
 ) -> None:
     """Equal to differences, within twenty times the error that these estimate."""
-    found, error = numerical_derivative(function, point, difference=difference, accuracy=accuracy)
+    lost = f"{name} can be compared", f"differences do not converge at {point}"
+    try:
+        found, error = numerical_derivative(
+            function, point, difference=difference, accuracy=accuracy
+        )
+    except Refused as end:
+        raise AssertionError(": ".join(lost)) from end
     require_shape(name, claimed, found.shape)
     size = float(np.abs(found).max(initial=0.0))
-    clear = float(error.max(initial=0.0)) <= 1e-3 * max(size, 1e-3)
-    require(clear, f"{name} can be compared", f"differences do not converge at {point}")
+    require(float(error.max(initial=0.0)) <= 1e-3 * max(size, 1e-3), *lost)
     off = np.abs(claimed - found) - 20.0 * error
     worst = tuple(int(i) for i in np.unravel_index(np.argmax(off), off.shape))
     require(

@@ -8,8 +8,8 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.dynamics.section import PoincareSection
-from dynkit.testing.derivatives import VectorFunction
 from dynkit.testing.requirements import (
+    VectorFunction,
     require,
     require_close,
     require_derivative,

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from dynkit.core.differences import parameter_difference
+from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import CannotFollow, replaced
 from dynkit.core.validation import Array, finite_array, in_interval, non_negative, positive
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
@@ -31,13 +30,13 @@ class IntegratedFlow(Flow):
 
     1. `dimension`, the number d of the state's coordinates.
     2. ``velocity(state)``, the (d,) rate of the state, twice differentiable or smoother.
+
+    and may offer two derivatives, which otherwise are found by differences, to some 1e-12 and at
+    some cost:
+
     3. ``velocity_jacobian(state)``, its exact (d, d) derivative: row i belongs to coordinate i of
-       the velocity.
-
-    and may offer:
-
-    4. ``velocity_parameter_derivative(state, name)``, its exact (d,) derivative by a parameter;
-       otherwise it is found by differences, to some 1e-12 and at some cost.
+       the velocity. The error of differences is part of that of multipliers and exponents.
+    4. ``velocity_parameter_derivative(state, name)``, its exact (d,) derivative by a parameter.
 
     All refuse a state that is not finite, or not of that shape, with ValueError:
     `dynkit.core.validation.finite_array` does it. Give the coordinates units in which they are of
@@ -127,9 +126,13 @@ class IntegratedFlow(Flow):
         """
         return 20.0 * self.tolerance
 
-    @abstractmethod
     def velocity_jacobian(self, state: Array) -> Array:
         """Return the derivative, (d, d), of the velocity at a state, (d,)."""
+        return numerical_derivative(self.velocity, self._checked(state))[0]
+
+    @property
+    def _by_differences(self) -> bool:
+        return type(self).velocity_jacobian is IntegratedFlow.velocity_jacobian
 
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative, (d,), of the velocity at a state, (d,), by a parameter.
@@ -195,10 +198,16 @@ class IntegratedFlow(Flow):
         # The parts end where steps of the integrator do: looked at after every step, growth that is
         # undone within a part is seen too, and no part is integrated twice.
         d = self.dimension
-        left, step = non_negative("duration", duration), None
+        left, step, wrong = non_negative("duration", duration), None, 0.0
 
         def velocity(both: Array) -> Array:
-            change = self.velocity_jacobian(both[:d]) @ both[d:].reshape(d, d)
+            nonlocal wrong
+            if self._by_differences:
+                jacobian, off = numerical_derivative(self.velocity, both[:d])
+                wrong = max(wrong, float(np.linalg.norm(off)))
+            else:
+                jacobian = self.velocity_jacobian(both[:d])
+            change = jacobian @ both[d:].reshape(d, d)
             return np.concatenate([self.velocity(both[:d]), change.ravel()])
 
         first = state
@@ -212,6 +221,8 @@ class IntegratedFlow(Flow):
                     size = max(size, float(np.linalg.norm(derivative, 2)))
                     # errors of single steps, as long as these are few
                     error = min(count * self.tolerance * (1.0 + size), self.accuracy * size)
+                    # a wrong velocity of a disturbance adds up, and grows as the disturbance does
+                    error += wrong * float(solver.t) * size
                     part = Part(end, derivative, size, error)
                     if not part.even(begin, basis(end)):
                         break

@@ -102,7 +102,7 @@ def test_the_jacobian_through_contact_is_the_derivative(name: str) -> None:
         whole[free] = part
         return chain(whole)
 
-    found, error = numerical_derivative(moved, state[free], step=1e-5, difference=chain.difference)
+    found, error = numerical_derivative(moved, state[free], difference=chain.difference)
     assert error.max() < 1e-5
     assert (abs(jacobian[:, free] - found) <= 20.0 * error + 1e-12 * abs(found).max()).all()
 
@@ -134,7 +134,7 @@ def test_products_of_jacobians_are_derivatives_of_iterates(name: str) -> None:
     for _ in range(3):
         product, here = chain.jacobian(here) @ product, chain(here)
     found, error = numerical_derivative(
-        lambda y: chain.iterate(y, 3)[-1], state, step=1e-4, difference=chain.difference
+        lambda y: chain.iterate(y, 3)[-1], state, difference=chain.difference
     )
     # Single elements of the difference of two step sizes may vanish by chance.
     assert error.max() < 1e-6

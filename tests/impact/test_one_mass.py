@@ -99,7 +99,7 @@ def test_the_derivative_reaches_across_the_play_and_back_to_the_same_stop(side: 
         state = np.array([side * speed, phase])
         assert math.copysign(1.0, system(state)[0]) == follows
         found, error = numerical_derivative(
-            system, state, step=1e-3, difference=system.difference, accuracy=system.accuracy
+            system, state, difference=system.difference, accuracy=system.accuracy
         )
         assert error.max() < 1e-6 * abs(found).max()
         off = abs(system.jacobian(state) - found)

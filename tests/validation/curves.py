@@ -20,6 +20,7 @@ from dynkit import (
 from dynkit.core.validation import Array
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import Henon, HighBounce, ImpactChain, MatrixOscillator
+from tests.maps.without_jacobian import without_jacobian
 from tests.reference.random_cases import STARTS, random_case
 from tests.validation.exact_impacts import Impacts
 from tests.validation.random_maps import (
@@ -62,6 +63,12 @@ def points_of_oscillators(every: int) -> Iterator[tuple[float, float]]:
 def values_of_maps(every: int) -> Iterator[tuple[float, float]]:
     """Error of the parameter."""
     for off, found in _offs(_maps, range(0, MAPS, every)):
+        yield float(off[-1]), found.error
+
+
+def values_without_jacobian(every: int) -> Iterator[tuple[float, float]]:
+    """The same of maps whose derivatives are differences."""
+    for off, found in _offs(_maps_without_jacobian, range(0, MAPS, every)):
         yield float(off[-1]), found.error
 
 
@@ -137,13 +144,24 @@ def _off(cases: Callable[[int], list[Case]], number: int, i: int) -> Array | Non
 
 @cache
 def _maps(number: int) -> list[Case]:
+    return _maps_of(number, lambda orbit: orbit)
+
+
+@cache
+def _maps_without_jacobian(number: int) -> list[Case]:
+    return _maps_of(
+        number, lambda orbit: periodic_orbit(without_jacobian(orbit.system), orbit.states)
+    )
+
+
+def _maps_of(number: int, taken: Callable[[PeriodicOrbit], PeriodicOrbit]) -> list[Case]:
     random = Random(number)
     family = random.choices((_polynomial, _henon, _bounce), (3, 1, 1))[0]
     try:
         orbit, names, bounds = family(random)
     except (ValueError, NoConvergence):  # there is none near the guess
         return []
-    branch = continue_orbit(orbit, names[0], bounds=bounds[0], points=40)
+    branch = continue_orbit(taken(orbit), names[0], bounds=bounds[0], points=40)
     found = [*branch.bifurcations, *_of_doubled(branch, bounds[0], 25)[:2]]
     return [_of_map(each, names[1], bounds) for each in found]
 

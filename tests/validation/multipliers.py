@@ -17,6 +17,7 @@ from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.systems import Henon, Logistic
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tests.impact_orbits.exact_orbits import exact_orbit
+from tests.maps.without_jacobian import without_jacobian
 from tests.validation.branches import BRANCHES
 from tests.validation.maps import orbits_of_maps
 from tests.validation.orbits import orbits_of_one_impact, sticking_orbits
@@ -27,6 +28,13 @@ BITS = 400
 def of_maps(every: int) -> Iterator[tuple[float, float]]:
     """Of periods 1 to 8 of the logistic map and of Henon's."""
     for orbit in orbits_of_maps(every):
+        yield from _pairs(orbit.multipliers, _exact(orbit), orbit.multipliers_error)
+
+
+def of_maps_without_jacobian(every: int) -> Iterator[tuple[float, float]]:
+    """The same where derivatives are differences."""
+    for given in orbits_of_maps(every):
+        orbit = periodic_orbit(without_jacobian(given.system), given.states)
         yield from _pairs(orbit.multipliers, _exact(orbit), orbit.multipliers_error)
 
 

@@ -41,6 +41,9 @@ QUANTITIES = {
     "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
     "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 100),
     "`multipliers_error`, maps": Quantity(multipliers.of_maps, 120),
+    "`multipliers_error`, maps without jacobian": Quantity(
+        multipliers.of_maps_without_jacobian, 60
+    ),
     "`multipliers_error`, P(1,m)": Quantity(multipliers.of_oscillators, 150),
     "`multipliers_error`, P(inf,m)": Quantity(multipliers.of_sticking_orbits, 110),
     "`multipliers_error`, van der Pol": Quantity(cycles.of_van_der_pol, 5),
@@ -55,6 +58,7 @@ QUANTITIES = {
     "`Bifurcation.error`, CB": Quantity(branches.borders_of_contact, 700),
     "`Bifurcation.error`, CB of P(inf,m)": Quantity(borders.borders_of_sticking_orbits, 325),
     "`Bifurcation.error`, maps": Quantity(curves.values_of_maps, 103),
+    "`Bifurcation.error`, maps without jacobian": Quantity(curves.values_without_jacobian, 100),
     "`Bifurcation.error`, P(n,m)": Quantity(curves.values_of_oscillators, 259),
     "`Bifurcation.unknowns_error`": Quantity(curves.unknowns, 259),
     "`Bifurcation.own_error`": Quantity(curves.angles, 259),
