@@ -1,4 +1,5 @@
 # Public names and the modules that define them, for type checkers and for lazy_loader.
+from .annotation import mark_values as mark_values
 from .chatter import ChatterRatios as ChatterRatios
 from .diagram import BifurcationDiagram as BifurcationDiagram
 from .dimension.dimension import CorrelationDimension as CorrelationDimension

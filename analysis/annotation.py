@@ -73,6 +73,22 @@ def mark_values(axes: Axes, marks: Mapping[str, float]) -> None:
     """Write names above the axes at their values, those outside of the axes left out.
 
     Names that would touch are moved apart; a line leads from each to its value.
+
+    Parameters
+    ----------
+    axes : Axes
+        Of any diagram whose abscissa is the parameter; their limits are set before.
+    marks : mapping of str to float
+        Names, such as those of natural frequencies, and values of the parameter.
+
+    Examples
+    --------
+    >>> from dynkit.plotting.figures import new_figure
+    >>> _, (axes,) = new_figure()
+    >>> _ = axes.set_xlim(0.0, 1.0)
+    >>> mark_values(axes, {"$w_1$": 0.149, "$w_9$": 1.911})
+    >>> [text.get_text() for text in axes.texts]
+    ['$w_1$']
     """
     low, high = axes.get_xlim()
     there = sorted((value, name) for name, value in marks.items() if low <= value <= high)

@@ -25,7 +25,6 @@ from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
 # Lines across a surface that can still be told apart in print, and points of those along it.
@@ -137,7 +136,8 @@ class SpaceTime(Saved):
         Parameters
         ----------
         ax : Axes3D, optional
-            Where to draw, made with ``projection="3d"``; by default a new figure.
+            Where to draw, made with ``projection="3d"``, in a figure without a layout engine, as
+            constrained layout leaves room around boxes that are flat; by default a new figure.
 
         Returns
         -------
@@ -154,6 +154,7 @@ class SpaceTime(Saved):
         axes: Any = _shown_surface() if ax is None else ax
         if not hasattr(axes, "plot_surface"):
             raise ValueError(f"ax must be made with projection='3d'; got {axes!r}")
+        _set_up(axes)
         shown = np.unique(np.append(np.arange(0, k, math.ceil(k / _POINTS)), k - 1))
         across, along = np.meshgrid(np.arange(1.0, n + 1.0), self.times[shown])
         axes.plot_surface(
@@ -177,38 +178,22 @@ class SpaceTime(Saved):
         return drawn
 
 
-def new_surfaces(rows: int = 1) -> tuple[Figure, list[Any]]:
-    """Return a new figure two columns wide, and axes for surfaces, one under the other.
-
-    As with `new_figure`, pyplot does not know it.
-    """
-    from matplotlib.figure import Figure
-
-    with print_style():
-        figure = Figure(figsize=(2.0 * COLUMN_WIDTH, _HEIGHT * rows))
-        return figure, _add_axes(figure, rows)
-
-
 def _shown_surface() -> Any:
     figure = shown_figure(2.0 * COLUMN_WIDTH, _HEIGHT)
-    return _add_axes(figure, 1)[0]
-
-
-def _add_axes(figure: Figure, rows: int) -> list[Any]:
     # constrained layout leaves room around boxes that are flat; it holds on to its engine
     figure.set_layout_engine("none")
-    all_axes: list[Any] = []
-    for row in range(rows):
-        place = (-0.065, 1.0 - (row + 0.98) / rows, 1.0, 1.0 / rows)
-        axes: Any = figure.add_axes(place, projection="3d", proj_type="ortho")
-        axes.set_box_aspect((4.6, 1.7, 1.0), zoom=1.68)
-        axes.view_init(elev=32.0, azim=-72.0)
-        axes.grid(visible=False)
-        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.pane.fill = False
-            axis.pane.set_edgecolor(ink(0.8))
-        axes.tick_params(pad=-1.0)
-        axes.zaxis.get_major_locator().set_params(nbins=5)
-        axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4.0, 0.0, -2.0
-        all_axes.append(axes)
-    return all_axes
+    return figure.add_axes((-0.065, 0.02, 1.0, 1.0), projection="3d")
+
+
+def _set_up(axes: Any) -> None:
+    """Draw a flat box from above, without grid or colour, as wide as the axes."""
+    axes.set_proj_type("ortho")
+    axes.set_box_aspect((4.6, 1.7, 1.0), zoom=1.68)
+    axes.view_init(elev=32.0, azim=-72.0)
+    axes.grid(visible=False)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.pane.fill = False
+        axis.pane.set_edgecolor(ink(0.8))
+    axes.tick_params(pad=-1.0)
+    axes.zaxis.get_major_locator().set_params(nbins=5)
+    axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4.0, 0.0, -2.0

@@ -29,7 +29,8 @@ from .dynamics.section import (
 )
 from .engine import WorkerLost as WorkerLost
 from .exponential.sums import ExponentialSum as ExponentialSum
-from .labels.label import OrbitLabel as OrbitLabel
+from .labels.label import OrbitKind as OrbitKind, OrbitLabel as OrbitLabel
+from .orbits.harmonics import Harmonics as Harmonics
 from .orbits.map_orbit import MapOrbit as MapOrbit
 from .orbits.newton import NoConvergence as NoConvergence
 from .orbits.periodic_orbit import periodic_orbit as periodic_orbit

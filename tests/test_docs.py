@@ -31,6 +31,8 @@ def listed(page: str) -> set[str]:
         ("toolkit.md", "dynkit"),
         ("systems.md", "dynkit.systems"),
         ("analysis.md", "dynkit.analysis"),
+        ("figures.md", "dynkit.plotting.figures"),
+        ("files.md", "dynkit.data.atomic_files"),
     ],
 )
 def test_every_public_name_is_in_the_reference(page: str, module: str) -> None:

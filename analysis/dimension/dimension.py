@@ -148,8 +148,7 @@ class CorrelationDimension(Saved):
             raise ValueError(f"norm must be one of: {', '.join(get_args(Norm))}; got {self.norm!r}")
         if self.largest is not None:
             positive("largest", self.largest)
-        if finite_scalar("least_ratio", self.least_ratio) < 1.5:
-            raise ValueError(f"least_ratio must be at least 1.5; got {self.least_ratio!r}")
+        _check_ratio(self.least_ratio)
 
     @cached_property
     def states(self) -> Array:
@@ -247,6 +246,31 @@ class CorrelationDimension(Saved):
         Of a finite set, the radii over which nothing changes; None where there is none.
         """
         return self._found[1].region
+
+    def region_over(self, least_ratio: float) -> ScalingRegion | None:
+        """Return the region that scales over another least ratio, from the same sums.
+
+        So a shorter range than is believed here is compared with one that was published.
+
+        Parameters
+        ----------
+        least_ratio : float
+            Its largest radius over its smallest, at least 1.5.
+
+        Returns
+        -------
+        ScalingRegion or None
+            As `region` chooses it; None when no range scales.
+
+        Examples
+        --------
+        >>> turn = np.random.default_rng(0).uniform(size=2000)
+        >>> ring = CorrelationDimension(turn[:, None], angles={0: 1.0})
+        >>> ring.region_over(1e6) is None, ring.region_over(2.0) is None
+        (True, False)
+        """
+        _check_ratio(least_ratio)
+        return find_scaling(self.sums, self.states, least_ratio).region
 
     @property
     def value(self) -> float:
@@ -394,6 +418,11 @@ class CorrelationDimension(Saved):
 
         scaling, error = self._found[1], self.error
         return draw_slopes(self.local_slopes, scaling, self.takens, error, ax, label)
+
+
+def _check_ratio(least_ratio: float) -> None:
+    if finite_scalar("least_ratio", least_ratio) < 1.5:
+        raise ValueError(f"least_ratio must be at least 1.5; got {least_ratio!r}")
 
 
 def _refuse_few(states: Array) -> None:

@@ -115,10 +115,17 @@ def _height(point: Point, crossing: Crossing) -> float:
 
 
 def _blur(follower: Follower, point: Point) -> Array:
-    """How far unknowns and parameter of a border may be off because its orbit is, (m + 1,)."""
+    """How far unknowns and parameter of a border may be off because its orbit is, (m + 1,).
+
+    The parameter may be off by as much as moves the unknowns along the branch by their error,
+    whatever range the parameter has.
+    """
     equations, scale = follower.equations, point.scale
     bound = error_bound(equations, equations.jacobian(point.y), point.y, scale, point.tangent)
-    return np.asarray((bound / scale).max() * scale)
+    errors = np.asarray((bound / scale).max() * scale)
+    way = float(np.linalg.norm(point.tangent[:-1]))
+    errors[-1] *= max(1.0, abs(float(point.tangent[-1])) / way) if way else np.inf
+    return errors
 
 
 def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:

@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+__all__ = ["whole"]
+
 
 def place(name: str, path: str | os.PathLike[str]) -> Path:
     """Return the file that a path stands for, links resolved; it need not exist yet.

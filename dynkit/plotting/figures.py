@@ -1,4 +1,4 @@
-"""How figures look, on a screen and in print, and how they are saved."""
+"""Figures for a page: new ones, their style in print, and how they are saved as PNG and SVG."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from dynkit.data.atomic_files import whole
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+__all__ = ["new_figure", "print_style", "save_figure"]
 
 COLUMN_WIDTH = 3.4
 """Width of a journal's column, in inches."""
@@ -118,10 +120,23 @@ def crosses(size: float, width: float) -> dict[str, Any]:
 def new_figure(
     width: float = COLUMN_WIDTH, height: float = 2.6, rows: int = 1
 ) -> tuple[Figure, list[Axes]]:
-    """Return a new figure that stands alone, and its axes, one under the other; sizes in inches.
+    """Return a new figure that stands alone, and its axes, one under the other.
 
     pyplot does not know it: no window is opened, no display is needed, and it is gone when nothing
     refers to it any more.
+
+    Parameters
+    ----------
+    width, height : float
+        In inches; by default a journal's column is filled.
+    rows : int
+        Number of axes.
+
+    Examples
+    --------
+    >>> figure, axes = new_figure(height=4.0, rows=2)
+    >>> figure.get_size_inches().tolist(), len(axes)
+    ([3.4, 4.0], 2)
     """
     from matplotlib.figure import Figure
 
@@ -170,6 +185,13 @@ def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[
     ------
     ValueError, OSError
         When they cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     [file.name for file in save_figure(new_figure()[0], Path(folder, "empty"))]
+    ['empty.png', 'empty.svg']
     """
     files = tuple(stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".svg"))
     for file in files:

@@ -398,3 +398,13 @@ def test_radius_in_the_rounding_of_the_states_is_refused() -> None:
     found = CorrelationDimension(uniform(100, 1), largest=1e-12)
     with pytest.raises(ValueError, match="largest must not be less than"):
         assert found.sums.total
+
+
+def test_a_shorter_range_is_sought_in_the_same_sums() -> None:
+    states = np.random.default_rng(0).uniform(size=(2000, 2))
+    found = CorrelationDimension(states)
+    anew = CorrelationDimension(states, least_ratio=2.0)
+    assert found.region_over(2.0) == anew.region
+    assert found.region_over(1e6) is None
+    with pytest.raises(ValueError, match=r"least_ratio must be at least 1\.5; got 1\.4"):
+        found.region_over(1.4)

@@ -10,7 +10,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from dynkit.analysis import SpaceTime
-from dynkit.analysis.space_time import new_surfaces
 from dynkit.dynamics.attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
@@ -90,16 +89,24 @@ def test_surface_gets_a_figure_of_its_own() -> None:
     plt.close(axes.figure)
 
 
-def test_surfaces_stand_one_under_the_other() -> None:
-    figure, axes = new_surfaces(2)
-    assert [each.name for each in axes] == ["3d", "3d"]
-    assert figure.axes == axes
-    assert axes[0].get_position().y0 > axes[1].get_position().y0
+def surface_axes() -> Any:
+    return Figure().add_subplot(projection="3d")
+
+
+def test_surface_looks_the_same_in_axes_of_its_own_and_in_given_ones() -> None:
+    from matplotlib import pyplot as plt
+
+    surface = SpaceTime(np.eye(3), [0.0, 1.0, 2.0])
+    own, given = surface.plot(), surface.plot(surface_axes())
+    for axes in (own, given):
+        assert (axes.elev, axes.azim, axes.xaxis.pane.fill) == (32.0, -72.0, False)
+    assert (own.get_proj() == given.get_proj()).all()
+    plt.close(own.figure)
 
 
 @pytest.mark.parametrize("count", [2, 501, 2001])
 def test_surface_reaches_from_the_first_to_the_last_time(count: int) -> None:
-    _, (axes,) = new_surfaces()
+    axes = surface_axes()
     times = 0.1 * np.arange(count, dtype=np.float64)
     SpaceTime(np.zeros((count, 3)), times).plot(axes)
     assert axes.get_xlim() == (0.0, times[-1])
@@ -107,7 +114,7 @@ def test_surface_reaches_from_the_first_to_the_last_time(count: int) -> None:
 
 
 def test_surface_of_many_samples_has_few_lines() -> None:
-    _, (axes,) = new_surfaces()
+    axes = surface_axes()
     SpaceTime(np.zeros((3000, 3)), np.arange(3000.0)).plot(axes)
     (surface,) = axes.collections
     axes.get_figure().draw_without_rendering()

@@ -103,6 +103,11 @@ def test_report_tells_where_the_paper_does_not_hold(
     assert cells(report, f"motion at {frequency}")[2].startswith(found)
 
 
+def test_report_says_which_statements_of_the_paper_do_not_hold(report: str) -> None:
+    (said,) = re.findall(r"Of 5 statements .* 4 do not hold: (.*)\.", report)
+    assert said == "first natural frequency, motion at 0.40816, motion at 1.336, motion at 0.35"
+
+
 def test_report_measures_how_slowly_the_sticking_motion_settles(report: str) -> None:
     (ratio,) = re.findall(r"by a factor (\d\.\d+) on average", report)
     assert float(ratio) == pytest.approx(0.87, abs=0.02)

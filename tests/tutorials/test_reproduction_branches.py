@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dynkit import Network, Sweep
-from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems import ImpactAttractor, ImpactOrbit
 from tutorials.cusumano_bai_1993 import branches, paper
 from tutorials.cusumano_bai_1993.branches import compare, figure_4_branches, network_of
 from tutorials.cusumano_bai_1993.section import Section

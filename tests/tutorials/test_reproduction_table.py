@@ -115,7 +115,6 @@ def test_bounds_without_a_scaling_region_are_marked(section: Section) -> None:
     ("place", "words"),
     [
         ("0.35, damping 0.1", "the paper chaotic, found P(39,15)"),
-        ("0.36, damping 0.1", "the paper P(.,32), found P(74,32)"),
         ("0.36, damping 0.01", "dimension none, the paper 6.2 ± 0.2"),
         ("0.36, damping 0.001", "dimension none, the paper 9 ± 0.8"),
         ("0.40816, damping 0.1", "the paper P(inf,4), found P(inf,2)"),

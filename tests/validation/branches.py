@@ -31,13 +31,19 @@ def branch_of_henon(number: int) -> Branch:
 
 
 def points_of_branches(every: int) -> Iterator[tuple[float, float]]:
-    """Distance of points from the curve: the shortest step onto it, from exact residuals."""
+    """Distance of points from the curve: the shortest step onto it, from exact residuals.
+
+    Of every so manieth point of every so manieth branch.
+    """
     for number in range(0, BRANCHES, every):
         branch = branch_of_henon(number)
         equations = OrbitEquations(branch.problem, float(np.ptp(branch.parameter)))
         b = branch.system.value_of("b")
         for x, p, claimed in zip(
-            branch.unknowns, branch.parameter.tolist(), branch.error.tolist(), strict=True
+            branch.unknowns[::every],
+            branch.parameter[::every].tolist(),
+            branch.error[::every].tolist(),
+            strict=True,
         ):
             left = exact_residual(Henon(a=p, b=b), x.reshape(1, 2))
             matrix = np.array([[-2.0 * p * x[0] - 1.0, 1.0, -(x[0] ** 2)], [b, -1.0, 0.0]])

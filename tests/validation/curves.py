@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from random import Random
 from typing import Any, NamedTuple
@@ -35,6 +35,9 @@ MAPS, OSCILLATORS = 1400, 2400
 POINTS = 4
 """Of a curve in each direction."""
 
+BIFURCATING = (283, 276, 682, 500, 745, 913, 731, 1144, 1970, 843, 1669)
+"""Oscillators, of every seventh, whose orbits bifurcate two times or more, and soon."""
+
 Bounds = tuple[float, float]
 
 
@@ -55,9 +58,9 @@ def points_of_maps(every: int) -> Iterator[tuple[float, float]]:
     return _points(_maps, range(0, MAPS, every))
 
 
-def points_of_oscillators(every: int) -> Iterator[tuple[float, float]]:
+def points_of_oscillators(every: int, numbers: Sequence[int] = ()) -> Iterator[tuple[float, float]]:
     """The same of SN, PD, NS, GR and CB of P(n,m)."""
-    return _points(_oscillators, range(0, OSCILLATORS, every))
+    return _points(_oscillators, numbers or range(0, OSCILLATORS, every))
 
 
 def values_of_maps(every: int) -> Iterator[tuple[float, float]]:
@@ -72,28 +75,30 @@ def values_without_jacobian(every: int) -> Iterator[tuple[float, float]]:
         yield float(off[-1]), found.error
 
 
-def values_of_oscillators(every: int) -> Iterator[tuple[float, float]]:
+def values_of_oscillators(every: int, numbers: Sequence[int] = ()) -> Iterator[tuple[float, float]]:
     """The same of P(n,m)."""
-    for off, found in _offs(_oscillators, range(0, OSCILLATORS, every)):
+    for off, found in _offs(_oscillators, numbers or range(0, OSCILLATORS, every)):
         yield float(off[-1]), found.error
 
 
-def unknowns(every: int) -> Iterator[tuple[float, float]]:
+def unknowns(every: int, numbers: Sequence[int] = ()) -> Iterator[tuple[float, float]]:
     """Of the unknowns of each bifurcation that which is worst, beside what is claimed of it."""
-    for off, found in _all_offs(every):
+    for off, found in _all_offs(every, numbers):
         true, claimed = off[: len(found.unknowns)], found.unknowns_error
         worst = int(np.argmax(true / np.maximum(claimed, 1e-300)))
         yield float(true[worst]), float(claimed[worst])
 
 
-def angles(every: int) -> Iterator[tuple[float, float]]:
+def angles(every: int, numbers: Sequence[int] = ()) -> Iterator[tuple[float, float]]:
     """Of NS the angle of the multipliers, of GR the phase at which a gap only touches."""
-    for off, found in _all_offs(every):
+    for off, found in _all_offs(every, numbers):
         if found.kind != "BP":
             yield from zip(off[len(found.unknowns) : -1].tolist(), found.own_error, strict=True)
 
 
-def _points(cases: Callable[[int], list[Case]], numbers: range) -> Iterator[tuple[float, float]]:
+def _points(
+    cases: Callable[[int], list[Case]], numbers: Sequence[int]
+) -> Iterator[tuple[float, float]]:
     for number in numbers:
         for place, (found, second, bounds, zeros) in enumerate(cases(number)):
             names = (found.parameter, second)
@@ -114,13 +119,13 @@ def _points(cases: Callable[[int], list[Case]], numbers: range) -> Iterator[tupl
                     yield float(abs(off).max()), float(curve.error[i])
 
 
-def _all_offs(every: int) -> Iterator[tuple[Array, Bifurcation]]:
+def _all_offs(every: int, numbers: Sequence[int]) -> Iterator[tuple[Array, Bifurcation]]:
     yield from _offs(_maps, range(0, MAPS, every))
-    yield from _offs(_oscillators, range(0, OSCILLATORS, every))
+    yield from _offs(_oscillators, numbers or range(0, OSCILLATORS, every))
 
 
 def _offs(
-    cases: Callable[[int], list[Case]], numbers: range
+    cases: Callable[[int], list[Case]], numbers: Sequence[int]
 ) -> Iterator[tuple[Array, Bifurcation]]:
     for number in numbers:
         for i, case in enumerate(cases(number)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import cmath
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -58,9 +58,11 @@ def van_der_pol(mu: float, tolerance: float) -> MapOrbit:
     return periodic_orbit(PoincareMap(flow, plane, time_limit=100.0), [2.0])
 
 
-def of_van_der_pol(every: int) -> Iterator[tuple[float, float]]:
-    """Of ten cycles at seven tolerances."""
-    cases = [(mu, tolerance) for mu in VAN_DER_POL for tolerance in TOLERANCES]
+def of_van_der_pol(
+    every: int, tolerances: Sequence[float] = TOLERANCES
+) -> Iterator[tuple[float, float]]:
+    """Of ten cycles at some tolerances."""
+    cases = [(mu, tolerance) for mu in VAN_DER_POL for tolerance in tolerances]
     for mu, tolerance in cases[::every]:
         orbit = van_der_pol(mu, tolerance)
         yield from relative(orbit, np.array([VAN_DER_POL[mu]]))

@@ -47,7 +47,7 @@ def states_of_longer_orbits(every: int) -> Iterator[tuple[float, float]]:
             orbits = system.periodic_orbits(impacts=2 + number % 2, periods=1 + number % 3)
         except ValueError:
             continue
-        for orbit in orbits[:2]:
+        for orbit in orbits:
             try:
                 exact = exact_orbit(orbit)
             except ArithmeticError:  # a step left the neighbourhood

@@ -8,7 +8,7 @@ from tests.reference.random_cases import STARTS, random_case
 from tests.reference.random_sticking import sticking_orbit
 from tests.validation import branches
 from tests.validation.averages import powers_of
-from tests.validation.borders import borders_of, off
+from tests.validation.borders import borders_near, borders_of, off
 from tests.validation.multipliers import of_orbit
 
 
@@ -46,6 +46,15 @@ def test_only_multipliers_that_are_zero_by_their_nature_have_no_error(number: in
     assert orbit is not None
     assert (orbit.multipliers_error[-2:] == 0.0).all()
     assert (orbit.multipliers_error[:-2] > 1e-17).all()
+
+
+def test_a_border_that_is_halved_to_is_as_wrong_in_a_narrow_range_as_in_a_wide_one() -> None:
+    """Rounding of the orbit moves the border; the range that is followed has no part in it."""
+    (wide,), (narrow,) = borders_of(2364), borders_near(2364, 0.0219)
+    for found in (wide, narrow):
+        true, claimed = off(found)
+        assert true <= claimed
+    assert 0.1 < narrow.error / wide.error < 10.0
 
 
 @pytest.mark.parametrize("number", [319, 552])

@@ -10,10 +10,10 @@ import numpy as np
 
 from dynkit import explore
 from dynkit.analysis import BifurcationDiagram
-from dynkit.continuation.exploring import at_motions
-from dynkit.plotting.figures import DOTS, new_figure, print_style, save_figure
-from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.plotting.figures import new_figure, print_style, save_figure
+from dynkit.systems import ImpactOrbit
 from tutorials.cusumano_bai_1993 import paper
+from tutorials.cusumano_bai_1993.drawing import DOTS
 from tutorials.cusumano_bai_1993.paper import SYMBOLS
 from tutorials.cusumano_bai_1993.section import Finding, Section, table
 from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
@@ -145,7 +145,7 @@ def _figure(sweep: Sweep, network: Network) -> Figure:
 def _at_motions(network: Network) -> Iterator[tuple[Branch, Bifurcation]]:
     for branch in network.branches:
         for bifurcation in branch.bifurcations:
-            if at_motions(branch, bifurcation):
+            if bifurcation.admissible:
                 yield branch, bifurcation
 
 

@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 
 from dynkit.analysis import ChatterRatios
-from dynkit.plotting.figures import DOTS, ink, new_figure, print_style, save_figure
-from dynkit.systems import ImpactChain
-from dynkit.systems.impact.state import ImpactState
+from dynkit.plotting.figures import new_figure, print_style, save_figure
+from dynkit.systems import ImpactChain, ImpactState
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.arrays import Array
+from tutorials.cusumano_bai_1993.drawing import DOTS
 from tutorials.cusumano_bai_1993.section import Finding, Section, table
 from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 
 # Bounces over which the ratios are compared with the restitution, and those that are drawn.
 _FIRST, _LAST, _DRAWN = 50, 300, 340
+# Ratios of rounded flights are astray so far from the limit; not counted are the first.
+_ASTRAY, _UNEVEN = 0.01, 20
+# A power is fitted to so many ratios; it is one when it differs by less.
+_FITTED, _LINEAR = 10, 0.1
 
 
 def figure_3(workshop: Workshop) -> Section:
@@ -36,7 +40,6 @@ def figure_3(workshop: Workshop) -> Section:
     limit = paper.RESTITUTION
     deviation = chatter.deviation(limit, first=_FIRST, last=_LAST)
     rounding = chatter.deviation(limit, first=_LAST - 99, last=_LAST)
-    astray = int(np.flatnonzero(~(abs(rounded - limit) < 0.01) & (chatter.bounces > 20))[0]) + 1
     with watch.time("drawing"), print_style():
         _draw(workshop, chatter, rounded[:_DRAWN], limit)
     rows = [
@@ -54,15 +57,14 @@ def figure_3(workshop: Workshop) -> Section:
         "replacement of chatter by contact switched off. The paper's ratios follow the restitution "
         f"for about {paper.DIVERGENCE} bounces, until flights are as short as the rounding of the "
         "time; here each flight is found by itself, and its length is not a difference of times. "
-        f"The open circles are the same flights as differences of times that count from the last "
-        f"long flight: they go astray by more than 0.01 at bounce {astray}.\n\n"
+        "The open circles are the same flights as differences of times that count from the last "
+        f"long flight: they {astray(rounded, limit)}.\n\n"
         + table(
             ["bounce", "flight time", "ratio", "less the restitution", "from rounded times"], rows
         )
         + f"\n\nLargest distance of the ratio from the restitution over bounces {_FIRST} to "
-        f"{_LAST}: {deviation:.1e}. What is left at bounce {_FIRST} is no error: the ratio reaches "
-        "its limit as fast as the flights shorten. Over the last hundred bounces, where that no "
-        f"longer counts, it is {rounding:.1e}: the error of the flights."
+        f"{_LAST}: {deviation:.1e}; over the last hundred of them {rounding:.1e}, which is taken "
+        f"as the error. {approach(chatter, limit, 10.0 * rounding)}"
     )
     return Section(
         "figure-3",
@@ -72,13 +74,38 @@ def figure_3(workshop: Workshop) -> Section:
             Finding(
                 "limit of the ratio",
                 f"{limit}, up to bounce {paper.DIVERGENCE} or so",
-                f"{limit} to {deviation:.0e}, bounces {_FIRST} to {_LAST}",
+                f"{np.median(chatter.ratios[_LAST - 100 : _LAST]):.12g}; within {deviation:.0e} of "
+                f"{limit} from bounce {_FIRST} to {_LAST}",
                 f"{rounding:.0e}",
             )
         ],
         ["figure-3"],
         watch.seconds,
     )
+
+
+def astray(ratios: Array, limit: float) -> str:
+    """Return from which bounce on ratios of rounded flights are far from their limit.
+
+    The first ratios, of flights that are not short yet, are not looked at.
+    """
+    far = np.flatnonzero(~(abs(ratios[_UNEVEN:] - limit) < _ASTRAY))
+    if not len(far):
+        return f"stay within {_ASTRAY:g} of it over {len(ratios)} bounces"
+    return f"go astray by more than {_ASTRAY:g} at bounce {_UNEVEN + int(far[0]) + 1}"
+
+
+def approach(chatter: ChatterRatios, limit: float, least: float) -> str:
+    """Return how the ratios approach a limit, as long as they are farther from it than `least`."""
+    away = abs(chatter.ratios - limit)
+    count = int(np.argmax(away <= least)) if (away <= least).any() else len(away)
+    if count < _FITTED:
+        return f"The ratio is within {least:.0e} of it from bounce {count + 1} on."
+    power = np.polyfit(np.log(chatter.flights[:count]), np.log(away[:count]), 1)[0]
+    words = f"Up to bounce {count} the distance falls as the power {power:.2f} of the flight time"
+    if abs(power - 1.0) < _LINEAR and count >= _FIRST:
+        return f"{words}: what is left at bounce {_FIRST} is the approach to the limit, no error."
+    return f"{words}."
 
 
 def _before_sticking(chain: ImpactChain) -> ImpactState:
@@ -122,7 +149,7 @@ def _draw(workshop: Workshop, chatter: ChatterRatios, rounded: Array, limit: flo
     least = np.spacing(limit) / 2.0
     below.plot(bounces, np.maximum(abs(rounded - limit), least), **open_circles)
     distance = np.maximum(abs(chatter.ratios - limit), least)
-    below.plot(chatter.bounces, distance, markersize=1.6, color=ink(), **DOTS)
+    below.plot(chatter.bounces, distance, markersize=1.6, color="black", **DOTS)
     below.set_yscale("log")
     below.set_xlabel("bounce number $n$")
     below.set_ylabel(r"distance to the restitution")

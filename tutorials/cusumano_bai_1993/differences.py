@@ -1,18 +1,19 @@
-"""Where the paper does not hold: each point looked into by runs of its own."""
+"""Statements of the paper that others contradict: each looked into by runs of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from dynkit import OrbitLabel
+from dynkit import OrbitKind, OrbitLabel
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.frequencies import closed_form
 from tutorials.cusumano_bai_1993.measures.starts import named, starts
 from tutorials.cusumano_bai_1993.measures.transient import VERY_LONG
-from tutorials.cusumano_bai_1993.section import Finding, Section, table
+from tutorials.cusumano_bai_1993.section import LOOKED_INTO, Finding, Section, sentences, table
 from tutorials.cusumano_bai_1993.settling import (
     FAR,
     NEAR,
@@ -27,6 +28,8 @@ from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 _CUTS = (1e-16, 1e-12, 1e-8)
 # Impacts after which a settled motion is looked at.
 _LONG = 5000
+# A distance from the periodic motion, relative, that a figure shows: a part of its height.
+_VISIBLE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,18 @@ class _Run:
     label: OrbitLabel
 
 
+class _Looked(NamedTuple):
+    """What is said of a statement of the paper, and whether it holds."""
+
+    text: str
+    finding: Finding
+    holds: bool
+
+
 def differences(workshop: Workshop) -> Section:
     """Look into what the paper says otherwise."""
     watch = Stopwatch()
-    parts, findings = [], []
+    parts, findings, apart = [], [], []
     for name, look in (
         ("first frequency", _first_frequency),
         ("sticking", _sticking),
@@ -49,28 +60,40 @@ def differences(workshop: Workshop) -> Section:
         ("transient chaos", _transient_chaos),
     ):
         with watch.time(name):
-            text, finding = look(workshop)
+            text, finding, holds = look(workshop)
         parts.append(text)
         findings.append(finding)
+        apart += [] if holds else [finding.what]
     return Section(
         "differences",
-        "Where the paper does not hold",
-        "\n\n".join(parts),
+        LOOKED_INTO,
+        "\n\n".join([verdict(len(parts), apart), *parts]),
         findings,
         seconds=watch.seconds,
     )
 
 
-def _first_frequency(workshop: Workshop) -> tuple[str, Finding]:
+def verdict(count: int, apart: Sequence[str]) -> str:
+    """Return how many of so many statements do not hold, and which."""
+    if not apart:
+        return f"All {count} statements of the paper that are looked into here hold."
+    return (
+        f"Of {count} statements of the paper that are looked into here {len(apart)} "
+        f"{'does' if len(apart) == 1 else 'do'} not hold: {', '.join(apart)}."
+    )
+
+
+def _first_frequency(workshop: Workshop) -> _Looked:
     ours = float(workshop.chain(paper.FREQUENCIES[0]).natural_frequencies[0])
     theirs = paper.NATURAL_FREQUENCIES[0]
     # two numbers that agree to the last bit may both be wrong by half of it
     error = max(abs(ours - closed_form(1, paper.MASSES)), float(np.spacing(ours)))
     text = (
         f"### The first natural frequency\n\nIt is {ours:.5f}, which rounds to {ours:.3f}; the "
-        f"paper's Table A1 gives {theirs:.3f}. The closed form confirms it to {error:.0e}."
+        f"paper's Table A1 gives {theirs:.3f}. The closed form is within {error:.0e} of it."
     )
-    return text, Finding("first natural frequency", f"{theirs:.3f}", f"{ours:.5f}", f"{error:.0e}")
+    finding = Finding("first natural frequency", f"{theirs:.3f}", f"{ours:.5f}", f"{error:.0e}")
+    return _Looked(text, finding, f"{ours:.3f}" == f"{theirs:.3f}")
 
 
 def _run_table(heads: Sequence[str], runs: Sequence[_Run]) -> str:
@@ -91,7 +114,7 @@ def _recurrence(runs: Sequence[_Run]) -> str:
     return f"recurrence {max(run.label.recurrence for run in runs):.0e}"
 
 
-def _sticking(workshop: Workshop) -> tuple[str, Finding]:
+def _sticking(workshop: Workshop) -> _Looked:
     frequency, theirs = paper.STICKING
     chain = workshop.chain(frequency)
     runs = [
@@ -106,40 +129,59 @@ def _sticking(workshop: Workshop) -> tuple[str, Finding]:
     followed = chain.attractor(start=workshop.state_before(frequency)).label
     runs.append(_Run(("along the sweep of figure 4", f"{chain.chatter_tolerance:.0e}"), followed))
     found = _found(runs)
-    settling = settling_of(chain.simulate(impacts=_LONG), periods=2)
+    periods = runs[0].label.periods
+    settling = (
+        settling_of(chain.simulate(impacts=_LONG), periods=periods)
+        if periods is not None and runs[0].label.kind is OrbitKind.STICKING
+        else None
+    )
+    holds = all(paper.agrees(theirs, str(run.label)) for run in runs)
     text = (
         f"### Frequency {frequency}: the paper {theirs}, found {found}\n\n"
         f"Labels after {paper.TRANSIENT} skipped impacts, from the impacts in the last column. The "
         "cut is the change of the state that replacing the rest of a chatter by contact may make. "
         "Recurrence is the distance of states one period apart, relative to the largest state.\n\n"
         + _run_table(["start", "cut"], runs)
-        + "\n\n"
-        + _about_settling(settling)
+        + ("" if settling is None else f"\n\n{about_settling(settling, holds=holds)}")
     )
-    return text, Finding(
+    finding = Finding(
         f"motion at {frequency}", theirs, f"{found} in {len(runs)} runs", _recurrence(runs)
     )
+    return _Looked(text, finding, holds)
 
 
-def _about_settling(settling: Settling) -> str:
+def about_settling(settling: Settling, *, holds: bool) -> str:
+    """Return how a motion settles, and whether the paper saw it settled.
+
+    Parameters
+    ----------
+    settling : Settling
+    holds : bool
+        Whether the motion is the one that the paper reads.
+    """
     last = paper.TRANSIENT + paper.KEPT
     rows = [
         [count, f"{settling.table_periods(count):.1f}", f"{settling.distance(count):.1e}"]
         for count in (paper.TRANSIENT, last, 1400, 2000, 3000)
     ]
+    left = settling.distance(last)
+    if left <= _VISIBLE:
+        seen = f"So what {last} impacts show is settled, as far as a figure shows it"
+    else:
+        seen = f"So what {last} impacts show is not settled yet"
+        seen += "" if holds else ", which may be why the paper reads another motion"
     return (
-        f"From one sticking event to the next, two table periods later, there are "
-        f"{settling.impacts:.0f} impacts. The {last} impacts that the paper simulates at one "
-        f"frequency, {paper.TRANSIENT} of them skipped, hold {settling.events(last)} sticking "
-        f"events from the paper's start. The motion settles slowly: two table periods bring it "
-        f"nearer to the periodic one by a factor {settling.ratio:.3f} on average (fitted to "
-        f"{settling.count} events). So what {last} impacts show is not settled yet, which may be "
-        "why the paper reads a longer period:\n\n"
+        f"From one sticking event to the next, {settling.turns:.3g} table periods later, there are "
+        f"{settling.impacts:.0f} impacts, on average. The {last} impacts that the paper simulates "
+        f"at one frequency, {paper.TRANSIENT} of them skipped, hold {settling.events(last)} "
+        f"sticking events from the paper's start. {settling.periods} table periods multiply the "
+        f"distance to the periodic motion by a factor {settling.ratio:.3f} on average (fitted to "
+        f"{settling.count} events). {seen}:\n\n"
         + table(["impacts", "table periods", "distance to the periodic motion, relative"], rows)
     )
 
 
-def _long_period(workshop: Workshop) -> tuple[str, Finding]:
+def _long_period(workshop: Workshop) -> _Looked:
     frequency, theirs = paper.LONG_PERIOD
     chain = workshop.chain(frequency)
     runs = [
@@ -154,10 +196,11 @@ def _long_period(workshop: Workshop) -> tuple[str, Finding]:
         f"### Frequency {frequency}: the paper {theirs}, found {_found(runs)}\n\nTable 1 of the "
         "paper leaves the number of impacts open.\n\n" + _run_table(["start", "skipped"], runs)
     )
-    return text, Finding(f"motion at {frequency}", theirs, _found(runs), _recurrence(runs))
+    finding = Finding(f"motion at {frequency}", theirs, _found(runs), _recurrence(runs))
+    return _Looked(text, finding, all(paper.agrees(theirs, str(run.label)) for run in runs))
 
 
-def _chaos_of_table_1(workshop: Workshop) -> tuple[str, Finding]:
+def _chaos_of_table_1(workshop: Workshop) -> _Looked:
     listed, written = (
         [
             _Run(
@@ -174,15 +217,16 @@ def _chaos_of_table_1(workshop: Workshop) -> tuple[str, Finding]:
         f"{paper.TEXT_CHAOS}; there the motion is {_found(written)}. After {_LONG} skipped "
         "impacts:\n\n" + _run_table(["frequency", "start"], [*listed, *written])
     )
-    return text, Finding(
+    finding = Finding(
         f"motion at {paper.TABLE_1_CHAOS}",
         "chaotic (Table 1)",
         f"{_found(listed)}; at {paper.TEXT_CHAOS} {_found(written)}",
         _recurrence(listed),
     )
+    return _Looked(text, finding, all(run.label.kind is OrbitKind.CHAOTIC for run in listed))
 
 
-def _transient_chaos(workshop: Workshop) -> tuple[str, Finding]:
+def _transient_chaos(workshop: Workshop) -> _Looked:
     chain = workshop.chain(paper.CHAOS)
     runs: list[_Run] = []
     waits: list[int] = []
@@ -198,29 +242,37 @@ def _transient_chaos(workshop: Workshop) -> tuple[str, Finding]:
             "not settled" if long.settled is None else str(long.settled),
         )
         runs.append(_Run(cells, long.label))
-    periodic = [run for run in runs if run.label.impacts is not None]
-    found = _found(periodic) or "nothing periodic"
-    span = f"{min(waits)} to {max(waits)}" if waits else "none"
+    ended = [long.settled is not None for long in workshop.long_runs]
+    found = _found([run for run, end in zip(runs, ended, strict=True) if end]) or "the same"
     text = (
         f"### Frequency {paper.CHAOS}: the paper chaos, found {found} in the end\n\n"
-        f"Of {len(runs)} runs of {VERY_LONG} impacts, besides the first {paper.TRANSIENT}, "
-        f"{len(waits)} settled, on {found}, after {span} impacts. Before that nearby "
-        "motions part: the "
+        f"{about_chaos(len(runs), waits, found)} The "
         f"third column says how many impacts after the first {paper.TRANSIENT + paper.KEPT} two "
         f"motions that begin {NEAR:g} apart need to be {FAR:g} apart. The label after "
         f"{paper.TRANSIENT} impacts looks ahead, up to 20000 impacts, and says `unsettled` where "
-        "the motion changes its kind on the way. So the chaos that the paper shows is a long "
-        f"transient. Settled is a motion that from then on recurs to {RECURS:g} of its size after "
-        "each period. When it settles depends on rounding: another machine may find other numbers "
-        "of impacts.\n\n"
+        "the motion changes its kind on the way. Settled is a motion that from then on recurs to "
+        f"{RECURS:g} of its size after each period.\n\n"
         + _run_table(
             ["start", f"label after {paper.TRANSIENT}", "impacts to part", "impacts to settle"],
             runs,
         )
     )
-    return text, Finding(
-        f"motion at {paper.CHAOS}",
-        "chaotic",
-        f"{found} in {len(waits)} of {len(runs)} runs, after {span} impacts",
-        _recurrence(runs),
+    words = f"chaotic in {len(runs)} runs"
+    if waits:
+        words = f"{found} in {len(waits)} of {len(runs)} runs, after {min(waits)} to {max(waits)} impacts"
+    finding = Finding(f"motion at {paper.CHAOS}", "chaotic", words, _recurrence(runs))
+    return _Looked(text, finding, not waits)
+
+
+def about_chaos(count: int, waits: Sequence[int], found: str) -> str:
+    """Return how many of so many long runs settled, after how many impacts, and on what."""
+    begun = f"Of {count} runs of {VERY_LONG} impacts, besides the first {paper.TRANSIENT}, "
+    if not waits:
+        return f"{begun}none settled."
+    return sentences(
+        f"{begun}{len(waits)} settled, on {found}, after {min(waits)} to {max(waits)} impacts.",
+        "So the chaos that the paper shows is a long transient."
+        if len(waits) == count
+        else f"So the chaos that the paper shows ends in these {len(waits)}.",
+        "When it settles depends on rounding: another machine may find other numbers of impacts.",
     )

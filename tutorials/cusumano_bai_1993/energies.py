@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.analysis import BifurcationDiagram
-from dynkit.analysis.annotation import mark_values
+from dynkit.analysis import BifurcationDiagram, mark_values
 from dynkit.plotting.figures import new_figure, print_style, save_figure
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.paper import SYMBOLS

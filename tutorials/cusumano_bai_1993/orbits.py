@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, floor, pi
+from math import ceil, floor, lcm, pi
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit import OrbitLabel
+from dynkit import OrbitKind, OrbitLabel
 from dynkit.analysis import ImpactSection, PowerSpectrum, StroboscopicSection, TimeSeries
-from dynkit.labels.label import OrbitKind
-from dynkit.plotting.figures import DOTS, new_figure, print_style, save_figure
+from dynkit.plotting.figures import new_figure, print_style, save_figure
 from tutorials.cusumano_bai_1993 import paper
-from tutorials.cusumano_bai_1993.section import Finding, Section, table
+from tutorials.cusumano_bai_1993.drawing import DOTS
+from tutorials.cusumano_bai_1993.section import Finding, Section, sentences, table
 from tutorials.cusumano_bai_1993.settling import FAR
 from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.orbits.harmonics import Harmonics
-    from dynkit.systems.impact.attractor import ImpactAttractor
+    from dynkit import Harmonics
+    from dynkit.systems import ImpactAttractor
     from tutorials.cusumano_bai_1993.arrays import Array
 
 TWO_PI = 2.0 * pi
@@ -157,11 +157,12 @@ def _lines(
         f"Fourier series of one period has them; {count} of them hold 99 % of the power. Their "
         f"amplitudes are good to {lines.error:.0e}."
     )
-    if motion.periods != periods:
-        others = off - _off(spectrum, frequency / (motion.periods or 1))
+    both = lcm(periods, motion.periods or 1)
+    if both != periods:
+        others = off - _off(spectrum, frequency / both)
         words += (
-            f" A motion of {motion.periods} table periods, the paper's reading, has lines half-way "
-            f"between these: {others:.0e} of the power is there."
+            f" A motion of {motion.periods} table periods, the paper's reading, has other lines, "
+            f"at multiples of {frequency:g}/{both}: {others:.0e} of the power is there."
         )
     rows = [
         [k + 1, f"{lines.frequencies[k]:.5f}", f"{100.0 * shares[k]:.3f} %"]
@@ -190,7 +191,7 @@ def _broad(attractor: ImpactAttractor, spectrum: PowerSpectrum) -> _Found:
         f"{100.0 * error:.0f} % (from {_QUARTERS} parts of the motion); single densities have a "
         f"standard error of {100.0 * spectrum.error:.0f} %."
     )
-    short = f"broad-band: {100.0 * off:.0f} % of the power off the table's harmonics"
+    short = f"{100.0 * off:.0f} % of the power off the table's harmonics"
     return _Found(words, short, f"{100.0 * error:.0f} %")
 
 
@@ -227,7 +228,7 @@ def _sections(workshop: Workshop, number: int, motion: paper.Shown) -> Section:
         pairs = [_distances(attractor, each) for each in places[: 1 if label.periods else None]]
         error = "none: chaotic" if label.periods is None else f"{impacts.error:.0e}"
         early = None
-        if motion.periods not in (label.periods, None):
+        if None not in (label.periods, motion.periods) and motion.periods != label.periods:
             early = _early(workshop, motion)
     with watch.time("drawing"), print_style():
         figure, (above, below) = new_figure(height=4.6, rows=2)
@@ -250,7 +251,7 @@ def _sections(workshop: Workshop, number: int, motion: paper.Shown) -> Section:
         f"{pairs[0][0]:.1e} apart, {paper.DISTANCE:g} in every coordinate, are {parted}."
     )
     if early is not None:
-        text += _about_early(motion, early)
+        text += f"\n\n{about_early(motion, early, label.periods or 1)}"
     at = f"at {motion.frequency:g}"
     return Section(
         f"figure-{number}",
@@ -334,17 +335,41 @@ def _early(workshop: Workshop, motion: paper.Shown) -> Array:
     return _tip(StroboscopicSection(attractor, periods=periods))
 
 
-def _about_early(motion: paper.Shown, early: Array) -> str:
-    # every other state is near the table
-    low = early[:, 1][early[:, 0] < early[:, 0].mean()]
-    listed = ", ".join(f"{velocity:.4f}" for velocity in low.tolist())
-    return (
-        f"\n\nThe paper reads {motion.stroboscopic}. It skips {paper.TRANSIENT} impacts, and the "
-        f"motion has not settled then (see where the paper does not hold): in the {len(early)} "
-        f"table periods that its time axis shows next (open circles) the tip has, in every other "
-        f"one, the velocities {listed}. They alternate at first, as those of a motion of "
-        f"{motion.periods} table periods do."
+def about_early(motion: paper.Shown, early: Array, periods: int) -> str:
+    """Return what the paper's stroboscopic section shows, of a motion of so many table periods.
+
+    Parameters
+    ----------
+    motion : paper.Shown
+    early : (p, 2) array
+        The tip at phase zero, before the motion has settled.
+    periods : int
+    """
+    groups = [early[k::periods] for k in range(periods)]
+    velocities = min(groups, key=lambda group: float(group[:, 0].mean()))[:, 1]
+    listed = ", ".join(f"{velocity:.4f}" for velocity in velocities.tolist())
+    every = {1: "each", 2: "every other one"}.get(periods, f"every {periods}th one")
+    settled = float(np.ptp(velocities)) <= _SAME * float(abs(velocities).max())
+    turns = _turns(velocities)
+    return sentences(
+        f"The paper reads {motion.stroboscopic}. It skips {paper.TRANSIENT} impacts: in the "
+        f"{len(early)} table periods that its time axis shows next (open circles) the tip has, in "
+        f"{every}, the velocities {listed}.",
+        "They are the same: the motion has settled then."
+        if settled
+        else "The motion has not settled then.",
+        f"The first {turns} of them rise and fall in turn, as those of a motion of "
+        f"{2 * periods} table periods do."
+        if turns > 2 and not settled
+        else "",
     )
+
+
+def _turns(values: Array) -> int:
+    """How many of the first values rise and fall in turn."""
+    signs = np.sign(np.diff(values))
+    same = np.flatnonzero(signs[1:] * signs[:-1] >= 0.0)
+    return len(values) if not len(same) else int(same[0]) + 2
 
 
 def _mark_early(axes: Axes, early: Array) -> None:

@@ -4,6 +4,7 @@ J. P. Cusumano, B.-Y. Bai, "Period-infinity periodic motions, chaos, and spatial
 degree of freedom impact oscillator", Chaos, Solitons & Fractals 3 (1993) 515-535.
 """
 
+import re
 from typing import NamedTuple
 
 ITEMS = (
@@ -81,6 +82,18 @@ STICKING = (0.40816, "P(inf,4)")
 LONG_PERIOD = (0.36, "P(.,32)")
 TABLE_1_CHAOS, TEXT_CHAOS = 1.336, 1.346
 CHAOS = 0.35
+LOOKED_INTO = (STICKING[0], LONG_PERIOD[0], TABLE_1_CHAOS, CHAOS)
+
+
+def agrees(theirs: str, found: str) -> bool:
+    """Whether a label is the paper's, in which a dot is a number that it leaves open.
+
+    Examples
+    --------
+    >>> agrees("P(.,32)", "P(74,32)"), agrees("P(inf,4)", "P(inf,2)")
+    (True, False)
+    """
+    return re.match(re.escape(theirs).replace(r"\.", r"\d+"), found) is not None
 
 
 class Row(NamedTuple):

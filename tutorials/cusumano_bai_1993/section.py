@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+LOOKED_INTO = "Statements of the paper looked into"
+"""Title of the section that others refer to."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -53,6 +56,17 @@ class Section:
     def total(self) -> float:
         """Seconds in all."""
         return sum(self.seconds.values())
+
+
+def sentences(*parts: str) -> str:
+    """Return those parts that say something, one after the other.
+
+    Examples
+    --------
+    >>> sentences("One.", "", "Two.")
+    'One. Two.'
+    """
+    return " ".join(part for part in parts if part)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -7,9 +7,7 @@ from math import pi
 
 import numpy as np
 
-from dynkit.systems import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.state import ImpactState
+from dynkit.systems import ImpactChain, ImpactRecord, ImpactState
 from tutorials.cusumano_bai_1993.arrays import Array
 
 # Distances between these, relative, show the decay: below what begins it, above rounding.
@@ -31,12 +29,14 @@ class Settling:
 
     Parameters
     ----------
+    periods : int
+        Table periods in a period of the motion.
     ratio : float
         Of the distances before and after one period.
     count : int
         Sticking events that the ratio was fitted to.
-    impacts : float
-        Impacts from one sticking event to the next, on average.
+    impacts, turns : float
+        Impacts, and table periods, from one sticking event to the next, on average.
     after : (k,) array
         Numbers of the first impacts after each sticking event.
     distances : (k,) array
@@ -45,9 +45,11 @@ class Settling:
         Times of all impacts, in table periods.
     """
 
+    periods: int
     ratio: float
     count: int
     impacts: float
+    turns: float
     after: Array
     distances: Array
     times: Array
@@ -79,9 +81,11 @@ def settling_of(record: ImpactRecord, *, periods: int) -> Settling:
     used = np.flatnonzero((steps < _BEGIN) & (steps > _END))
     slope = np.polyfit(used, np.log(steps[used]), 1)[0]
     return Settling(
+        periods,
         float(np.exp(slope * per_period)),
         len(used),
         float(np.diff(after).mean()),
+        float(np.diff(turns[after]).mean()),
         after.astype(np.float64),
         np.linalg.norm(states - states[-1], axis=1) / scale,
         turns,

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from dynkit import OrbitLabel
 from dynkit.analysis import SpaceTime
-from dynkit.analysis.space_time import new_surfaces
 from dynkit.plotting.figures import print_style, save_figure
-from dynkit.systems.impact.attractor import ImpactAttractor
+from dynkit.systems import ImpactAttractor
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.section import Finding, Section, table
 from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 
 # Batches of successive impacts, from which errors of averages follow.
 _BATCHES = 16
-# Dots an inch: with more, files are large.
+# Inches of a surface. Dots an inch: with more, files are large.
+_WIDTH, _HEIGHT = 6.8, 2.5
 _RESOLUTION = 300.0
 
 
@@ -191,9 +191,15 @@ def _section(
 
 
 def _draw(workshop: Workshop, number: str, surfaces: Sequence[_Surface]) -> None:
-    figure, all_axes = new_surfaces(len(surfaces))
-    for axes, surface in zip(all_axes, surfaces, strict=True):
+    from matplotlib.figure import Figure
+
+    rows = len(surfaces)
+    figure = Figure(figsize=(_WIDTH, _HEIGHT * rows))
+    for row, surface in enumerate(surfaces):
+        # the boxes are flat: they may overlap
+        place = (-0.065, 1.0 - (row + 0.98) / rows, 1.0, 1.0 / rows)
+        axes: Any = figure.add_axes(place, projection="3d")
         surface.space_time.plot(axes)
-        if len(surfaces) > 1:
+        if rows > 1:
             axes.text2D(0.1, 0.92, f"({surface.name[-1]})", transform=axes.transAxes)
     save_figure(figure, workshop.folder / f"figure-{number}", _RESOLUTION)

@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from dynkit.labels.label import OrbitKind
-from dynkit.systems import ImpactChain
-from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.systems.impact.state import ImpactState
+from dynkit import OrbitKind
+from dynkit.systems import ImpactAttractor, ImpactChain, ImpactState
 from tutorials.cusumano_bai_1993 import paper
 
 if TYPE_CHECKING:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dynkit.analysis import POD
-from dynkit.plotting.figures import COLUMN_WIDTH, new_figure, print_style, save_figure
+from dynkit.plotting.figures import new_figure, print_style, save_figure
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.measures.motions import Motion
+from tutorials.cusumano_bai_1993.measures.transient import which_chaos
 from tutorials.cusumano_bai_1993.section import Finding, Section, table
 from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 
@@ -21,13 +22,14 @@ def figure_14(workshop: Workshop) -> Section:
         pods = _pods(workshop)
     pod = pods[0][2]
     with watch.time("drawing"), print_style():
-        figure = Figure(figsize=(2.0 * COLUMN_WIDTH, 4.4))
+        figure = Figure(figsize=(6.8, 4.4))
         panels = list(figure.subplots(2, 2, sharex=True).ravel())
         pod.plot_modes(panels, count=paper.MODES_14)
         save_figure(figure, workshop.folder / "figure-14")
     with watch.time("errors"):
         errors = [_assurance_error(motion) for _, motion, _ in pods]
     found = _assurance(pod)
+    least = min(range(len(found)), key=lambda k: found[k][0])
     text = (
         f"Proper orthogonal modes of the {pods[0][1].name} at {paper.FIGURE_14:g}, each beside the "
         "normal mode of the chain in free flight that is most like it. MAC, the modal assurance "
@@ -55,8 +57,8 @@ def figure_14(workshop: Workshop) -> Section:
         )
         + "\n\nThe error is half the largest distance between what the two halves of the motion "
         f"give. At {paper.FIGURE_14:g} modes 3 and {paper.MODES_14} hold "
-        f"{100.0 * pod.power[2:4].sum() / pod.power.sum():.2g} % of the power; the last of them is "
-        f"no longer close to a normal mode: {found[-1][0]:.3f}."
+        f"{100.0 * pod.power[2:4].sum() / pod.power.sum():.2g} % of the power; of the first "
+        f"{paper.MODES_14} the least like a normal mode is mode {least + 1}, with {found[least][0]:.3f}."
     )
     return Section(
         "figure-14",
@@ -91,8 +93,8 @@ def figure_15(workshop: Workshop) -> Section:
     theirs = [row.modes for case in paper.FIGURE_15 for row in paper.TABLE_1 if row[:2] == case]
     text = (
         "Share of the power in the first proper orthogonal modes; an arrow marks the number that "
-        f"holds {paper.SHARE:.0%}. The motion at {paper.CHAOS:g} is the chaos before it ends: see "
-        "Table 1.\n\n"
+        f"holds {paper.SHARE:.0%}. The motion at {paper.CHAOS:g} is "
+        f"{which_chaos(workshop.long_runs)}: see Table 1.\n\n"
         + table(
             ["modes", *(f"{w:g}, damping {g:g}" for (w, g), _, _ in pods)],
             [

@@ -13,8 +13,7 @@ from tutorials.cusumano_bai_1993.measures.transient import VERY_LONG, LongRun
 
 if TYPE_CHECKING:
     from dynkit import OrbitLabel
-    from dynkit.systems import ImpactChain
-    from dynkit.systems.impact.attractor import ImpactAttractor
+    from dynkit.systems import ImpactAttractor, ImpactChain
     from tutorials.cusumano_bai_1993.arrays import Array
 
 # Impacts of a periodic motion: many periods of all of them. Of a chaotic one: the points of the

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
-from dynkit.systems import ImpactChain
-from dynkit.systems.impact.state import ImpactState
+from dynkit.systems import ImpactChain, ImpactState
 
 # At rest: amplitudes of the first two modes, and phase of the table over 2 pi.
 _STARTS = (

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynkit.analysis.dimension.scaling import find_scaling
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.measures.motions import warm_up
 from tutorials.cusumano_bai_1993.measures.rows import (
@@ -21,15 +20,12 @@ from tutorials.cusumano_bai_1993.measures.rows import (
     modes_of,
     scaling_of,
 )
-from tutorials.cusumano_bai_1993.section import Finding, Section, table
+from tutorials.cusumano_bai_1993.measures.transient import VERY_LONG
+from tutorials.cusumano_bai_1993.section import LOOKED_INTO, Finding, Section, table
 from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 
 # A local slope is told where its error is below this part of it.
 _KNOWN = 0.05
-_LIMIT = (
-    "Dimensions beyond 2 log10 n or so cannot be had from n points, 10 from 100000, whatever a "
-    "slope says (Eckmann & Ruelle, Physica D 56 (1992) 185-187)."
-)
 
 
 def table_1(workshop: Workshop) -> Section:
@@ -50,7 +46,7 @@ def table_1(workshop: Workshop) -> Section:
             _about_exponents(lines),
             table(EXPONENTS, [exponents_of(line) for line in lines]),
             "### Where this and the paper's Table 1 are apart",
-            "\n".join(f"- {each}" for each in _apart(lines)),
+            "\n".join(f"- {each}" for each in apart(lines)) or "Nowhere.",
         ]
     )
     return Section(
@@ -91,15 +87,18 @@ def _timed(watch: Stopwatch, row: paper.Row, workshop: Workshop, *, ends: bool =
 
 
 def _about_modes(lines: Sequence[Line]) -> str:
-    (chaos,) = [line.motion for line in lines if line.ends]
+    chaos, after = (line.motion for line in lines if line.row.frequency == paper.CHAOS)
+    ends = after.label.periods is not None
     return (
         f"N is the number of proper orthogonal modes that hold {paper.SHARE:.0%} of the power, "
         "from the time average of $x x^T$ in closed form over the kept impacts, not from samples. "
         "Twice an error is the half-width of a 95 % interval. Labels are those of motions "
         "on which the chain settles from the paper's start. At "
-        f"{paper.CHAOS:g} the paper's row speaks of a transient: its first line here is that "
+        f"{paper.CHAOS:g} the paper's row speaks of "
+        f"{'a transient' if ends else 'chaos that no run leaves'}: its first line here is that "
         f"of the {len(chaos.attractor.record)} impacts that the longest of the runs stays chaotic, "
-        "its second that of the motion that follows. What is said of "
+        f"its second that of the motion {'that follows' if ends else f'after {VERY_LONG} impacts'}. "
+        "What is said of "
         f"{paper.TABLE_1_CHAOS:g} in the paper's table is held against {paper.TEXT_CHAOS:g} too, "
         "the frequency in its text."
     )
@@ -123,8 +122,16 @@ def _about_dimensions() -> str:
 
 
 def _about_slopes(lines: Sequence[Line]) -> str:
-    parts = [_slopes_of(line) for line in lines if line.motion.dimension.region is None]
-    return " ".join([*parts, _LIMIT]) if parts else ""
+    without = [line for line in lines if line.motion.dimension.region is None]
+    if not without:
+        return ""
+    n = max(len(line.motion.dimension.states) for line in without)
+    limit = (
+        "Dimensions beyond 2 log10 n or so cannot be had from n points, "
+        f"{2.0 * np.log10(n):.0f} from {n}, whatever a slope says (Eckmann & Ruelle, Physica D "
+        "56 (1992) 185-187)."
+    )
+    return " ".join([*map(_slopes_of, without), limit])
 
 
 def _slopes_of(line: Line) -> str:
@@ -137,7 +144,7 @@ def _slopes_of(line: Line) -> str:
     known = max(_KNOWN, float(relative.min()))
     first = int(np.flatnonzero(relative <= known)[0])
     last = int(np.searchsorted(slopes.radii, row.scaling * slopes.radii[first], side="right")) - 1
-    short = find_scaling(dimension.sums, dimension.states, row.scaling).region
+    short = dimension.region_over(row.scaling)
     return (
         f"{where}. The paper has "
         f"{row.dimension:g} ± {row.error:g} over {row.scaling:g}:1; a range as short as that "
@@ -180,21 +187,23 @@ def _held(lines: Sequence[Line]) -> list[Line]:
     return [line for line in listed if line.row.frequency != paper.TABLE_1_CHAOS]
 
 
-def _apart(lines: Sequence[Line]) -> list[str]:
-    elsewhere = 'see "Where the paper does not hold"'
+def apart(lines: Sequence[Line]) -> list[str]:
+    """Return what is found otherwise than the paper's rows say, a sentence or two for each."""
     parts = []
     for line in lines:
         row, found = line.row, line.motion
         at = f"{row.frequency:g}, damping {row.damping:g}"
+        looked = f' (see "{LOOKED_INTO}")' if row.frequency in paper.LOOKED_INTO else ""
         if line.ends:
             (after,) = [each for each in lines if each.row.frequency == row.frequency][1:]
-            parts.append(
-                f"{at}: the paper {row.orbit}, found {after.motion.name}. The runs are "
-                f"{found.name} after those that are skipped ({elsewhere}). N is {line.modes} in "
-                f"the chaos and {after.modes} after it."
-            )
-        elif row.orbit not in (NONE, found.name) and not found.name.startswith(row.orbit):
-            parts.append(f"{at}: the paper {row.orbit}, found {found.name} ({elsewhere}).")
+            if not paper.agrees(row.orbit, after.motion.name):
+                parts.append(
+                    f"{at}: the paper {row.orbit}, found {after.motion.name}. The runs are "
+                    f"{found.name} after those that are skipped{looked}. N is {line.modes} in "
+                    f"the chaos and {after.modes} after it."
+                )
+        elif row.orbit != NONE and not paper.agrees(row.orbit, found.name):
+            parts.append(f"{at}: the paper {row.orbit}, found {found.name}{looked}.")
         if row.modes not in (None, line.modes):
             pod = found.pod
             held = 100.0 * pod.cumulative[row.modes - 1]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dynkit import OrbitLabel
-from dynkit.systems import ImpactChain
-from dynkit.systems.impact.state import ImpactState
+from dynkit.systems import ImpactChain, ImpactState
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.arrays import Array
 from tutorials.cusumano_bai_1993.measures.starts import starts
@@ -50,6 +50,14 @@ class LongRun:
 def long_runs(chain: ImpactChain) -> list[LongRun]:
     """Return a run from each start."""
     return [_long_run(chain, start) for start in starts(chain)]
+
+
+def which_chaos(runs: Sequence[LongRun]) -> str:
+    """Return of which chaos the longest of these runs is."""
+    ended = sum(run.settled is not None for run in runs)
+    if not ended:
+        return f"chaos that goes on to the end of all {len(runs)} runs"
+    return f"the chaos before it ends, as it does in {ended} of {len(runs)} runs"
 
 
 def _long_run(chain: ImpactChain, start: ImpactState) -> LongRun:

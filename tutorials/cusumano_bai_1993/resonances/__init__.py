@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -10,12 +10,19 @@ from dynkit import Sweep
 from dynkit.plotting.figures import save_figure
 from dynkit.systems import ImpactChain
 from tutorials.cusumano_bai_1993 import paper
-from tutorials.cusumano_bai_1993.resonances.branches import Ridge, contacts_of, ridge
+from tutorials.cusumano_bai_1993.resonances.branches import (
+    Beside,
+    Ridge,
+    contacts_of,
+    ridge,
+    settled_energy,
+)
 from tutorials.cusumano_bai_1993.resonances.causes import (
     FINE,
     HIGH,
     LOW,
     RULES,
+    Modes,
     Resonance,
     bilinear,
     chains,
@@ -28,7 +35,7 @@ from tutorials.cusumano_bai_1993.resonances.causes import (
 )
 from tutorials.cusumano_bai_1993.resonances.figure import draw
 from tutorials.cusumano_bai_1993.resonances.search import longer
-from tutorials.cusumano_bai_1993.section import Finding, Section, table
+from tutorials.cusumano_bai_1993.section import Finding, Section, sentences, table
 from tutorials.cusumano_bai_1993.workshop import Stopwatch, Workshop
 
 ITEM = "resonances"
@@ -38,8 +45,12 @@ _BRANCHES = (
     "contact",
 )  # fmt: skip
 
+_TIMES = {1: "once", 2: "twice"}
+
 # Ratios of frequencies that are so near those of a string, relative, are like them.
 _LIKE = 0.06
+# Energies that are the same to this part are that of one motion, as far as a figure shows.
+_APART = 0.01
 # A third resonance is looked for so near three times the bilinear frequency, relative.
 _THIRD, _NEAR = 3, 0.05
 
@@ -72,7 +83,8 @@ def resonances(workshop: Workshop) -> Section:
     findings += causes
     with watch.time("drawing"):
         save_figure(draw(ridges, sweep), workshop.folder / ITEM, 300.0)
-    return Section(ITEM, "The two resonances", "\n\n".join(parts), findings, [ITEM], watch.seconds)
+    title = f"The resonances near {' and '.join(f'{peak:g}' for peak in paper.PEAKS)}"
+    return Section(ITEM, title, "\n\n".join(parts), findings, [ITEM], watch.seconds)
 
 
 # --- the branches -------------------------------------------------------------------------------
@@ -106,12 +118,14 @@ def _about_branches(ridges: Sequence[Ridge], sweep: Sweep) -> str:
         for each in ridges
         for motion in each.beside
     ]
-    stable = all(each.branch.stable.all() for each in ridges)
-    gone = not any(motion.contacts for each in ridges for motion in each.beside)
+    stable = sum(int(each.branch.stable.sum()) for each in ridges)
+    sticks = {each.sticks for each in ridges}
+    count = sum(len(each.branch) for each in ridges)
     return (
-        "### Branches\n\nNear each of the paper's peaks the chain sticks once in a period, and "
-        "the orbit was continued in frequency, both ways to its ends. "
-        f"{'All orbits on both branches are stable. ' if stable else ''}The table gives both ends, "
+        "### Branches\n\nNear each of the paper's peaks the orbit that the chain settles on, which "
+        f"sticks {' and '.join(_TIMES.get(n, f'{n} times') for n in sorted(sticks))} in a period, was "
+        "continued in frequency, both ways to its ends. "
+        f"Of its {count} orbits {stable} are stable. The table gives both ends, "
         "where the energy after impacts is largest and how large, the largest modulus of a "
         "multiplier along the branch, and the share of the period in contact after the chatter; "
         "errors in brackets. At an end of kind CB the chatter completes just as contact is "
@@ -122,30 +136,81 @@ def _about_branches(ridges: Sequence[Ridge], sweep: Sweep) -> str:
         + "\n\n"
         + _unsettled(ridges, sweep)
         + "\n\nThe motions beyond the ends, started on the orbit at the end, with the number of "
-        "contacts among the impacts kept: "
-        + (
-            "none sticks. The chatter does not complete any more, and has the fewer impacts the "
-            "further the end is.\n\n"
-            if gone
-            else "\n\n"
-        )
+        f"contacts among the impacts kept: {about_beside([each.beside for each in ridges])}\n\n"
         + table(["branch", "frequency", "label", "energy", "contacts"], beside)
+    )
+
+
+def about_beside(beside: Sequence[Sequence[Beside]]) -> str:
+    """Return whether motions beyond ends stick, and whether impacts are fewer farther away.
+
+    Parameters
+    ----------
+    beside : sequence of sequence of Beside
+        Of each branch those below its lower end, then as many above its upper end, each from the
+        nearest to the farthest.
+    """
+    motions = [motion for each in beside for motion in each]
+    sticking = sum(motion.contacts > 0 for motion in motions)
+    if sticking:
+        return f"{sticking} of {len(motions)} stick."
+    sides = [side for each in beside for side in (each[: len(each) // 2], each[len(each) // 2 :])]
+    impacts = [[motion.label.impacts or 0 for motion in side] for side in sides]
+    fewer = all(side[-1] > 0 and side == sorted(side, reverse=True) for side in impacts)
+    return sentences(
+        "none sticks. The chatter does not complete any more.",
+        "It has the fewer impacts the further the end is." if fewer else "",
     )
 
 
 def _unsettled(ridges: Sequence[Ridge], sweep: Sweep) -> str:
     energies = np.nanmax(sweep.observable("energy"), axis=1)
-    rows = []
+    rows, apart, settled = [], 0, 0
     for each in ridges:
         inside = (sweep.values >= each.frequencies[0]) & (sweep.values <= each.frequencies[-1])
         for place in np.flatnonzero(inside).tolist():
             at = float(sweep.values[place])
-            rows.append([f"{at:g}", f"{energies[place]:.5f}", f"{each.energy_at(at):.5f}"])
+            branch = each.energy_at(at)
+            rows.append([f"{at:g}", f"{energies[place]:.5f}", f"{branch:.5f}"])
+            if abs(energies[place] - branch) > _APART * branch:
+                apart += 1
+                settled += abs(settled_energy(sweep, place) - branch) <= _APART * branch
+    peaks = [float(sweep.values[_highest_place(each, sweep)]) for each in ridges]
     return (
-        "The largest energies of the sweep of figure 6a beside those of the branches: where they "
-        f"differ, the motion has not settled after the {paper.TRANSIENT} skipped impacts, and that "
-        "moves the peaks of the figure.\n\n" + table(["frequency", "sweep", "branch"], rows)
+        "The largest energies of the sweep of figure 6a beside those of the branches. "
+        f"{about_unsettled(len(rows), apart, settled)} The sweep has its largest energies "
+        f"at {' and '.join(f'{peak:g}' for peak in peaks)}, the branches at "
+        f"{' and '.join(f'{each.top[0]:.5f}' for each in ridges)}.\n\n"
+        + table(["frequency", "sweep", "branch"], rows)
     )
+
+
+def about_unsettled(count: int, apart: int, settled: int) -> str:
+    """Return how many motions of so many have other energies, and how many of these settle later.
+
+    Parameters
+    ----------
+    count, apart : int
+        Motions, and those whose energy is not that of the branch.
+    settled : int
+        Those of the latter whose energy is that of the branch in the end.
+    """
+    words = f"They differ by more than {100.0 * _APART:g} % at {apart} of {count} frequencies"
+    if not apart:
+        return f"{words}."
+    return (
+        f"{words}, at {settled} of which the motion has not settled after the {paper.TRANSIENT} "
+        "skipped impacts: after many more it has the energy of the branch."
+    )
+
+
+def _highest_place(each: Ridge, sweep: Sweep) -> int:
+    """Where on the branch the sweep has its largest energy, or next to it."""
+    energies = np.nanmax(sweep.observable("energy"), axis=1)
+    outside = (sweep.values < each.frequencies[0]) | (sweep.values > each.frequencies[-1])
+    if outside.all():
+        return int(abs(sweep.values - each.top[0]).argmin())
+    return int(np.where(outside, -np.inf, energies).argmax())
 
 
 def _found(each: Ridge) -> Finding:
@@ -177,8 +242,9 @@ def _causes(
     own = [each.deviation(rule) for each in found[: len(ridges)]]
     text = (
         "### Why there\n\nIn flight the chain has the natural frequencies $w_i$ of Table A1, and "
-        "others, $W_i$, while its tip is held by the table. Neither is near the resonances. "
-        "But the motion takes turns: a flight, then chatter and contact. Half a period of each "
+        "others, $W_i$, while its tip is held by the table. "
+        f"{about_nearest(modes, [each.top[0] for each in ridges])} "
+        "The motion takes turns: a flight, then chatter and contact. Half a period of each "
         "of the first modes makes the period of a bilinear oscillator, with frequency "
         f"$2 w_1 W_1 / (w_1 + W_1)$ = {bilinear(modes):.5f} here, from $w_1$ = {modes.free[0]:.5f} "
         f"and $W_1$ = {modes.stuck[0]:.5f}; the table may turn m times meanwhile. Where the energy "
@@ -192,7 +258,7 @@ def _causes(
         "the paper's chain they are those of the branches.\n\n"
         + _rules(found)
         + "\n\n"
-        + _verdict(found, rule)
+        + verdict(found, rule)
         + "\n\n"
         + _soft(workshop.sweep, ridges)
         + "\n\n"
@@ -204,7 +270,8 @@ def _causes(
         Finding(
             "cause of the resonances",
             "unexplained",
-            f"{name} frequency times 1 and 2: {words} off; {100.0 * typical:.1f} % in "
+            f"{name} frequency times {' and '.join(str(each.periods) for each in ridges)}: {words} "
+            f"off; {100.0 * typical:.1f} % in "
             f"{len(found)} resonances of chains, {100.0 * largest:.0f} % at worst",
             f"{100.0 * FINE:g} % of each frequency",
         )
@@ -247,26 +314,57 @@ def _rules(found: Sequence[Resonance]) -> str:
     return table(heads, rows)
 
 
-def _verdict(found: Sequence[Resonance], rule: str) -> str:
+def about_nearest(modes: Modes, found: Sequence[float]) -> str:
+    """Return how far resonances are from natural frequencies, with the tip free and held."""
+    natural = np.concatenate([modes.free, modes.stuck])
+    distances = [float(abs(natural / each - 1.0).min()) for each in found]
+    return (
+        f"The nearest of them are {' and '.join(f'{100.0 * each:.0f} %' for each in distances)} "
+        "from the resonances."
+    )
+
+
+def verdict(found: Sequence[Resonance], rule: str) -> str:
+    """Return how well the rule that comes nearest holds, and where."""
     far = max(found, key=lambda each: abs(each.deviation(rule)))
     like = [each for each in found if _string_like(each)]
     unlike = [each for each in found if not _string_like(each)]
-    near, others = spread(like, rule), spread(unlike, rule)
+    near, others = (spread(each, rule)[1] if each else 0.0 for each in (like, unlike))
+    names = ", ".join(dict.fromkeys(each.name for each in like))
+    parts = [f"The rule that comes nearest is: {rule}."]
+    if like:
+        parts.append(
+            f"It holds within {100.0 * near:.1f} % in the {len(like)} cases where $w_2/w_1$ and "
+            f"$W_2/W_1$ are within {100.0 * _LIKE:.0f} % of 3 and 2 ({names})."
+        )
+    if unlike:
+        parts.append(f"It holds within {100.0 * others:.1f} % in the other {len(unlike)}.")
+    parts.append(f"It is furthest off for {far.name}.")
+    if rule != "bilinear":
+        return " ".join(parts)
+    parts += [_about_wave(like, "where the ratios are so"), _about_wave(unlike, "in the others")]
+    if not (like and unlike and near < others):
+        return sentences(*parts)
     return (
-        f"The rule that comes nearest is: {rule}. It holds within {100.0 * near[1]:.1f} % in the "
-        f"{len(like)} cases where $w_2/w_1$ and $W_2/W_1$ are within "
-        f"{100.0 * _LIKE:.0f} % of 3 and 2, whatever "
-        f"length, damping and restitution, and within {100.0 * others[1]:.1f} % in the other "
-        f"{len(unlike)}; it is furthest off for {far.name}. For uniform chains the wave comes to "
-        "nearly the same as the bilinear frequency, and nearer the longer they are; uneven ones "
-        "tell them apart.\n\n"
+        sentences(*parts) + "\n\n"
         "Why it should need these ratios: in a string that is held at one end $w_i$ are as 1, 3, "
         "5, ... and $W_i$ as 1, 2, 3, ... Half a period of $w_1$ then reverses the whole state, "
         "and the tip that has left the table at rest is back at rest: contact begins without "
         "impact, and nothing is lost but by the dashpots. Contact for half a period of $W_1$ "
         "reverses the odd ones of its modes, and so brings them back to the release. A uniform "
-        "chain is nearly a string for its long waves. That the table turns once or twice meanwhile "
+        "chain is nearly a string for its long waves. That the table turns m times meanwhile "
         "is no difference to the chain, only to the work that the table does."
+    )
+
+
+def _about_wave(found: Sequence[Resonance], where: str) -> str:
+    """How far the frequency of the wave is from the bilinear one."""
+    if not found:
+        return ""
+    apart = [abs(RULES["wave"](each.modes) / bilinear(each.modes) - 1.0) for each in found]
+    return (
+        f"The frequency of the wave is {100.0 * min(apart):.1f} to {100.0 * max(apart):.1f} % from "
+        f"the bilinear one {where}."
     )
 
 
@@ -283,11 +381,19 @@ def _soft(sweep: Sweep, ridges: Sequence[Ridge]) -> str:
     rest = float(np.median(hardness))
     there = " and ".join(f"{hardness[place]:.3f}" for place in places)
     return (
-        "The impacts are soft indeed: the largest relative velocity after an impact, over the "
+        "The largest relative velocity after an impact, over the "
         f"velocity $\\sqrt{{2E}}$ that belongs to the largest energy, is {there} in the sweep of "
-        f"figure 6a next to the largest energies of the two branches; its median along the sweep "
-        f"is {rest:.3f}."
+        f"figure 6a next to the largest energies of the branches; its median along the sweep "
+        f"is {rest:.3f}: the impacts there are {softness(hardness[places].tolist(), rest)}."
     )
+
+
+def softness(there: Sequence[float], rest: float) -> str:
+    """Return whether impacts at some places are softer than elsewhere."""
+    softer = sum(each < rest for each in there)
+    if softer == len(there):
+        return "softer than elsewhere"
+    return "no softer than elsewhere" if not softer else "softer than elsewhere at some only"
 
 
 def _third(workshop: Workshop, chain: ImpactChain, found: Sequence[Resonance]) -> str:
@@ -296,39 +402,69 @@ def _third(workshop: Workshop, chain: ImpactChain, found: Sequence[Resonance]) -
     turns = range(1, _THIRD + 1)
     energies = np.nanmax(sweep.observable("energy"), axis=1)
     near = np.flatnonzero(abs(sweep.values / at - 1.0) <= _NEAR)
-    forces = [f"{holding_force(chain, m * bilinear(modes)):.3f}" for m in turns]
-    drives = [f"{drive(modes, m):.2f}" for m in turns]
-    seen = "The sweep does not reach it."
+    seen, is_there = "The sweep does not reach it.", False
     if len(near):
         top = int(near[energies[near].argmax()])
         inside = 0 < near.tolist().index(top) < len(near) - 1
         where = "inside" if inside else "at the edge of"
         sticks = sum(len(contacts_of(sweep, place)) > 0 for place in near.tolist())
+        is_there = inside and len(contacts_of(sweep, top)) > 0
         seen = (
             f"Within {100.0 * _NEAR:.0f} % of it the largest energy of the sweep is "
             f"{energies[top]:.5f}, at {sweep.values[top]:g}, {where} the interval, the motion "
             f"there is {sweep.label(top)}, and contacts were kept at {sticks} of the "
             f"{len(near)} frequencies."
         )
+    begun = f"A third resonance would be at {_THIRD} bilinear frequencies, {at:.4f}. {seen}"
+    if is_there:
+        return f"{begun} So there is one, of motions that stick."
     name = "wall spring 0.2"
     other = chains(workshop)[name]
     elsewhere = resonance(name, other, _THIRD)
-    heights = [f"{each.energy:.4f}" for each in found if each.name == name]
-    force = holding_force(other, _THIRD * bilinear(elsewhere.modes))
-    apart = [f"{mismatch(modes, m):.2f}" for m in turns]
+    return sentences(
+        begun,
+        "What keeps it away is open." if len(near) else "",
+        about_drives([drive(modes, m) for m in turns]),
+        f"Near it is $W_2$ = {modes.stuck[1]:.4f}, where the table shakes the held chain in "
+        "resonance. The force that holds the tip to it swings by "
+        f"{_listed(holding_force(chain, m * bilinear(modes)) for m in turns)} amplitudes of the "
+        f"table for these m, and with {name} by "
+        f"{holding_force(other, _THIRD * bilinear(elsewhere.modes)):.3f} for m = {_THIRD}: there, "
+        f"from {LOW:g} to {HIGH:g} of three bilinear frequencies,",
+        about_elsewhere(elsewhere.energy, [each.energy for each in found if each.name == name]),
+        "A tip that comes back after half a period of $w_1$, its position and velocity reversed, "
+        f"finds the table elsewhere, by {_listed(mismatch(modes, m) for m in turns)} amplitudes.",
+    ) + _left_open(found)
+
+
+def _listed(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:.3f}" for value in values)
+
+
+def about_drives(drives: Sequence[float]) -> str:
+    """Return how much the table works for m = 1, 2, ..., and whether for the last it works least."""
+    least = drives[-1] < min(drives[:-1])
     return (
-        f"A third resonance would be at {_THIRD} bilinear frequencies, {at:.4f}. {seen} What "
-        "keeps it away is open. The work is not what is missing: that of the table on a contact "
-        "force of half a sine, at the best phase and with amplitude 1, is "
-        f"{', '.join(drives)} amplitudes of the table for m = {', '.join(map(str, turns))}. Nor "
-        f"alone that {at:.4f} is near $W_2$ = {modes.stuck[1]:.4f}, where the table shakes the "
-        "held chain in resonance and the force that holds the tip to it swings by "
-        f"{', '.join(forces)} amplitudes of the table: with {name} that is {force:.3f} for m = "
-        f"{_THIRD}, and there is no third one either: from {LOW:g} to {HIGH:g} of three bilinear "
-        f"frequencies the energy comes to {elsewhere.energy:.4f}, against {', '.join(heights)} "
-        "before. What is left: a tip that comes back after half a period of $w_1$, "
-        "its position and velocity reversed, finds the table elsewhere, by "
-        f"{', '.join(apart)} amplitudes; soft contact asks for little.\n\n"
-        "Open is also what decides the last per cent, and the larger deviations of uneven chains; "
-        "and why short chains have the peaks without sticking."
+        "The work of the table on a contact force of half a sine, at the best phase and with "
+        f"amplitude 1, is {_listed(drives)} amplitudes of the table for m = "
+        f"{', '.join(str(m) for m in range(1, len(drives) + 1))}: "
+        f"{'it is least for the last' if least else 'it is not what is missing'}."
     )
+
+
+def about_elsewhere(energy: float, before: Sequence[float]) -> str:
+    """Return whether the energy of another chain has a third peak as high as those before."""
+    heights = ", ".join(f"{each:.4f}" for each in before)
+    words = f"the energy comes to {energy:.4f}, against {heights} of its resonances before"
+    if energy < min(before):
+        return f"{words}: there is no third one of that height either."
+    return f"{words}: there is a third one."
+
+
+def _left_open(found: Sequence[Resonance]) -> str:
+    """What no rule here explains, a paragraph."""
+    free = list(dict.fromkeys(each.name for each in found if not each.sticks))
+    words = "\n\nOpen is also what decides what is left of the deviations"
+    if not free:
+        return f"{words}."
+    return f"{words}, and why chains have the peaks without sticking ({', '.join(free)})."

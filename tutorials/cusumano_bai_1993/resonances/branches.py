@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dynkit import continue_orbit
-from dynkit.systems import ImpactChain
-from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
+from dynkit.systems import ImpactAttractor, ImpactChain, StickingOrbit
 from tutorials.cusumano_bai_1993.arrays import Array
 
 if TYPE_CHECKING:
@@ -121,6 +119,12 @@ class Ridge:
         return self.orbits[0].periods
 
     @property
+    def sticks(self) -> int:
+        """Sticking events in a period of the orbit with the largest energy."""
+        orbit = self.orbits[int(self.energies.argmax())]
+        return len(orbit.phases)
+
+    @property
     def energies(self) -> Array:
         """The largest energies just after impact."""
         return np.array([each.energy for each in self.measures])
@@ -199,6 +203,14 @@ def contacts_of(sweep: Sweep, place: int) -> Array:
     attractor = sweep.attractor(place)
     assert isinstance(attractor, ImpactAttractor)
     return attractor.record.sticking
+
+
+def settled_energy(sweep: Sweep, place: int) -> float:
+    """Return the largest energy after impacts of a sweep's motion after very many impacts."""
+    attractor = sweep.attractor(place)
+    assert isinstance(attractor, ImpactAttractor)
+    later = attractor.system.attractor(transient=_LONG, impacts=_KEPT, start=attractor.final)
+    return float(later.record.energy.max())
 
 
 def ridge(chain: ImpactChain, peak: float) -> Ridge:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.plotting.figures import DOTS, print_style
+from dynkit.plotting.figures import print_style
+from tutorials.cusumano_bai_1993.drawing import DOTS
 from tutorials.cusumano_bai_1993.paper import SYMBOLS
 from tutorials.cusumano_bai_1993.resonances.branches import contacts_of
 

@@ -10,13 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.systems import ImpactChain
-from dynkit.systems.impact.state import ImpactState
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
+from dynkit.systems import ImpactChain, ImpactState, StickingOrbit
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.arrays import Array
 from tutorials.cusumano_bai_1993.resonances.branches import Ridge
-from tutorials.cusumano_bai_1993.section import Finding, table
+from tutorials.cusumano_bai_1993.section import Finding, sentences, table
 
 # Random starts of motions, impacts that they are given to settle, and that are kept.
 _STARTS, _SETTLED, _KEPT = 20, 3000, 200
@@ -156,28 +154,20 @@ def longer(chain: ImpactChain, second: Ridge) -> tuple[str, Finding]:
     settled = " and ".join(f"{label} {count} times" for label, count in labels.items())
     answer = f"Found near it: {', '.join(orbits)}."
     if not orbits:
-        answer = "None was found: the paper's seems to be P(inf,2), not yet settled."
+        answer = f"None was found: the paper's seems to be {own.label}, not yet settled."
     text = (
         f"### {theirs} at {frequency}\n\n{answer} "
         + _tried(sought)
         + f"\n\n{len(starts)} motions from random starts at {frequency} settle on {settled}. "
         "A branch with twice the period leaves another where a multiplier passes -1. "
         + _doubling(second, elsewhere)
-        + "\n\nThe amplitude of the table only scales the motion, as the table's mean height is "
-        "zero, and changes nothing of this.\n\n"
-        f"What the paper may have seen: its {paper.TRANSIENT} skipped impacts last "
-        f"{seen.skipped:.1f} table periods and the {paper.KEPT} that it keeps "
-        f"{seen.kept:.1f}, less than one period of a P(inf,4). The slowest multipliers of P(inf,2) "
-        f"are {abs(slow):.4f} exp(+-{abs(np.angle(slow)):.4f} i) per two table periods, so that "
-        f"after the skipped impacts {100.0 * abs(slow) ** (seen.skipped / second.periods):.0f} % "
-        "of a slow disturbance are left, and turn slowly: it does not repeat after four table "
-        f"periods. In the {len(seen.two)} table periods after the skipped impacts, states at phase "
-        f"zero that are two table periods apart differ by up to {100.0 * seen.two.max():.1g} % of "
-        f"the largest coordinate, those four apart by up to {100.0 * seen.four.max():.1g} %, and "
-        f"{int((seen.four < seen.two).sum())} of them return better after four than after two. "
-        "Four points in a section are then no sign of four periods. What length of motion the "
-        "paper's spectrum was taken from is not known, and its lines of period four stay "
-        "unexplained."
+        + (
+            "\n\nThe amplitude of the table only scales the motion, as the table's mean height is "
+            "zero, and changes nothing of this."
+            if chain.offset == 0.0
+            else ""
+        )
+        + ("" if orbits else f"\n\n{what_was_seen(seen, slow, own.label, second.periods)}")
     )
     found = " and ".join(dict.fromkeys(orbits)) or "none"
     return text, Finding(
@@ -185,6 +175,41 @@ def longer(chain: ImpactChain, second: Ridge) -> tuple[str, Finding]:
         "seen",
         f"{found}; {settled} from random starts",
         f"{len(sought)} searches",
+    )
+
+
+def what_was_seen(seen: Shown, slow: complex, label: str, periods: int) -> str:
+    """Return what the paper may have seen instead of an orbit that is not found.
+
+    Parameters
+    ----------
+    seen : Shown
+    slow : complex
+        The multiplier of the settled motion with the largest modulus.
+    label : str
+        Of the settled motion.
+    periods : int
+        Table periods in a period of it.
+    """
+    twice = 2 * periods
+    better = int((seen.four < seen.two).sum())
+    return sentences(
+        f"What the paper may have seen: its {paper.TRANSIENT} skipped impacts last "
+        f"{seen.skipped:.1f} table periods and the {paper.KEPT} that it keeps {seen.kept:.1f}"
+        f"{f', less than one period of {twice}' if seen.kept < twice else ''}.",
+        f"The slowest multipliers of {label} are {abs(slow):.4f} "
+        f"exp(+-{abs(np.angle(slow)):.4f} i) in {periods} table periods, so that after the skipped "
+        f"impacts {100.0 * abs(slow) ** (seen.skipped / periods):.0f} % of a slow disturbance are "
+        "left.",
+        f"In the {len(seen.two)} table periods after the skipped impacts, states at phase zero "
+        f"that are {periods} table periods apart differ by up to {100.0 * seen.two.max():.1g} % of "
+        f"the largest coordinate, those {twice} apart by up to {100.0 * seen.four.max():.1g} %, "
+        f"and {better} of them return better after {twice} than after {periods}.",
+        f"As many points as {twice} periods have are then no sign of that period."
+        if better < len(seen.two)
+        else "",
+        "What length of motion the paper's spectrum was taken from is not known, and its lines of "
+        f"period {twice} stay unexplained.",
     )
 
 
@@ -221,11 +246,25 @@ def _doubling(second: Ridge, elsewhere: Sequence[Multipliers]) -> str:
         else f"That happens at {', '.join(f'{border.value:.6f}' for border in doubled)}"
     )
     return (
-        f"{verdict}; the multiplier furthest to the left has a real part of {along:.4f}. Nor does "
-        f"one come to -1 at {paper.STICKING[0]} with other restitution or damping, at these "
-        "values:\n\n"
+        f"{verdict}; the multiplier furthest to the left has a real part of {along:.4f}. "
+        f"{about_doubling([_most_negative(each.multipliers) for each in elsewhere])}:\n\n"
         + table(["changed", "motion", "largest modulus", "least real part of a multiplier"], rows)
     )
+
+
+def about_doubling(least: Sequence[float]) -> str:
+    """Return how many motions with another parameter have a multiplier beyond -1.
+
+    Parameters
+    ----------
+    least : sequence of float
+        The least real part of the multipliers of each.
+    """
+    beyond = sum(each <= -1.0 for each in least)
+    words = f"at {paper.STICKING[0]} with other restitution or damping"
+    if not beyond:
+        return f"None comes to -1 {words}, at these values"
+    return f"{beyond} of these motions {words} have one at or beyond -1"
 
 
 def _most_negative(multipliers: NDArray[np.complex128]) -> float:
