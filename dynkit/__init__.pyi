@@ -18,6 +18,7 @@ from .core.no_motion import (
     Refused as Refused,
     TangentCrossing as TangentCrossing,
 )
+from .data.dataset import Dataset as Dataset
 from .dynamics.attractor import Attractor as Attractor, MapAttractor as MapAttractor
 from .dynamics.flow import Flow as Flow
 from .dynamics.map import Map as Map
