@@ -82,7 +82,7 @@ def _from_a_sound_orbit(system: Faulty) -> Any:
 
 
 def _explored(system: Faulty) -> Any:
-    return explore(system, "rate", (2.8, 3.3), impacts=2, values=2, box=[(0.1, 1.0)])
+    return explore(system, "rate", (2.8, 3.3), iterates=2, values=2, box=[(0.1, 1.0)])
 
 
 def _swept(system: Faulty, **options: Any) -> Any:

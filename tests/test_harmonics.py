@@ -38,7 +38,7 @@ def response(attractor: ImpactAttractor, count: int) -> NDArray[np.complex128]:
     Each impact is an impulse, v+ - v- = (1 + 1/r) u. The modes answer to it by themselves:
     c_k = sum_j phi_j^2 / (w_j^2 - W^2 + i g w_j^2 W) sum_i J_i exp(-i W t_i) / T at W = 2 pi k / T.
     """
-    chain, n, m = attractor.system, attractor.label.impacts, attractor.label.periods
+    chain, n, m = attractor.system, attractor.label.iterates, attractor.label.periods
     assert isinstance(chain, ImpactChain)
     assert n is not None
     assert m is not None

@@ -145,7 +145,7 @@ def test_a_small_period_doubling_is_not_overlooked(n: int, separation: float) ->
 
 @pytest.mark.parametrize("separation", [1e-3, 1e-5, 1e-7])
 def test_a_noisy_period_doubling_is_not_overlooked(separation: float) -> None:
-    assert label_of(noisy(split(1, separation), 1e-12), 2, 2).impacts == 2
+    assert label_of(noisy(split(1, separation), 1e-12), 2, 2).iterates == 2
 
 
 @pytest.mark.parametrize("separation", [1e-1, 1e-2, 1e-3])
@@ -159,7 +159,7 @@ def test_a_motion_that_settles_on_a_doubled_orbit_gets_the_doubled_period(
     def state_at(number: Numbers) -> Array:
         return doubled(number) + disturbance(number) - cycle(1)(number)
 
-    assert label_of(state_at, 2, 2).impacts == 2
+    assert label_of(state_at, 2, 2).iterates == 2
 
 
 def test_a_motion_that_leaves_an_unstable_orbit_is_not_given_its_period() -> None:
@@ -178,7 +178,7 @@ def test_bounces_of_one_chatter_are_not_a_period() -> None:
 def test_sticking_is_labelled_by_its_releases(releases: int, m: int) -> None:
     source = Synthetic(cycle(releases), regular_times(releases, m), release_every=80)
     label = label_orbit(source)
-    assert (label.kind, label.impacts, str(label)) == (OrbitKind.STICKING, None, f"P(inf,{m})")
+    assert (label.kind, label.iterates, str(label)) == (OrbitKind.STICKING, None, f"P(inf,{m})")
 
 
 def test_slowly_settling_sticking_is_labelled_within_the_budget() -> None:
@@ -192,7 +192,7 @@ def test_the_looks_stay_within_the_budget() -> None:
 
 
 def test_the_kept_states_are_always_looked_at() -> None:
-    assert label_orbit(Synthetic(cycle(1)), kept=50, budget=10).impacts == 1
+    assert label_orbit(Synthetic(cycle(1)), kept=50, budget=10).iterates == 1
 
 
 @pytest.mark.parametrize("kept", [1, 2, 3, 17, 1000])
@@ -260,7 +260,7 @@ def test_the_recurrence_found_is_that_of_the_window() -> None:
 
 def test_a_recurrence_above_the_tolerance_tells_of_extrapolation() -> None:
     label = label_orbit(Synthetic(settling(1, 0.9)), kept=85)
-    assert label.impacts == 1
+    assert label.iterates == 1
     assert label.tolerance < label.recurrence < 1e-5
 
 

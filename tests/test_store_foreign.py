@@ -71,7 +71,7 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Archive]:
     dynkit.continue_curve(branch.bifurcations[0], names, bounds=bounds).save(folder / "curve")
     first = dynkit.continue_orbit(FIXED, "rate", bounds=(2.0, 3.3))
     dynkit.explore(
-        Logistic(rate=2.9), "rate", (2.0, 3.3), impacts=1, seeds=[first.orbit(0)], values=2
+        Logistic(rate=2.9), "rate", (2.0, 3.3), iterates=1, seeds=[first.orbit(0)], values=2
     ).save(folder / "network")
     return {kind: store.read(folder / kind) for kind in KINDS}
 

@@ -47,7 +47,7 @@ def explore(
     parameter: str,
     bounds: tuple[float, float],
     *,
-    impacts: int = 2,
+    iterates: int = 2,
     periods: int = 4,
     values: int = 9,
     seeds: Iterable[PeriodicOrbit] | None = None,
@@ -73,7 +73,7 @@ def explore(
         Name of the parameter that changes.
     bounds : (float, float)
         Least and greatest value of the parameter.
-    impacts, periods : int
+    iterates, periods : int
         Largest n and m of orbits P(n,m) that are followed; of a map the largest n of P(n).
     values : int
         At how many values of the parameter, equally spaced within the bounds, there are orbits to
@@ -110,7 +110,7 @@ def explore(
     Examples
     --------
     >>> from dynkit.systems import Logistic
-    >>> network = explore(Logistic(rate=2.9), "rate", (2.8, 3.5), impacts=4, box=[(0.1, 1.0)])
+    >>> network = explore(Logistic(rate=2.9), "rate", (2.8, 3.5), iterates=4, box=[(0.1, 1.0)])
     >>> [round(b.value, 10) for b in network.bifurcations if b.kind == "PD"]
     [3.0, 3.4494897428]
     >>> network.message
@@ -119,7 +119,7 @@ def explore(
     """
     began = time.perf_counter()
     low, high = checked_bounds("bounds", bounds)
-    most = positive_integer("impacts", impacts)
+    most = positive_integer("iterates", iterates)
     longest = positive_integer("periods", periods)
     searching = positive_integer("calls", calls)
     start, what = _starts(
@@ -364,8 +364,8 @@ class _Exploration:
         return partial(_branch_of, orbit, self.parameter, self.bounds, points)
 
     def _follows(self, orbit: PeriodicOrbit) -> bool:
-        (n, m), (impacts, periods) = _length(orbit), self.largest
-        return n <= impacts and m <= periods
+        (n, m), (iterates, periods) = _length(orbit), self.largest
+        return n <= iterates and m <= periods
 
     def _known(self, lead: _Lead) -> int | None:
         """The number of the branch that an orbit lies on, of those that are found."""

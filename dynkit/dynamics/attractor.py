@@ -336,7 +336,7 @@ class MapAttractor(Attractor):
         from dynkit.orbits.newton import NoConvergence
         from dynkit.orbits.periodic_orbit import periodic_orbit
 
-        n = self.label.impacts
+        n = self.label.iterates
         if self.label.kind is not OrbitKind.PERIODIC or n is None:
             raise ValueError(f"attractor must be periodic; got one that is {self.label}")
         rest = max(self.label.simulated - len(self._states), 0)
@@ -420,9 +420,9 @@ class _MapOrbit:
 
     def judged(self, label: OrbitLabel) -> OrbitLabel:
         """Return the label of what was looked at so far, with its multiplier if it is periodic."""
-        if label.impacts is None or self.window is None:
+        if label.iterates is None or self.window is None:
             return label
-        n, system = label.impacts, self.system
+        n, system = label.iterates, self.system
         try:
             found = [
                 product_with_error(*system.jacobian_factors(state))

@@ -30,7 +30,7 @@ def empty_columns(count: int, kind: int) -> dict[str, Any]:
 def put_label(columns: Mapping[str, Any], place: int, label: OrbitLabel) -> None:
     """Write a label into its place of the columns, in place."""
     columns["kind"][place] = KINDS.index(label.kind)
-    columns["numbers"][place] = label.impacts or 0, label.periods or 0, label.simulated
+    columns["numbers"][place] = label.iterates or 0, label.periods or 0, label.simulated
     sizes = label.tolerance, label.recurrence, label.chance
     columns["sizes"][place] = *sizes, label.multiplier, label.multiplier_error
 

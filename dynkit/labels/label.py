@@ -43,11 +43,11 @@ class OrbitLabel:
     Parameters
     ----------
     kind : OrbitKind
-    impacts : int or None
-        n of P(n,m): impacts, or iterates of a map, in one period. None for P(inf,m) and whatever
-        is not periodic.
+    iterates : int or None
+        n of P(n,m): iterates of the map, such as impacts, in one period. None for P(inf,m) and
+        whatever is not periodic.
     periods : int or None
-        m of P(n,m): table periods in one period. None for a map that has no table.
+        m of P(n,m): periods of the forcing in one period. None for a map that has none.
     tolerance : float
         Recurrence that counts as periodic, relative to the largest state of the window.
     recurrence : float
@@ -87,11 +87,11 @@ class OrbitLabel:
     """
 
     _stored: ClassVar = (
-        *("kind", "impacts", "periods", "tolerance", "recurrence", "simulated", "transient_chaos"),
+        *("kind", "iterates", "periods", "tolerance", "recurrence", "simulated", "transient_chaos"),
         *("chance", "multiplier", "multiplier_error", "seconds"),
     )
     kind: OrbitKind
-    impacts: int | None
+    iterates: int | None
     periods: int | None
     tolerance: float
     recurrence: float
@@ -137,7 +137,7 @@ class OrbitLabel:
 
     @cached_property
     def harmonics(self) -> int | None:
-        """Harmonics of 1/m of the table's frequency that hold 99 % of the power, strongest first.
+        """How many harmonics of 1/m of the forcing hold 99 % of the power, strongest first.
 
         Of the contact coordinate of an impact oscillator, on P(n,m) or P(inf,m): the power is its
         mean square about its mean. Counted when first asked for, from samples of one period. None
@@ -153,7 +153,7 @@ class OrbitLabel:
         if self.kind is OrbitKind.STICKING:
             name = f"P(inf,{self.periods})"
         if self.kind is OrbitKind.PERIODIC:
-            numbers = (self.impacts, self.periods)
+            numbers = (self.iterates, self.periods)
             name = f"P({','.join(str(n) for n in numbers if n is not None)})"
         if self.stable is False:
             name += " unstable"
@@ -170,8 +170,9 @@ class Window:
     states : (k, d) array
         Section states, without the phase where times are given.
     times : (k,) array or None
-        When they occur, in table periods, on a clock that runs through all windows of an orbit.
-        None for a map that has no table.
+        When they occur, in periods of the forcing, on a clock that runs through all windows of an
+        orbit.
+        None for a map that has no forcing.
     releases : (j, e) array or None
         States at which the motion left sticking contact, during the window; without the phase.
     release_times : (j,) array or None
@@ -221,8 +222,8 @@ def label_orbit(
     on. In each window:
 
     - P(n,m) is the smallest n such that all states n apart agree within the tolerance throughout
-      the window, at least three periods of it, and are m >= 1 table periods apart. When a multiple
-      of n recurs better by far, and n does not get better (a period doubling smaller than the
+      the window, at least three periods of it, and are m >= 1 periods of the forcing apart. When a
+      multiple of n recurs better by far, and n does not get better (a period doubling smaller than the
       tolerance, down to 1e-10), the multiple is taken. When n is a multiple of a period that the
       orbit may still be settling on, more is looked at.
     - A window with releases from sticking contact is decided on the states at release: P(inf,m).

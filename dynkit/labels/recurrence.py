@@ -34,7 +34,7 @@ class Recurrences:
     ----------
     states : (k, d) array
     times : (k,) array or None
-        When they occur, in table periods.
+        When they occur, in periods of the forcing.
     difference : callable
         a - b of states (..., d).
     """
@@ -58,7 +58,7 @@ class Recurrences:
         elapsed = self.times[later] - self.times[earlier]
         whole = np.rint(elapsed)
         distance = np.hypot(distance, elapsed - whole)
-        # the bounces of a chatter sequence are alike, but no table period passes between them
+        # the bounces of a chatter are alike, but no period of the forcing passes between them
         distance[whole == 0.0] = np.inf
         return distance
 
@@ -68,7 +68,7 @@ class Recurrences:
         return self.distances(slice(-1, None), slice(None, -1))[::-1]
 
     def periods(self, n: int) -> int | None:
-        """Table periods in the last n states; None where no table is."""
+        """Periods of the forcing in the last n states; None where there is none."""
         return None if self.times is None else round(self.times[-1] - self.times[-1 - n])
 
     def spread(self, n: int) -> float:

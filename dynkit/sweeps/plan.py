@@ -111,7 +111,7 @@ class Plan:
         """Runs, one of transient and keep each, in which a disturbance grows to one."""
         if label.stable is None:
             return 0
-        states = (label.impacts or 1) * -math.log(size) / math.log(label.multiplier)
+        states = (label.iterates or 1) * -math.log(size) / math.log(label.multiplier)
         return min(math.ceil(states / (self.transient + self.keep)), _MOST_RUNS)
 
 

@@ -171,7 +171,7 @@ class ImpactAttractor(Attractor):
         from dynkit.systems.impact.orbits.responses import free_motion
         from dynkit.systems.impact.sticking.finding import sticking_orbit_of
 
-        n, m = self.label.impacts, self.label.periods
+        n, m = self.label.iterates, self.label.periods
         if m is None:
             raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
         if n is None:
@@ -278,7 +278,7 @@ class _ImpactOrbit:
 
     def _a_period_apart(self, label: OrbitLabel) -> list[int] | None:
         """Three impacts of the last window, a period apart; None where it has no such."""
-        record, n = self.record, label.impacts
+        record, n = self.record, label.iterates
         if n is not None:
             k = len(record) - 1
             return [k - 2 * n, k - n, k]

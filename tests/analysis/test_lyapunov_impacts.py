@@ -37,7 +37,7 @@ def test_exponents_of_several_impacts_are_means(frequency: float, n: int) -> Non
     attractor = chain(frequency, 3000)
     spectrum = LyapunovSpectrum(attractor, 20_000)
     multipliers = attractor.periodic_orbit().multipliers  # type: ignore[attr-defined]
-    assert attractor.label.impacts == n
+    assert attractor.label.iterates == n
     gap = abs(spectrum.exponents - np.log(abs(multipliers)) / n)
     assert gap.max() < 1e-8
 

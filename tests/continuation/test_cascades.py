@@ -102,7 +102,7 @@ def test_an_exploration_follows_the_cascade_of_a_random_hump(number: int) -> Non
     system, bounds = random_hump(100 + number), (2.0, 4.2)
     expected = [doubling.value for _, doubling in cascade(system, [0.5], "p", bounds, 4)]
     seeds = [periodic_orbit(system, [0.5])]
-    network = explore(system, "p", bounds, impacts=8, seeds=seeds)
+    network = explore(system, "p", bounds, iterates=8, seeds=seeds)
     found = []
     for k in range(4):
         (branch,) = network.find(f"P({2**k})")

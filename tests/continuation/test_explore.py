@@ -40,7 +40,7 @@ def agree(found: list[float], exact: list[float], within: float) -> bool:
 
 @pytest.fixture(scope="module")
 def logistic() -> Network:
-    return explore(Logistic(rate=2.9), "rate", LOGISTIC, impacts=8, box=BOX, values=4)
+    return explore(Logistic(rate=2.9), "rate", LOGISTIC, iterates=8, box=BOX, values=4)
 
 
 # --- the logistic map -----------------------------------------------------------------------------
@@ -95,7 +95,7 @@ def test_a_network_says_what_was_searched_and_never_that_all_was_found(logistic:
 
 def test_a_search_that_runs_out_of_calls_is_no_claim() -> None:
     network = explore(
-        Logistic(rate=4.0), "rate", (3.9, 4.0), impacts=7, box=BOX, values=1, calls=4_400
+        Logistic(rate=4.0), "rate", (3.9, 4.0), iterates=7, box=BOX, values=1, calls=4_400
     )
     assert "resolved up to P(" in network.message
     assert "resolved up to P(7) at 3 of them" not in network.message
@@ -111,7 +111,7 @@ def necklaces(period: int) -> int:
 
 def test_all_orbits_of_the_logistic_map_at_four_are_reached() -> None:
     # conjugate to the tent map: x = sin^2(pi k / (2^n - 1)) and sin^2(pi k / (2^n + 1))
-    network = explore(Logistic(rate=3.9), "rate", (3.5, 4.0), impacts=6, box=BOX, values=1)
+    network = explore(Logistic(rate=3.9), "rate", (3.5, 4.0), iterates=6, box=BOX, values=1)
     counts = Counter(orbit.label for orbit in network.orbits(4.0))
     assert counts == {f"P({n})": necklaces(n) for n in range(1, 7)}
 
@@ -149,7 +149,7 @@ def test_every_point_lies_on_its_own_branch(logistic: Network) -> None:
 def test_the_same_arguments_give_the_same_network() -> None:
     """Whatever the value of the parameter that changes."""
     first, again = (
-        explore(Logistic(rate=rate), "rate", LOGISTIC, impacts=4, box=BOX, values=1)
+        explore(Logistic(rate=rate), "rate", LOGISTIC, iterates=4, box=BOX, values=1)
         for rate in (2.9, 3.3)
     )
     assert len(first) >= 5
@@ -166,7 +166,7 @@ def test_the_network_takes_one_line(logistic: Network) -> None:
 
 def test_henon_is_explored_in_the_same_way() -> None:
     box = [(-2.0, 2.0), (-1.0, 1.0)]
-    network = explore(Henon(a=0.5, b=0.3), "a", (-0.2, 1.0), impacts=4, box=box, values=1)
+    network = explore(Henon(a=0.5, b=0.3), "a", (-0.2, 1.0), iterates=4, box=box, values=1)
     # the fixed points fold at -(1 - b)^2 / 4 and double at 3 (1 - b)^2 / 4
     assert agree(values(network, "SN", "P(1)"), [-0.1225], TEN_DIGITS)
     assert agree(values(network, "PD", "P(1)"), [0.3675], TEN_DIGITS)
@@ -178,7 +178,7 @@ def test_henon_is_explored_in_the_same_way() -> None:
 
 def test_a_budget_of_branches_is_kept() -> None:
     network = explore(
-        Logistic(rate=2.9), "rate", LOGISTIC, impacts=8, box=BOX, values=4, branches=3
+        Logistic(rate=2.9), "rate", LOGISTIC, iterates=8, box=BOX, values=4, branches=3
     )
     assert len(network) == 3
     assert network.finish is Finish.BUDGET
@@ -227,7 +227,7 @@ def test_nothing_is_lost_when_it_is_ended(
         return continue_orbit(*arguments, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(exploring, "continue_orbit", ended)
-    network = explore(Logistic(rate=2.9), "rate", LOGISTIC, impacts=4, box=BOX, values=2)
+    network = explore(Logistic(rate=2.9), "rate", LOGISTIC, iterates=4, box=BOX, values=2)
     assert network.finish is finish
     assert len(network) == 2
     assert str(raised) in network.message
@@ -297,7 +297,7 @@ def folds(system: ImpactChain, periods: int, brackets: list[tuple[float, float]]
 
 @pytest.fixture(scope="module")
 def isolated() -> Network:
-    return explore(RESTING, "frequency", (1.0, 6.0), impacts=1, periods=3, values=40)
+    return explore(RESTING, "frequency", (1.0, 6.0), iterates=1, periods=3, values=40)
 
 
 def test_isolated_branches_are_found_with_both_their_folds(isolated: Network) -> None:

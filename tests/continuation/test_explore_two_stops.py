@@ -21,7 +21,7 @@ SYSTEM = PlayOscillator(
 
 @pytest.fixture(scope="module")
 def network() -> Network:
-    found = explore(SYSTEM, "frequency", (0.8, 1.6), impacts=2, periods=1, values=3)
+    found = explore(SYSTEM, "frequency", (0.8, 1.6), iterates=2, periods=1, values=3)
     assert found.finish is Finish.COMPLETE
     return found
 

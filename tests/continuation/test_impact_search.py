@@ -96,7 +96,7 @@ def test_orbits_of_one_mass_satisfy_the_reference_map() -> None:
 
 def test_an_exploration_reaches_every_orbit_that_brute_force_finds() -> None:
     network = explore(
-        CHAOTIC, "frequency", (2.7995, 2.8005), impacts=3, periods=PERIODS, values=1, branches=30
+        CHAOTIC, "frequency", (2.7995, 2.8005), iterates=3, periods=PERIODS, values=1, branches=30
     )
     orbits = [orbit for orbit in network.orbits(2.8) if isinstance(orbit, ImpactOrbit)]
     known = by_brute_force(CHAOTIC)

@@ -65,7 +65,7 @@ def results() -> dict[str, Any]:
         "Branch": branch,
         "BifurcationCurve": dynkit.continue_curve(doubling, ("a", "b"), bounds=bounds, points=5),
         "Network": dynkit.explore(
-            Logistic(rate=2.9), "rate", (2.5, 3.4), impacts=1, seeds=[branch.orbit(0)], values=2
+            Logistic(rate=2.9), "rate", (2.5, 3.4), iterates=1, seeds=[branch.orbit(0)], values=2
         ),
         "Sweep": sweep,
         "ParameterMap": dynkit.parameter_map(Henon(), plane, start=[0.1, 0.1], progress=False),

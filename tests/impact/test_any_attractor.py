@@ -75,7 +75,7 @@ def orbit_of(begin: Begin) -> ImpactOrbit:
     """The periodic orbit that a motion settles on."""
     attractor = begin.system.attractor(transient=400, impacts=30, start=begin.state)
     assume(len(attractor.record) == 30)
-    n = attractor.label.impacts
+    n = attractor.label.iterates
     assume(n is not None)
     assert n is not None
     assume(n <= 4)

@@ -111,7 +111,7 @@ def test_another_motion_at_0_87_recurs_to_50_digits() -> None:
 def test_sticking_motions_count_table_periods_and_no_impacts() -> None:
     label = ImpactChain(frequency=0.408).attractor().label
     assert label.kind is OrbitKind.STICKING
-    assert label.impacts is None
+    assert label.iterates is None
     assert label.periods == 2
 
 

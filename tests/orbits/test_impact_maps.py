@@ -99,7 +99,7 @@ def test_orbits_of_one_mass(frequency: float, periods: int) -> None:
 def test_what_a_chain_settles_on_is_found(frequency: float, label: str) -> None:
     chain = ImpactChain(frequency=frequency)
     attractor = chain.attractor(transient=3000, impacts=60)
-    n = attractor.label.impacts
+    n = attractor.label.iterates
     assert n is not None
     orbit = periodic_orbit(chain, attractor.states[-n:])
     assert orbit.label == label

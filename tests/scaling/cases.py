@@ -66,7 +66,7 @@ def bits(found: Sweep | ParameterMap | Basins | Network) -> str:
         parts += [found.observable(name) for name in found.observables]
         parts += [found.counts, found.endings, found.cost.counts]
     elif isinstance(found, ParameterMap):
-        parts += [found.names, found.impacts, found.periods, found.error, found.endings]
+        parts += [found.names, found.iterates, found.periods, found.error, found.endings]
         parts += [*map(found.largest, found.observables), found.cost.counts]
     elif isinstance(found, Basins):
         parts += [found.numbers, found.error, found.cost.counts]

@@ -24,7 +24,7 @@ def all_bits(executor: Executor | None) -> list[str]:
         parameter_map(CHAIN, values, **brief),
         basins(CHAIN, starts, **brief),
         explore(
-            CHAIN, "frequency", (0.88, 0.92), impacts=1, periods=2, values=1, executor=executor
+            CHAIN, "frequency", (0.88, 0.92), iterates=1, periods=2, values=1, executor=executor
         ),
     )
     return [bits(each) for each in found]

@@ -36,7 +36,7 @@ def test_arrays_tell_what_labels_tell(chain_map: ParameterMap) -> None:
     for i, j in np.ndindex(3, 2):
         label = chain_map.label(i, j)
         assert chain_map.names[i, j] == str(label)
-        assert chain_map.impacts[i, j] == (label.impacts or 0)
+        assert chain_map.iterates[i, j] == (label.iterates or 0)
         assert chain_map.periods[i, j] == (label.periods or 0)
         assert [kind for kind in OrbitKind if chain_map.where(kind)[i, j]] == [label.kind]
 

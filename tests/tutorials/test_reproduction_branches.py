@@ -43,7 +43,7 @@ def settled(sweep: Sweep, place: int) -> ImpactAttractor:
 
 def motions(sweep: Sweep) -> list[int]:
     labels = [sweep.label(place) for place in range(len(sweep))]
-    return [i for i, label in enumerate(labels) if label.impacts in (1, 2) and label.periods == 3]
+    return [i for i, label in enumerate(labels) if label.iterates in (1, 2) and label.periods == 3]
 
 
 def test_settled_motions_of_the_sweep_lie_on_stable_branches(

@@ -109,7 +109,7 @@ def test_motions_beyond_the_ends_do_not_stick(branch: Ridge) -> None:
     for motion in branch.beside:
         assert not low <= motion.frequency <= high
         assert motion.contacts == 0
-        assert motion.label.impacts is not None
+        assert motion.label.iterates is not None
 
 
 def test_largest_energy_is_where_orbits_say_within_its_error(branch: Ridge) -> None:

@@ -138,7 +138,7 @@ def test_periodic_motion_has_a_point_in_the_section_for_each_impact(
     workshop: Workshop, place: tuple[float, float]
 ) -> None:
     motion = settled(workshop, place)
-    assert motion.dimension.points == motion.label.impacts
+    assert motion.dimension.points == motion.label.iterates
 
 
 @pytest.mark.parametrize("place", PERIODIC)
@@ -146,9 +146,9 @@ def test_exponents_of_a_periodic_motion_are_those_of_its_multipliers(
     workshop: Workshop, place: tuple[float, float]
 ) -> None:
     motion = settled(workshop, place)
-    assert motion.label.impacts is not None
+    assert motion.label.iterates is not None
     largest = abs(motion.attractor.periodic_orbit().multipliers).max()
-    expected = np.log(largest) / motion.label.impacts
+    expected = np.log(largest) / motion.label.iterates
     # besides its error, the accuracy of the multipliers
     allowed = motion.spectrum.error[0] + 1e-9
     assert abs(motion.spectrum.exponents[0] - expected) < allowed

@@ -69,17 +69,17 @@ def network_of(chain: ImpactChain, bounds: tuple[float, float], sweep: Sweep) ->
         for orbit in chain.replace(frequency=frequency).periodic_orbits(periods=m)
     ]
     for place in _places(sweep):
-        if sweep.label(place).impacts == IMPACTS:
+        if sweep.label(place).iterates == IMPACTS:
             attractor: Any = sweep.attractor(place)
             seeds.append(attractor.periodic_orbit())
-    return explore(chain, "frequency", bounds, impacts=IMPACTS, periods=PERIODS, seeds=seeds)
+    return explore(chain, "frequency", bounds, iterates=IMPACTS, periods=PERIODS, seeds=seeds)
 
 
 def _places(sweep: Sweep) -> Iterator[int]:
     """Places of the sweep where it is at orbits as small as the branches'."""
     for place in range(0, len(sweep), _EVERY):
         label = sweep.label(place)
-        if label.impacts in range(1, IMPACTS + 1) and label.periods in range(1, PERIODS + 1):
+        if label.iterates in range(1, IMPACTS + 1) and label.periods in range(1, PERIODS + 1):
             yield place
 
 
@@ -114,7 +114,7 @@ def compare(network: Network, sweep: Sweep) -> list[Compared]:
         frequency = float(sweep.values[place])
         attractor: Any = sweep.attractor(place)
         settled = attractor.system.attractor(
-            transient=_LONGER, impacts=label.impacts, start=attractor.final
+            transient=_LONGER, impacts=label.iterates, start=attractor.final
         )
         expected = np.sort(settled.record.relative_velocity)
         nearest, stable = np.inf, False

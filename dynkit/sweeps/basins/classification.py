@@ -183,7 +183,7 @@ def _farthest(states: Array) -> Array:
 
 def orbit_size(label: OrbitLabel) -> int:
     """How many states in a row hold all states of a periodic orbit."""
-    return label.impacts or label.simulated
+    return label.iterates or label.simulated
 
 
 def look_at(system: Map, rows: Array, transient: int, keep: int) -> Look:

@@ -153,7 +153,7 @@ class ParameterMap(Result):
         return np.asarray(self._rows.arrays[name]).reshape(*self._shape, -1)
 
     @property
-    def impacts(self) -> NDArray[np.int64]:
+    def iterates(self) -> NDArray[np.int64]:
         """The n of P(n,m), or of a map's P(n), (k1, k2); 0 where it has none."""
         return self._grid("numbers")[..., 0]
 
@@ -325,7 +325,7 @@ class ParameterMap(Result):
             {name: (name, values) for name, values in self.values.items()},
             {
                 "label": (over, self.names),
-                "impacts": (over, self.impacts),
+                "iterates": (over, self.iterates),
                 "periods": (over, self.periods),
                 "ending": (over, self.endings),
                 "error": (over, self.error),

@@ -112,7 +112,7 @@ def settled_motion(chain: ImpactChain) -> Motion:
     count = _POINTS
     if label.periods is not None:
         # whole periods: then time averages are exact
-        period = label.impacts or 1
+        period = label.iterates or 1
         count = period * (_PERIODIC // period)
     attractor = chain.attractor(transient=VERY_LONG, impacts=count)
     iterations = _ITERATES_PERIODIC if label.periods is not None else _ITERATES

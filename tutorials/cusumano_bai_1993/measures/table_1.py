@@ -211,7 +211,7 @@ def apart(lines: Sequence[Line]) -> list[str]:
                 f"{at}: N is {line.modes}, not {row.modes}; {row.modes} modes hold {held:.2f} % "
                 f"± {100.0 * pod.cumulative_errors[row.modes - 1]:.1g} %."
             )
-        if row.dimension is not None and found.label.impacts is None:
+        if row.dimension is not None and found.label.iterates is None:
             parts += _dimension_apart(line, at)
     return parts
 
@@ -256,7 +256,7 @@ def _findings(lines: Sequence[Line]) -> list[Finding]:
     ]
     for line in held:
         row, motion = line.row, line.motion
-        if row.orbit == "chaotic" or motion.label.impacts is None:
+        if row.orbit == "chaotic" or motion.label.iterates is None:
             damping = "" if row.damping == paper.DAMPING else f", damping {row.damping:g}"
             known = motion.dimension.bounds is not None
             findings.append(

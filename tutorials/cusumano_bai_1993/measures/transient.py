@@ -65,8 +65,8 @@ def _long_run(chain: ImpactChain, start: ImpactState) -> LongRun:
     record = chain.simulate(impacts=VERY_LONG, start=chain.impact_state(state))
     label = chain.attractor(transient=0, start=record.final).label
     settled, chaotic = None, len(record)
-    if label.impacts is not None:
-        settled = impacts_until_settled(record, label.impacts)
-        caught = impacts_until_settled(record, label.impacts, within=_CAUGHT)
+    if label.iterates is not None:
+        settled = impacts_until_settled(record, label.iterates)
+        caught = impacts_until_settled(record, label.iterates, within=_CAUGHT)
         chaotic = len(record) if caught is None else caught
     return LongRun(state, label, settled, chaotic, record.states[:chaotic].copy())

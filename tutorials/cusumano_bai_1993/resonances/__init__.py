@@ -155,7 +155,7 @@ def about_beside(beside: Sequence[Sequence[Beside]]) -> str:
     if sticking:
         return f"{sticking} of {len(motions)} stick."
     sides = [side for each in beside for side in (each[: len(each) // 2], each[len(each) // 2 :])]
-    impacts = [[motion.label.impacts or 0 for motion in side] for side in sides]
+    impacts = [[motion.label.iterates or 0 for motion in side] for side in sides]
     fewer = all(side[-1] > 0 and side == sorted(side, reverse=True) for side in impacts)
     return sentences(
         "none sticks. The chatter does not complete any more.",
