@@ -16,10 +16,9 @@ os.environ["MPLBACKEND"] = "Agg"
 register_profiles()
 
 APART = (
-    "tests/test_reference",
+    "tests/reference/",
     "tests/flows/",
     "tests/structure/",
-    "tests/test_tutorials",
     "tests/tutorials/",
 )
 """Without the kernels of impacts, and then long."""

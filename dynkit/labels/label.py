@@ -223,9 +223,9 @@ def label_orbit(
 
     - P(n,m) is the smallest n such that all states n apart agree within the tolerance throughout
       the window, at least three periods of it, and are m >= 1 periods of the forcing apart. When a
-      multiple of n recurs better by far, and n does not get better (a period doubling smaller than the
-      tolerance, down to 1e-10), the multiple is taken. When n is a multiple of a period that the
-      orbit may still be settling on, more is looked at.
+      multiple of n recurs better by far, and n does not get better (a period doubling smaller than
+      the tolerance, down to 1e-10), the multiple is taken. When n is a multiple of a period that
+      the orbit may still be settling on, more is looked at.
     - A window with releases from sticking contact is decided on the states at release: P(inf,m).
       Contact forgets: doubles that are released twice alike repeat themselves to the last digit,
       also where chaos lies between, and which contact ends it is a matter of rounding. So the error

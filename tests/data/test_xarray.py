@@ -15,7 +15,7 @@ import dynkit
 from dynkit import Branch, basins, sweep
 from dynkit.data.dataset import Dataset, Variables
 from dynkit.systems import BouncingBall, ImpactChain, Logistic
-from tests.test_costs_and_errors import RESULTS
+from tests.project.test_costs_and_errors import RESULTS
 
 CHAIN = ImpactChain(masses=2, frequency=0.9)
 

@@ -24,7 +24,7 @@ from matplotlib.backend_bases import FigureCanvasBase
 from dynkit.cli import COMMANDS, main
 from tests.pictures import describe_pictures, described
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 HOW_TO = "docs/how-to/"
 
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")

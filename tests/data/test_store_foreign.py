@@ -1,6 +1,6 @@
 """Files that are no stores, are damaged, or were made by hand: refused by name, whoever reads them.
 
-Each byte and each length of one store are tried in tests/test_store.py; here are all readers.
+Each byte and each length of one store are tried in tests/data/test_store.py; here are all readers.
 """
 
 import json

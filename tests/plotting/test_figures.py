@@ -118,7 +118,7 @@ def called_at_import(code: str) -> set[str]:
 def test_no_colour_is_chosen_before_a_figure_is_drawn() -> None:
     assert called_at_import("REGION = [ink(0.5)]") == {"ink"}
     assert called_at_import("def draw():\n    return ink(0.5)") == set()
-    root = Path(figures.__file__).parents[1]
+    root = Path(__file__).parents[2]
     for folder in ("dynkit", "systems", "analysis", "tutorials"):
         for path in (root / folder).rglob("*.py"):
             frozen = called_at_import(path.read_text(encoding="utf-8")) & {"ink", "circles"}

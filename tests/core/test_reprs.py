@@ -23,7 +23,7 @@ from dynkit.systems import (
     MatrixOscillator,
 )
 from dynkit.systems.structure.chain import Chain
-from tests.test_costs_and_errors import RESULTS
+from tests.project.test_costs_and_errors import RESULTS
 
 EYE = np.eye(6)
 

@@ -12,7 +12,7 @@ import pytest
 
 from dynkit.cli import branch, simulate, sweep, work_precision
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 # Names that make code, or objects of any class, of text or bytes.
 MODULES = {

@@ -15,7 +15,7 @@ from dynkit import sweep
 from tests.confined import RATES
 from tests.example_systems import Logistic
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PLAIN = ["sweep.h5", "branch.h5", "curve.h5", "table.csv", "arrays.npz", "arrays.h5"]
 COMMAND = ["command.csv", "command.h5"]
 FILES = [*PLAIN, "picture.png", "picture.svg", "figure.png", "report.md", *COMMAND]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SOURCES = {
     "dynkit": ROOT / "dynkit",
     "dynkit/systems": ROOT / "systems",

@@ -16,7 +16,7 @@ from dynkit.core.reprs import table
 from dynkit.systems import ImpactChain, Logistic, Lorenz
 from dynkit.systems.impact import record as records
 from dynkit.systems.structure.lagrangian import LagrangianStructure
-from tests.test_costs_and_errors import RESULTS
+from tests.project.test_costs_and_errors import RESULTS
 
 SHOWN: dict[str, Callable[[], Any]] = {
     name: RESULTS[name]
