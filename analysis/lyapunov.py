@@ -234,7 +234,7 @@ class LyapunovSpectrum(Saved):
     @cached_property
     def _per_time(self) -> tuple[Array, Array]:
         if self._run[2] is None:
-            raise ValueError(f"system must have return times; got a {self._name}")
+            raise ValueError(f"system must have return times; got {self._name}")
         if self._is_flow:
             return self._exponents
         (duration,), _ = self._estimate(lambda _, duration: duration)

@@ -159,7 +159,7 @@ class PowerSpectrum(Saved):
 
     def __repr__(self) -> str:
         samples = f"{self._count} samples {self.interval:.6g} apart in {self.segments} segments"
-        known = "_estimate" in vars(self)
+        known = {"_samples", "change"} & vars(self).keys()
         doubt = f"; {self.change}" if known and self.change is not None else ""
         return f"<PowerSpectrum: {samples}, resolution {self.resolution:.3g}{doubt}>"
 

@@ -256,7 +256,7 @@ def test_a_network_is_read_without_orbits(logistic: Network, tmp_path: Path) -> 
 
 def test_another_store_is_refused(logistic: Network, tmp_path: Path) -> None:
     logistic.branches[0].save(tmp_path / "branch.h5")
-    with pytest.raises(ValueError, match="store must hold a network of branches; got"):
+    with pytest.raises(ValueError, match="store must hold a Network; got"):
         Network.load(tmp_path / "branch.h5")
 
 
@@ -376,7 +376,7 @@ def test_grazing_leads_to_orbits_of_one_impact_more(chain: Network) -> None:
     [
         ({"parameter": "r"}, "parameter must be one of: rate; got 'r'"),
         ({"bounds": (3.0, 2.0)}, "bounds must be .low, high. with low < high; got .3.0, 2.0."),
-        ({"impacts": 0}, "impacts must be a positive integer; got 0"),
+        ({"iterates": 0}, "iterates must be a positive integer; got 0"),
         ({"values": 0}, "values must be a positive integer; got 0"),
         ({"branches": 0}, "branches must be a positive integer; got 0"),
         ({"points": -1}, "points must be a positive integer; got -1"),

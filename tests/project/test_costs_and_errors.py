@@ -51,6 +51,7 @@ STATE = "one state of a system, as wrong as its `accuracy`; to simulate from"
 
 NO_RESULTS = {
     "BouncingBall": SYSTEM,
+    "Dataset": "arrays of a result, which carries its cost and error among the attributes",
     "Duffing": SYSTEM,
     "ExponentialSum": SYSTEM,
     "Flow": SYSTEM,
@@ -64,6 +65,7 @@ NO_RESULTS = {
     "Lorenz": SYSTEM,
     "Map": SYSTEM,
     "MatrixOscillator": SYSTEM,
+    "SmoothMap": SYSTEM,
     "PlayOscillator": SYSTEM,
     "PoincareMap": SYSTEM,
     "Rossler": SYSTEM,

@@ -263,7 +263,7 @@ CASES: list[tuple[str, Callable[[], Any], str]] = [
     (
         "a class with orbits",
         lambda: periodic_orbit(Logistic, [0.3]),  # type: ignore[arg-type]
-        "system must be a Map; got <class ",
+        "system must be an instance, such as Logistic(...); got the class Logistic",
     ),
     (
         "a class with an attractor",

@@ -120,7 +120,7 @@ def test_chaos_ends_only_where_runs_settle() -> None:
 def line(row: paper.Row, name: str, modes: int, *, ends: bool = False) -> Any:
     motion = SimpleNamespace(
         name=name,
-        label=SimpleNamespace(impacts=None if name.startswith("chaotic") else 5),
+        label=SimpleNamespace(iterates=None if name.startswith("chaotic") else 5),
         pod=SimpleNamespace(cumulative=np.full(10, 0.9), cumulative_errors=np.full(10, 1e-3)),
     )
     return SimpleNamespace(row=row, motion=motion, modes=modes, ends=ends)
@@ -204,7 +204,7 @@ def test_kinds_of_labels_decide_whether_chaos_is_chaos() -> None:
 
 def beside(*impacts: int | None, contacts: int = 0) -> Any:
     return [
-        SimpleNamespace(contacts=contacts, label=SimpleNamespace(impacts=each)) for each in impacts
+        SimpleNamespace(contacts=contacts, label=SimpleNamespace(iterates=each)) for each in impacts
     ]
 
 
