@@ -55,7 +55,7 @@ def attracted(executor: Executor | None = None, **more: Any) -> Basins:
 
 def explored(executor: Executor | None = None, **more: Any) -> Network:
     """The logistic map through a period doubling."""
-    arguments: dict[str, Any] = {"impacts": 2, "values": 2, "box": [(0.1, 1.0)], **more}
+    arguments: dict[str, Any] = {"iterates": 2, "values": 2, "box": [(0.1, 1.0)], **more}
     return explore(Logistic(rate=2.9), "rate", (2.8, 3.3), executor=executor, **arguments)
 
 

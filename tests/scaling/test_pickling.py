@@ -80,7 +80,7 @@ def map_results() -> list[Any]:
     attractor = MapAttractor(Logistic(rate=3.2), np.array([0.3]), 50, 20)
     _ = attractor.label, attractor.error
     orbit = periodic_orbit(Logistic(rate=3.2), [0.5], period=2)
-    return [attractor, attractor.label, orbit, *explored(values=1, impacts=2).bifurcations]
+    return [attractor, attractor.label, orbit, *explored(values=1, iterates=2).bifurcations]
 
 
 @pytest.mark.parametrize("make", [impact_results, map_results])

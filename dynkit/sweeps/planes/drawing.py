@@ -52,7 +52,7 @@ def draw_map(
 
 
 def _numbers(name: str) -> tuple[list[int], int, str]:
-    """Order of labels: by table periods, then by impacts; the unstable orbit after the stable."""
+    """Order of labels: periods of the forcing, iterates; the unstable after the stable orbit."""
     numbers, _, stability = name.removeprefix("P(").partition(")")
-    impacts, *periods = (int(part) for part in numbers.split(","))
-    return periods, impacts, stability
+    iterates, *periods = (int(part) for part in numbers.split(","))
+    return periods, iterates, stability

@@ -51,7 +51,7 @@ class ParameterMap(Result):
     ... )
     >>> found
     <ParameterMap: 2 x 1 values of frequency and amplitude; P(1,3) 2>
-    >>> found.impacts[0, 0].item(), found.periods[0, 0].item()
+    >>> found.iterates[0, 0].item(), found.periods[0, 0].item()
     (1, 3)
     >>> str(found.attractor(0, 0).label)
     'P(1,3)'
