@@ -263,7 +263,11 @@ def test_a_chatter_is_no_list_of_bounces() -> None:
 
 def test_a_motion_that_begins_in_a_chatter_invents_nothing() -> None:
     chain = ImpactChain(masses=2, frequency=0.408, restitution=0.3)
-    own = reference_impacts(chain, chain.attractor().final, 20, 1e-3)
+    record = chain.attractor().record
+    weak = (record.relative_velocity > 1e-4) & (record.relative_velocity < 1e-3)
+    first = int(np.flatnonzero(weak)[0])  # a bounce in a chatter, the same on any processor
+    state = chain.state(record.position[first], record.velocity[first], record.phase[first])
+    own = reference_impacts(chain, state, 20, 1e-3)
     assert own.chatters[0, 0] == 0.0
     (one,) = WorkPrecision({"own": own}, [SolveIVP("DOP853", (1e-9,))])
     assert (one.missed, one.invented) == (0, 0)
