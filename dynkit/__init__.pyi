@@ -19,9 +19,10 @@ from .core.no_motion import (
     TangentCrossing as TangentCrossing,
 )
 from .data.dataset import Dataset as Dataset
-from .dynamics.attractor import Attractor as Attractor, MapAttractor as MapAttractor
+from .dynamics.attractor import Attractor as Attractor
 from .dynamics.flow import Flow as Flow
 from .dynamics.map import Map as Map
+from .dynamics.map_attractor import MapAttractor as MapAttractor
 from .dynamics.poincare_map import PoincareMap as PoincareMap
 from .dynamics.section import (
     Hyperplane as Hyperplane,

@@ -55,7 +55,8 @@ def run(asked: Asked) -> None:
             for name in data.variables
             if name in names or name.startswith("contact")
         }
-        chosen = Dataset(data.coordinates, kept, data.attributes)
+        facts = {**data.attributes, "transient": float(found.transient)}
+        chosen = Dataset(data.coordinates, kept, facts)
         write(file, partial(plotted, found), chosen)
     shown = {
         "label": f"{found.label} (from {found.label.simulated} impacts)",

@@ -7,6 +7,7 @@ import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -160,7 +161,7 @@ class Dataset:
         ValueError
             When the file has another ending, or cannot be written.
         """
-        ending = os.path.splitext(os.fspath(path))[1]  # noqa: PTH122 (as bytes, too)
+        ending = Path(os.fsdecode(path)).suffix
         if ending not in ENDINGS:
             raise ValueError(f"path must end in {', '.join(ENDINGS)}; got {os.fspath(path)!r}")
         with whole("path", path) as stream:
@@ -173,7 +174,7 @@ class Dataset:
         # in memory: HDF5 locks and seeks in what it writes to, and says little when a disk is full
         buffer = io.BytesIO()
         if ending == ".npz":
-            everything: dict[str, Any] = {**self.arrays(), **self.attributes}
+            everything: dict[str, Any] = {**self.attributes, **self.arrays()}
             np.savez_compressed(buffer, **everything)
             return buffer.getbuffer()
         import h5py
@@ -187,8 +188,9 @@ class Dataset:
 
 def _real(variables: Variables) -> dict[str, tuple[tuple[str, ...], Any]]:
     """Arrays without complex numbers, and without those that hold nothing at each place."""
-    found = {}
-    for name, (dimensions, array) in variables.items():
+    found: dict[str, tuple[tuple[str, ...], Any]] = {}
+    for name, (names, array) in variables.items():
+        dimensions = tuple(names)
         if 0 in array.shape[1:]:  # which netCDF does not hold either
             continue
         if np.iscomplexobj(array):
@@ -196,7 +198,7 @@ def _real(variables: Variables) -> dict[str, tuple[tuple[str, ...], Any]]:
             found[f"{name}_imaginary"] = dimensions, array.imag.copy()
         else:
             found[name] = dimensions, array.copy()  # a user may write to it
-    return found  # type: ignore[return-value]
+    return found
 
 
 def known_error(result: object, dimensions: str) -> Variables:

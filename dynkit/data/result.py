@@ -97,21 +97,15 @@ _Saved = TypeVar("_Saved", bound=Saved)
 
 def write_result(path: str | os.PathLike[str], result: Saved, entries: Mapping[str, str]) -> None:
     """Write a result, and more entries, to a store; ValueError where it cannot be written."""
-    file = store.place(path)
-    archive = archived(result, entries)
+    file, arrays = store.place(path), dict[str, Any]()
+    tree = json.dumps(encoded("", result, arrays))
+    arrays["json"] = np.frombuffer(tree.encode(), dtype=np.uint8)
+    kind = {"kind": type(result).__name__, "dynkit": __version__}
     with store.locked(file):
         try:
-            store.write(file, archive)
+            store.write(file, store.Archive({**kind, **entries}, arrays))
         except OSError as failure:
             raise ValueError(reason(failure)) from failure
-
-
-def archived(result: Saved, entries: Mapping[str, str]) -> store.Archive:
-    """Return a result, and more entries, as an archive."""
-    arrays: dict[str, Any] = {}
-    tree = encoded("", result, arrays)
-    arrays["json"] = np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
-    return store.Archive({"kind": type(result).__name__, "dynkit": __version__, **entries}, arrays)
 
 
 def read_result(
@@ -126,14 +120,9 @@ def read_result(
     """
     file = store.place(path)
     archive = store.read(file)
-    return restored(file, archive, kind), file, archive
-
-
-def restored(file: Path, archive: store.Archive, kind: type[_Saved]) -> _Saved:
-    """Return the result of an archive; ValueError where something is missing or does not fit."""
     if archive.entries.get("kind") != kind.__name__:
         raise ValueError(f"store must hold a {kind.__name__}; got {file}")
     with store.understood(file, kind.__name__):
         tree = json.loads(archive.arrays["json"].tobytes())
         found: _Saved = decoded(kind, "", tree, archive.arrays)
-    return found
+    return found, file, archive

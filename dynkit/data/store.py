@@ -9,7 +9,7 @@ any of it is interpreted.
 import hashlib
 import io
 import os
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from enum import Enum
@@ -229,12 +229,25 @@ def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> No
         Naming the first thing that differs.
     """
     asked = identity_of(system)
-    made = {key: text for key, text in archive.entries.items() if key.startswith("system.")}
-    for key in sorted(made.keys() | asked.keys()):
-        was, now = made.get(key, "none"), asked.get(key, "none")
+    made = [key for key in archive.entries if key.startswith("system.")]
+    refuse_other_entries(path, archive, asked, sorted({*made, *asked}))
+
+
+def refuse_other_entries(
+    path: Path, archive: Archive, asked: Mapping[str, str], names: Iterable[str]
+) -> None:
+    """Refuse an archive whose entries of some names are not those asked for.
+
+    Raises
+    ------
+    ValueError
+        Naming the first that differs.
+    """
+    for name in names:
+        was, now = archive.entries.get(name, "none"), asked.get(name, "none")
         if not same(was, now):
-            name = key.removeprefix("system.")
-            raise ValueError(f"store {path} was made with {name} {was}; got {now}")
+            short = name.removeprefix("system.")
+            raise ValueError(f"store {path} was made with {short} {was}; got {now}")
 
 
 def _text(name: str, value: object) -> str:

@@ -6,7 +6,8 @@ import numpy as np
 
 from dynkit.core.smooth_map import SmoothMap, generic_direction
 from dynkit.core.validation import Array, finite_array, positive_integer
-from dynkit.dynamics.attractor import Attractor, MapAttractor
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map_attractor import MapAttractor
 
 
 class Map(SmoothMap):

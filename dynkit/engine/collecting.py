@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
@@ -211,21 +211,12 @@ def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
     made, asked = archive.entries, _entries(points)
     names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
     of_system = [name for name in names if name.startswith("system.")]
-    _refuse_other_entries(path, made, asked, [name for name in names if name not in of_system])
+    others = [name for name in names if name not in of_system]
+    stores.refuse_other_entries(path, archive, asked, others)
     given = _group(archive.arrays, "given")
     for name, array in points.inputs.items():
         _refuse_other_array(path, name, given.get(name), array)
-    _refuse_other_entries(path, made, asked, of_system)
-
-
-def _refuse_other_entries(
-    path: Path, made: Mapping[str, str], asked: Mapping[str, str], names: Sequence[str]
-) -> None:
-    for name in names:
-        was, now = made.get(name, "none"), asked.get(name, "none")
-        if not stores.same(was, now):
-            short = name.removeprefix("system.")
-            raise ValueError(f"store {path} was made with {short} {was}; got {now}")
+    stores.refuse_other_entries(path, archive, asked, of_system)
 
 
 def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:

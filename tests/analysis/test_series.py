@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynkit.analysis import TimeSeries
-from dynkit.dynamics.attractor import MapAttractor
+from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 from dynkit.systems.impact.attractor import ImpactAttractor

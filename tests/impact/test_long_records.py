@@ -12,7 +12,7 @@ from hypothesis import given
 
 from dynkit import basins, parameter_map
 from dynkit.analysis import PowerSpectrum, TimeSeries
-from dynkit.dynamics.attractor import MapAttractor
+from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.systems import Henon, ImpactChain
 from dynkit.systems.impact import record as records
 from dynkit.systems.impact.attractor import ImpactAttractor

@@ -179,7 +179,9 @@ class Basins(Saved):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Basins:
-        """Read it from a store: the same bits.
+        """Read it from a store that `save` wrote: the same bits.
+
+        What ``basins(store=...)`` keeps are single starts: the same call goes on from there.
 
         Parameters
         ----------

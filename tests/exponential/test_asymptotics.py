@@ -12,7 +12,7 @@ from dynkit.exponential.bound_kernels import stays_in_band, tail
 from dynkit.exponential.evaluation_kernels import START, STATES
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import Propagators, ladder
-from tests.exponential.test_pairs import generator, oscillators
+from tests.exponential.test_modes import generator, oscillators
 
 TIMES = np.concatenate([[0.0], np.logspace(-3, 4, 400)])
 ROTATION, CONSTANT = Pairs.rotation(1.3), Pairs.constant()

@@ -1,0 +1,316 @@
+"""Attractors of maps, reached by iterating one start."""
+
+from __future__ import annotations
+
+import time
+from functools import cached_property
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.smooth_map import SmoothMap, checked_map
+from dynkit.core.stretching import product_with_error
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
+from dynkit.dynamics.attractor import Attractor
+from dynkit.labels.label import (
+    OrbitKind,
+    OrbitLabel,
+    Window,
+    label_orbit,
+    settled_label,
+    with_multiplier,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.orbits.map_orbit import MapOrbit
+
+# How far, relative, a motion that was labelled while it still settled may be from its orbit.
+_NEARBY = 0.1
+# Twin runs for the error, and the least of their disturbances, relative.
+_TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
+
+# Of states that are kept for a late time: a gigabyte.
+_MOST_NUMBERS = 1 << 27
+
+
+@final
+class MapAttractor(Attractor):
+    """The attractor that a map's iterates of one start reach.
+
+    Time counts iterates, from zero at the first state that was kept.
+
+    Parameters
+    ----------
+    system : Map
+    start : (d,) array
+    transient : int
+        Iterates to skip; zero or more.
+    iterations : int
+        States to keep.
+
+    Raises
+    ------
+    ValueError
+        When the start is not finite or not of that shape, or a number is no count.
+    NoMotion
+        When the motion runs away to infinity (`Diverged`), or has no next state.
+
+    Examples
+    --------
+    >>> from dynkit import Map
+    >>> class Newton(Map):  # for the square root of 2
+    ...     dimension = 1
+    ...
+    ...     def __call__(self, state):
+    ...         return (state + 2.0 / state) / 2.0
+    >>> attractor = MapAttractor(Newton(), [1.0], transient=20, iterations=30)
+    >>> attractor.states[0]
+    array([1.41421356])
+    >>> print(attractor.label)
+    P(1)
+    >>> attractor.error < 1e-14
+    True
+    """
+
+    def __init__(self, system: SmoothMap, start: Array, transient: int, iterations: int) -> None:
+        began = time.perf_counter()
+        self._system: SmoothMap = checked_map(system)
+        self._start = finite_array("start", start, (system.dimension,)).copy()
+        self._transient = non_negative_integer("transient", transient)
+        kept = positive_integer("iterations", iterations)
+        self._last = self._transient + kept - 1
+        count = self._last + 1
+        within_memory("transient + iterations", count, 8.0 * count * system.dimension)
+        self._states = system.iterate(self._start, self._last)[self._transient :]
+        self._states.setflags(write=False)
+        self._start.setflags(write=False)
+        self._cost = Cost(time.perf_counter() - began, {"iterates": self._last})
+
+    @property
+    def system(self) -> SmoothMap:
+        return self._system
+
+    @property
+    def start(self) -> Array:
+        """The state, (d,), from which the motion started."""
+        return self._start
+
+    @property
+    def transient(self) -> int:
+        return self._transient
+
+    @property
+    def states(self) -> Array:
+        return self._states
+
+    @property
+    def label(self) -> OrbitLabel:
+        return self._label
+
+    @cached_property
+    def _label(self) -> OrbitLabel:
+        orbit = _MapOrbit(self._system, self._states)
+        return orbit.judged(label_orbit(orbit, kept=len(self._states)))
+
+    def label_within(self, budget: int) -> OrbitLabel:
+        """Return the label as far as so many states tell; the kept ones are always looked at."""
+        orbit = _MapOrbit(self._system, self._states)
+        return orbit.judged(label_orbit(orbit, kept=len(self._states), budget=budget))
+
+    def settled_label(self, budget: int = 100_000) -> OrbitLabel:
+        """Return the label of what the motion settles on, chaos before that included.
+
+        See `dynkit.labels.label.settled_label`; at most so many states are looked at besides those
+        kept.
+        """
+        orbit = _MapOrbit(self._system, self._states)
+        return orbit.judged(settled_label(orbit, kept=len(self._states), budget=budget))
+
+    @property
+    def cost(self) -> Cost:
+        return self._cost
+
+    @property
+    def error(self) -> float:
+        """Estimate of the largest distance of a kept state from the exact one.
+
+        Three twin runs are disturbed at the start and after every iterate, by the map's `accuracy`
+        or by four roundings, whichever is more, relative to the size of the state, of either sign
+        in every coordinate. The estimate is the largest distance that they
+        reach, or the rounding of the largest state: near the accuracy on a stable periodic
+        orbit, and as large as the attractor in chaos, whose single states cannot be computed, only
+        their distribution. It is infinite when a twin runs away, or has no next state.
+        """
+        return self._error
+
+    @cached_property
+    def _error(self) -> float:
+        worst = 2.0**-52 * float(np.linalg.norm(self._states, axis=1).max())
+        return max(worst, *map(self._parted, range(_TWINS)))
+
+    def _parted(self, seed: int) -> float:
+        """Largest distance, over the states kept, to a twin run that is disturbed throughout."""
+        signs = np.random.default_rng(seed)
+        noise = max(self._system.accuracy, _ROUNDINGS)
+        twin = self._start.copy()
+        largest = 0.0
+        for i in range(self._last + 1):
+            try:
+                twin = self._system.next_state(twin) if i else twin
+            except NoMotion:
+                return np.inf
+            twin += noise * abs(twin).max() * signs.choice((-1.0, 1.0), size=twin.size)
+            if i >= self._transient:
+                gap = self._system.difference(twin, self._states[i - self._transient])
+                largest = max(largest, float(np.linalg.norm(gap)))
+        return largest
+
+    def periodic_orbit(self) -> MapOrbit:
+        """Return the periodic orbit that the motion settles on, to rounding, by Newton's method.
+
+        The guess are the last of all states from which the `label` was decided.
+
+        Raises
+        ------
+        ValueError
+            When the label is none of a periodic orbit: chaotic, or unsettled.
+        NoConvergence
+            When Newton's method does not get to an orbit, or to one elsewhere.
+
+        Examples
+        --------
+        >>> from dynkit.systems import Logistic
+        >>> attractor = MapAttractor(Logistic(rate=3.2), [0.3], transient=50, iterations=20)
+        >>> orbit = attractor.periodic_orbit()
+        >>> orbit.label, orbit.residual < 1e-15
+        ('P(2)', True)
+        """
+        from dynkit.orbits.newton import NoConvergence
+        from dynkit.orbits.periodic_orbit import periodic_orbit
+
+        n = self.label.iterates
+        if self.label.kind is not OrbitKind.PERIODIC or n is None:
+            raise ValueError(f"attractor must be periodic; got one that is {self.label}")
+        rest = max(self.label.simulated - len(self._states), 0)
+        guess = self._system.iterate(self._states[-1], max(rest, n))[-n:]
+        orbit = periodic_orbit(self._system, guess)
+        gap = abs(self._system.difference(np.resize(orbit.states, guess.shape), guess))
+        if (gap > _NEARBY * abs(guess).max()).any():
+            raise NoConvergence(
+                f"Newton's method left the attractor {self.label} for an orbit {orbit.label} that "
+                f"is {float(gap.max()):.1e} away"
+            )
+        return orbit
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the second coordinate of the states against the first.
+
+        Of one-dimensional maps, the next state against each.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.plotting.points import draw_points
+
+        if self._system.dimension > 1:
+            return draw_points(ax, self._states[:, :2], ("state[0]", "state[1]"))
+        beyond = self._system.next_state(self._states[-1])
+        points = np.column_stack([self._states, np.append(self._states[1:], beyond)])
+        return draw_points(ax, points, ("state[0]", "next state[0]"))
+
+    def time_series(self, times: Array) -> Array:
+        """Return the states, (k, d), at the given times: iterates after the first state kept.
+
+        Parameters
+        ----------
+        times : (k,) array
+            Integers, zero or more, in any order; the motion is followed on as far as they reach.
+
+        Raises
+        ------
+        ValueError
+            When a time is no integer or negative, or so late that the states up to it would not
+            fit into a gigabyte.
+        """
+        asked = finite_array("times", times, (None,))
+        for i in np.flatnonzero((asked < 0.0) | (asked != np.rint(asked)))[:1].tolist():
+            raise ValueError(
+                f"times[{i}] must be zero or a positive integer; got {float(asked[i])!r}"
+            )
+        most = _MOST_NUMBERS // self._system.dimension
+        latest = int(asked.max(initial=0.0))
+        if latest > most:
+            raise ValueError(f"times must not exceed {most}; got {latest}")
+        beyond = latest - (len(self._states) - 1)
+        states = self._states
+        if beyond > 0:
+            later = self._system.iterate(states[-1], beyond)[1:]
+            states = np.concatenate([states, later])
+        return states[asked.astype(np.intp)]
+
+
+class _MapOrbit:
+    """The motion of a map as `label_orbit` follows it."""
+
+    def __init__(self, system: SmoothMap, kept: Array) -> None:
+        self.system = system
+        self.kept = kept
+        self.window: Array | None = None
+
+    def more(self, count: int) -> Window:
+        if self.window is None:
+            self.window = self.kept
+        else:
+            self.window = self.system.iterate(self.window[-1], count)[1:]
+        return Window(self.window)
+
+    def judged(self, label: OrbitLabel) -> OrbitLabel:
+        """Return the label of what was looked at so far, with its multiplier if it is periodic."""
+        if label.iterates is None or self.window is None:
+            return label
+        n, system = label.iterates, self.system
+        try:
+            found = [
+                product_with_error(*system.jacobian_factors(state))
+                for state in self.window[-1 - 2 * n : -1]
+            ]
+        except NoMotion:  # the orbit touches the section: no derivative
+            return label
+        factors = np.array([product for product, _ in found])
+        # others are wrong by what the accuracy says
+        more = np.array([error for _, error in found[n:]]) if system._by_differences else None
+        return with_multiplier(label, factors[n:], factors[:n], system.accuracy, more)
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return self.system.difference(a, b)
+
+    def growth(self, steps: int) -> Array:
+        state = (self.kept if self.window is None else self.window)[-1]
+        # a fixed direction without symmetry: it is in no subspace that a map is likely to keep
+        direction = np.sqrt(np.arange(2.0, 2.0 + state.size))
+        logs = np.empty(steps)
+        for i in range(steps):
+            direction = self.system.jacobian(state) @ direction
+            length = float(np.linalg.norm(direction))
+            if length == 0.0:  # superstable: the disturbance is gone
+                return np.full(steps, -np.inf)
+            logs[i] = np.log(length)
+            direction = direction / length
+            state = self.system.next_state(state)
+        return logs
