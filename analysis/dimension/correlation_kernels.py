@@ -228,7 +228,7 @@ def _count_leaves(
     return measured
 
 
-@kernel(nogil=True)
+@kernel(entry=True, nogil=True)
 def count_pairs(
     height: int,
     pause: int,
@@ -369,7 +369,7 @@ def distance(points: Array, i: int, j: int, turns: Array, euclidean: bool) -> fl
     return total
 
 
-@kernel(nogil=True)
+@kernel(entry=True, nogil=True)
 def uncount_near_in_time(
     begin: int,
     end: int,

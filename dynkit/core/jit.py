@@ -84,8 +84,34 @@ def cache_folder() -> Path:
     return folder if _private(folder) else Path(tempfile.mkdtemp(prefix="dynkit-kernels-"))
 
 
+@cache
+def _inner() -> Any:
+    """The class of kernels that only kernels call.
+
+    Numba compiles a function once more for every integer constant that it is called with; these are
+    compiled once for all integers.
+    """
+    from numba.core import types
+    from numba.core.registry import CPUDispatcher
+
+    class Inner(CPUDispatcher):
+        def __call__(self, *_: object) -> object:
+            name = self.py_func.__name__
+            raise TypeError(f"{name} is called by kernels only; got a call from Python")
+
+        def get_call_template(self, args: Any, kws: Any) -> Any:
+            return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+
+    return Inner
+
+
 def kernel(
-    *, reorder: bool = False, fuse: bool = False, inline: bool = False, nogil: bool = False
+    *,
+    entry: bool = False,
+    reorder: bool = False,
+    fuse: bool = False,
+    inline: bool = False,
+    nogil: bool = False,
 ) -> Callable[[_Function], _Function]:
     """Compile a kernel on its first call and keep the machine code in `cache_folder`.
 
@@ -93,6 +119,9 @@ def kernel(
 
     Parameters
     ----------
+    entry
+        Python calls it, too. What turns Python's arguments into those of machine code is a third of
+        the time that compilation takes.
     reorder
         The sums of this function may be taken in any order and contracted to fused operations.
         Never for double-double arithmetic.
@@ -110,7 +139,9 @@ def kernel(
     # The runtime's reference counting takes longer than the loops over a few slots; without it
     # kernels cannot allocate, so they work in the buffers that they are given.
     options: dict[str, Any] = {
-        "cache": True,
+        "cache": entry,
+        "no_cpython_wrapper": not entry,
+        "no_cfunc_wrapper": True,
         "error_model": "numpy",
         "fastmath": REORDERED if reorder else FUSED if fuse else False,
         "forceinline": inline,
@@ -129,6 +160,8 @@ def kernel(
             compiled: _Function = numba.njit(**options)(function)
         finally:
             settings.CACHE_DIR = previous
+        if not entry:
+            compiled.__class__ = _inner()
         return compiled
 
     return decorate

@@ -48,7 +48,7 @@ def _dd_matmul(a: Array, b: Array, out: Array) -> None:
             out[2 * i + j], out[4 + 2 * i + j] = dd_add(p, p_low, q, q_low)
 
 
-@kernel()
+@kernel(entry=True)
 def fill_steps(
     generator: Array,
     generator_low: Array,
@@ -110,7 +110,7 @@ def _dense_product(
             out_low[i, j] = low
 
 
-@kernel()
+@kernel(entry=True)
 def fill_coupled_steps(
     generator: Array, generator_low: Array, smallest: float, step: Array, work: Array
 ) -> None:

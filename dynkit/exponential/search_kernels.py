@@ -422,3 +422,19 @@ def first_root(
     if horizon < FOREVER and n > horizon:
         return BEYOND, n, 0.0, 0.0, cells
     return LIMIT, n, 0.0, 0.0, cells
+
+
+@kernel(entry=True)
+def search(
+    ladder: Ladder,
+    order: int,
+    rate: float,
+    band_factor: float,
+    touches: bool,
+    limit: int,
+    pause: int,
+    horizon: int,
+    work: Workspace,
+) -> tuple[int, int, float, float, int]:
+    """`first_root`, for Python."""
+    return first_root(ladder, order, rate, band_factor, touches, limit, pause, horizon, work)

@@ -182,7 +182,7 @@ class ExponentialSum:
         """
         from dynkit.exponential.evaluation_kernels import FOUND, START
         from dynkit.exponential.polynomial_kernels import PAUSED
-        from dynkit.exponential.search_kernels import FOREVER, first_root
+        from dynkit.exponential.search_kernels import FOREVER, search
 
         began = time.perf_counter()
         sums, state = self._prepared
@@ -196,7 +196,7 @@ class ExponentialSum:
         work.states[START] = state
         outcome = PAUSED
         while outcome == PAUSED:
-            outcome, n, e, rate, cells = first_root(
+            outcome, n, e, rate, cells = search(
                 sums,
                 order,
                 slope,

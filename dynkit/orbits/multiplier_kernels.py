@@ -218,7 +218,7 @@ def negligible(h: Any, i: int, steps: int, norm: float) -> bool:
     return bool(size <= _EPSILON * norm)
 
 
-@kernel()
+@kernel(entry=True)
 def eigenvalues(t: Any, mantissas: Any, exponents: Any, w: Any, cosines: Any, sines: Any) -> int:
     """Find the eigenvalues of t[n - 1] ... t[0]; complex, and all but the last one triangular.
 

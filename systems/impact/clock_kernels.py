@@ -104,7 +104,7 @@ def perturb(slots: Indices, table: int, states: Array, clock: Array, noise: floa
     clock[SPEED] *= 1.0 + noise * random(clock)
 
 
-@kernel()
+@kernel(entry=True)
 def perturb_reached(
     generator: Array, slots: Indices, states: Array, clock: Array, noise: float
 ) -> None:

@@ -112,12 +112,12 @@ def _copy(states: Array, k: int, to: int) -> None:
             states[to, row, i] = states[k, row, i]
 
 
-@kernel(nogil=True)
+@kernel(entry=True, nogil=True)
 def run(
     mechanics: Mechanics,
     clock: Array,
     count: int,
-    noise: float,
+    noise: float | None,
     band_factor: float,
     limit: int,
     pause: int,
@@ -142,8 +142,8 @@ def run(
     contacts
         (k, 3), modified in place: impacts before the contact, its start and its end.
     noise
-        Relative size of a pseudo-random perturbation after each impact, for error estimates; 0 for
-        none.
+        Relative size of a pseudo-random perturbation after each impact, for error estimates. With
+        None, what perturbs is not compiled.
     flight, contact
         Workspaces of the free and of the stuck structure, modified in place.
 
@@ -223,7 +223,7 @@ def run(
                         rest = chatter_rest(stop, mechanics.restitution, u, second, third)
                         contacts[k, 1] += rest
                         clock[CHATTER_ERROR] += error
-                        if noise > 0.0:
+                        if noise is not None:
                             lost = lifted(mechanics.restitution, u, second)
                             perturb_cut(mechanics.excursion, lost, y, clock)
                             transform(stop.to_stuck, y, START, contact.states)
@@ -248,7 +248,7 @@ def run(
                 return done, SEARCH_LIMIT
             transform(stop.to_free, contact.states, FOUND, y)
             normalise(y, table)
-            if noise > 0.0:
+            if noise is not None:
                 perturb_released(stop.to_free, slots, table, y, clock, noise)
                 perturb_reached(stop.gap.generator, slots, y, clock, noise)
             advance_clock(clock, n, stop.force.smallest, e, mechanics.clock_rate)
@@ -317,7 +317,7 @@ def run(
             return done, SEARCH_LIMIT
         if outcome == TOUCH:
             clock[TOUCHES] += 1.0
-            if noise > 0.0:
+            if noise is not None:
                 rate = perturb_touch(mechanics.stops[side].gap, band_factor, y, clock)
         rate = min(rate, 0.0)
         _add_jump(mechanics.stops[side].kick, -(1.0 + mechanics.restitution) * rate, y)
@@ -326,7 +326,7 @@ def run(
         clock[SPEED] = 0.0 - mechanics.restitution * rate
         clock[PHASE_OF_MOTION] = BOUNCED
         advance_clock(clock, n, smallest, e, mechanics.clock_rate)
-        if noise > 0.0:
+        if noise is not None:
             perturb(slots, table, y, clock, noise)
             perturb_reached(gap.generator, slots, y, clock, noise)
         if store:
@@ -342,7 +342,7 @@ def run(
     return done, COUNT_REACHED
 
 
-@kernel()
+@kernel(entry=True)
 def sample(
     ladder: Ladder, starts: Array, which: Indices, durations: Array, work: Workspace, out: Array
 ) -> None:

@@ -14,7 +14,7 @@ BLOCK = 64
 """Intervals that are summed up by themselves first, so that sums of many lose little."""
 
 
-@kernel(reorder=True)
+@kernel(entry=True, reorder=True)
 def sum_products(
     starts: Array,
     durations: Array,

@@ -160,7 +160,7 @@ class Course:
                 self._mechanics,
                 self._clock,
                 count - done,
-                self._noise,
+                self._noise or None,
                 band_factor(slots),
                 self._most_cells,
                 cells_of_a_call(slots),

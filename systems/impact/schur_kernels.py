@@ -193,7 +193,7 @@ def _first_column(t: Array, low: int, high: int, exceptional: bool, v: Array) ->
     v[0, 2], v[1, 2] = t[0, low + 2, low + 1], t[1, low + 2, low + 1]
 
 
-@kernel()
+@kernel(entry=True)
 def real_schur(t: Array, q: Array, start: int, scratch: Any) -> int:
     """Bring `t` to real Schur form and turn the rows of `q` with it, both in place.
 
@@ -314,7 +314,7 @@ def _solve(system: Array, count: int, least: float, order: Array, solution: Arra
         solution[0, order[k]], solution[1, order[k]] = s, s_low
 
 
-@kernel()
+@kernel(entry=True)
 def swap(t: Array, q: Array, k: int, p: int, m: int, scratch: Any) -> None:
     """Exchange the blocks (p, p) at k and (m, m) after it of a Schur form, in place."""
     v, x, basis = scratch.v, scratch.solution, scratch.system

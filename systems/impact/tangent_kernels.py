@@ -127,7 +127,7 @@ def _orthonormalise(frame: Array, lost: int, logs: Array, step: int) -> None:
         _normalise(frame, j, square)
 
 
-@kernel()
+@kernel(entry=True)
 def stretch(
     blocks: Array,
     which: Indices,
@@ -171,7 +171,7 @@ def stretch(
         _orthonormalise(frame, lost[step], logs, step)
 
 
-@kernel()
+@kernel(entry=True)
 def carry(
     blocks: Array,
     which: Indices,

@@ -2,11 +2,14 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
 
-from dynkit.core.jit import cache_folder
+from dynkit.core.jit import cache_folder, kernel
+
+SETTINGS: Any = numba.config
 
 
 @pytest.fixture
@@ -59,3 +62,22 @@ def test_another_version_of_numba_has_another_folder(
     folder = again()
     monkeypatch.setattr(numba, "__version__", "0.1")
     assert again() != folder
+
+
+@kernel()
+def doubled(count: int, by: float) -> float:
+    return count * by
+
+
+@kernel(entry=True)
+def sum_of_doubled(count: int) -> float:
+    return doubled(2, 1.0) + doubled(3, 2.0) + doubled(count, 3.0)
+
+
+@pytest.mark.skipif(SETTINGS.DISABLE_JIT, reason="nothing is compiled")
+def test_a_kernel_is_compiled_once_for_all_integers_and_for_kernels_only() -> None:
+    assert sum_of_doubled(4) == 2.0 + 6.0 + 12.0
+    compiled: Any = doubled
+    assert len(compiled.overloads) == 1
+    with pytest.raises(TypeError, match="doubled is called by kernels only"):
+        doubled(2, 1.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynkit.exponential.evaluation_kernels import BOUND, START
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER
 from dynkit.exponential.propagators import workspace
-from dynkit.exponential.search_kernels import FOREVER, first_root
+from dynkit.exponential.search_kernels import FOREVER, search
 from dynkit.exponential.sums import ExponentialSum
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def find(group: Group, *, slopes: Array | None = None, limit: int = 1_000_000) -
         work.states[START, 1, :n] = group.rate[i]
         reach = float((ladder.rows[BOUND : BOUND + 2] * abs(work.states[START])).sum())
         sums = ladder._replace(offset=float(group.offset[i]))
-        outcome, k, e, rate, _ = first_root(
+        outcome, k, e, rate, _ = search(
             sums,
             0 if slopes is None else 1,
             0.0 if slopes is None else float(slopes[i]),

@@ -30,7 +30,7 @@ def energy_jumps(record: ImpactRecord) -> Array:
     return np.asarray(0.5 * chain.mass[-1, -1] * jump)
 
 
-@kernel(fuse=True)
+@kernel(entry=True, fuse=True)
 def _square_less(a: float, b: float) -> float:
     return a * a - b
 

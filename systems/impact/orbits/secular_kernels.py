@@ -63,7 +63,7 @@ def _trace_of_quotient(work: Array, rank: int) -> complex:
     return total
 
 
-@kernel()
+@kernel(entry=True)
 def simultaneous_roots(
     blocks: Array,
     left: Array,

@@ -14,7 +14,7 @@ _CONTACT = 3
 """So many steps in a row with an impulse are a contact; fewer are bounces."""
 
 
-@kernel()
+@kernel(entry=True)
 def step_through(
     by_velocity: Array,
     by_position: Array,

@@ -18,7 +18,7 @@ _NEWTON = 100
 _HALVINGS = 60
 
 
-@kernel()
+@kernel(entry=True)
 def motion(square: float, sigma: float, s: float) -> tuple[float, float, float, float]:
     """Rows of the matrix that takes (y, y') over a time s."""
     inner = square - sigma * sigma
@@ -187,7 +187,7 @@ def _change(matrix: Array, given: Array, shift: Array, turn: Array, out: Array) 
         out[1, i] = dy
 
 
-@kernel()
+@kernel(entry=True)
 def simulate_modes(
     modes: Array,
     rows: Array,
