@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -100,8 +101,8 @@ def _eigenvalues(factors: Any) -> tuple[Any, Any]:
     elif n == 1:
         mantissas, exponents = _normalized(np.linalg.eigvals(a[0]).astype(complex))
     else:
-        mantissas, exponents = _by_periodic_qr(a)
-    return _sorted(*_closed_under_conjugation(mantissas, exponents + int(sizes.sum())))
+        mantissas, exponents = _closed_under_conjugation(*_by_periodic_qr(a))
+    return _sorted(mantissas, exponents + int(sizes.sum()))
 
 
 def _product(numbers: Array) -> tuple[Any, Any]:
@@ -139,30 +140,29 @@ def _by_periodic_qr(a: Array) -> tuple[Any, Any]:
     return mantissas, exponents
 
 
-def _closed_under_conjugation(mantissas: Any, exponents: Any) -> tuple[Any, Any]:
+def _closed_under_conjugation(found: Any, powers: Any) -> tuple[Any, Any]:
     """Make the eigenvalues real, or pairs: as they are but for the rounding of complex numbers."""
-    mantissas, exponents = mantissas.copy(), exponents.copy()
-    left = np.argsort(-abs(mantissas.imag) / np.where(mantissas == 0.0, 1.0, abs(mantissas)))
-    left = left.tolist()
+    turned = np.argsort(-abs(found.imag) / np.where(found == 0.0, 1.0, abs(found)))
+    left, mantissas, exponents = turned.tolist(), found.tolist(), powers.tolist()
     while left:
         i = left.pop(0)
         here, other, least = mantissas[i], -1, np.inf
         for j in left:
-            apart = int(exponents[j] - exponents[i])
+            apart = exponents[j] - exponents[i]
             if abs(apart) <= 1 and mantissas[j].imag * here.imag < 0.0:
-                there = np.conj(mantissas[j]) * 2.0**apart
+                there = mantissas[j].conjugate() * 2.0**apart
                 # against what becoming real changes in either of them
                 if abs(there - here) < min(least, abs(here.imag) + abs(there.imag)):
                     other, least = j, abs(there - here)
         if other < 0:
-            mantissas[i] = np.copysign(abs(here), here.real)
+            mantissas[i] = complex(math.copysign(abs(here), here.real))
             continue
         left.remove(other)
-        there = np.conj(mantissas[other]) * 2.0 ** int(exponents[other] - exponents[i])
+        there = mantissas[other].conjugate() * 2.0 ** (exponents[other] - exponents[i])
         mantissas[i] = 0.5 * (here + there)
-        mantissas[other] = np.conj(mantissas[i])
+        mantissas[other] = mantissas[i].conjugate()
         exponents[other] = exponents[i]
-    return mantissas, exponents
+    return np.array(mantissas), np.array(exponents)
 
 
 def _sorted(mantissas: Any, exponents: Any) -> tuple[Any, Any]:

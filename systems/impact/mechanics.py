@@ -34,7 +34,6 @@ class Structure:
         self.free = basis_of(modes, mass, damping, stiffness)
         self.size = len(mass)
         self.others = np.delete(np.arange(self.size), contact)
-        self._propagators: dict[tuple[int, float, int], Array] = {}
 
     @cached_property
     def kick_velocity(self) -> Array:

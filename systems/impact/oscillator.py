@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 import numpy as np
@@ -26,7 +27,7 @@ from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
 from dynkit.systems.impact.driven import DrivenStructure
 from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.systems.impact.runs import Run, run
+from dynkit.systems.impact.runs import Run, mechanics_of, run
 from dynkit.systems.impact.state import (
     ImpactState,
     entered,
@@ -455,6 +456,14 @@ class ImpactOscillator(DrivenStructure, Map):
         """How many impacts to record: so many that their states fit into memory."""
         count = positive_integer(name, impacts)
         return within_memory(name, count, 8.0 * count * (2 * self.degrees_of_freedom + 4))
+
+    @cached_property
+    def _flying(self) -> tuple[Any, int]:
+        return mechanics_of(self, with_contact=False)
+
+    @cached_property
+    def _touching(self) -> tuple[Any, int]:
+        return mechanics_of(self, with_contact=True)
 
     def _run(self, start: ImpactState, count: int, *, store: bool) -> Run:
         return run(self, start, count, store=store, noise=0.0, seed=1)

@@ -135,14 +135,14 @@ class Course:
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
         self._clock, self._flight = clock, flight
-        self._contacts = np.empty((16 if "_contacts" in vars(oscillator) else 0, 3))
+        self._contacts = np.empty((16 if "_touching" in vars(oscillator) else 0, 3))
         self._prepare()
         self.impacts, self.ending = 0, kernels.COUNT_REACHED
 
     def _prepare(self) -> None:
-        self._mechanics, self._contact = mechanics_of(
-            self._oscillator, with_contact=len(self._contacts) > 0
-        )
+        oscillator = self._oscillator
+        self._mechanics, slots = oscillator._touching if len(self._contacts) else oscillator._flying
+        self._contact = workspace(slots)
         if self._shifts is not None:
             self._mechanics = _displaced(self._mechanics, self._oscillator, self._shifts)
 
@@ -213,8 +213,8 @@ class Course:
         )
 
 
-def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, Any]:
-    """What the kernels take, and a workspace for contact; empty arrays where there is none."""
+def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, int]:
+    """What the kernels take, and the slots of contact; empty arrays where there is none."""
     from dynkit.systems.impact.contact_kernels import Mechanics, Stop
 
     structure, free = oscillator._structure, oscillator._free
@@ -241,7 +241,7 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
         oscillator.chatter_tolerance,
         oscillator.frequency if free.layout.table < 0 else 0.0,
     )
-    return mechanics, workspace(slots)
+    return mechanics, slots
 
 
 def _displaced(mechanics: Any, oscillator: ImpactOscillator, parts: Array) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
 
 TWO_PI = 2.0 * math.pi
+
+# Coordinates below this make no infinite positions.
+_LARGE = 1e100
 
 
 class Motion(Enum):
@@ -44,14 +48,39 @@ class ImpactState:
     motion : Motion
     """
 
-    position: Array
-    velocity: Array
-    phase: float
     relative_velocity: float
     motion: Motion
     _system: ImpactOscillator = field(repr=False)
     _coordinates: Array = field(repr=False)
     _turn: Array = field(repr=False)
+
+    @property
+    def position(self) -> Array:
+        return self._place[0]
+
+    @property
+    def velocity(self) -> Array:
+        return self._place[1]
+
+    @cached_property
+    def phase(self) -> float:
+        return float(phases(self._turn[:1], self._turn[1:])[0])
+
+    @cached_property
+    def _place(self) -> tuple[Array, Array]:
+        """Positions and velocities; on the table those of the contact mass are the table's."""
+        system, q, (sine, cosine) = self._system, self._coordinates, self._turn
+        forced = system._free.forced
+        with np.errstate(over="ignore", invalid="ignore"):
+            x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
+        if not np.isfinite([x, v]).all():
+            raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
+        if self.motion is not Motion.FLIGHT:
+            c = system.contact
+            x[c], v[c] = on_table(system, sine, cosine, self.relative_velocity)
+        x.setflags(write=False)
+        v.setflags(write=False)
+        return x, v
 
     def __repr__(self) -> str:
         masses = len(self.position)
@@ -68,21 +97,18 @@ def state_of(
 ) -> ImpactState:
     """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase.
 
-    On the table the contact mass is where the table is, to the last digit.
+    Raises
+    ------
+    Diverged
+        When its positions or velocities are infinite.
     """
     q, turn = q.copy(), turn.copy()
-    forced = oscillator._free.forced
-    with np.errstate(over="ignore", invalid="ignore"):
-        x, v = forced.positions(q, *turn), forced.velocities(q, *turn)
-    if not np.isfinite([x, v]).all():
-        raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
-    if motion is not Motion.FLIGHT:
-        sine, cosine = turn
-        x[oscillator.contact], v[oscillator.contact] = on_table(oscillator, sine, cosine, u)
-    for array in (x, v, q, turn):
-        array.setflags(write=False)
-    phase = float(phases(turn[:1], turn[1:])[0])
-    return ImpactState(x, v, phase, float(u), motion, oscillator, q, turn)
+    q.setflags(write=False)
+    turn.setflags(write=False)
+    state = ImpactState(float(u), motion, oscillator, q, turn)
+    if not abs(q).max(initial=0.0) < _LARGE:
+        _ = state.position
+    return state
 
 
 def phases(sine: Array, cosine: Array) -> Array:
