@@ -57,6 +57,11 @@ class Pairs:
         return np.arange(self.count) if self.cluster is None else self.cluster
 
     @cached_property
+    def _shared(self) -> bool:
+        """Whether a cluster holds more than one pair."""
+        return bool((self._clusters != np.arange(self.count)).any())
+
+    @cached_property
     def grows(self) -> bool:
         """Whether a term may grow beyond all bounds."""
         parts = self._parts
@@ -183,7 +188,7 @@ class Pairs:
         together = self.scale > 0.0
         scale = np.where(together, self.scale, 1.0)
         norm = np.hypot(rows[:, 0], rows[:, 1] / scale)
-        if self.cluster is not None:
+        if self._shared:
             for part in norm:
                 part[:] = self._together(np.where(together, part, 0.0))
         weights = np.where(together, norm[:, None], abs(rows))

@@ -18,9 +18,10 @@ from dynkit.labels.label import OrbitLabel, Window, label_orbit, settled_label, 
 from dynkit.orbits.harmonics import harmonics_needed
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
 from dynkit.systems.impact.record import Ending, ImpactRecord, batch_size, twin_errors
-from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
+from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.impact.tangents import growth, returned
+from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +55,11 @@ class ImpactAttractor(Attractor):
     """
 
     def __init__(
-        self, system: ImpactOscillator, transient: int, record: ImpactRecord, before: Run | None
+        self,
+        system: ImpactOscillator,
+        transient: int,
+        record: ImpactRecord,
+        before: Trajectory | None,
     ) -> None:
         self._system = system
         self._transient = transient
@@ -117,7 +122,7 @@ class ImpactAttractor(Attractor):
         parts = twin_errors(self._system, whole, self._anew(whole, count), count)
         return max((float(part.max()) for part in parts), default=0.0)
 
-    def _anew(self, whole: Run, count: int) -> Iterator[ImpactRecord]:
+    def _anew(self, whole: Trajectory, count: int) -> Iterator[ImpactRecord]:
         """The impacts from the start of the transient on, in batches."""
         course = Course(self._system, whole.start, noise=0.0, seed=1, most_cells=MOST_CELLS)
         size = batch_size(self._system)

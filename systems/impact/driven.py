@@ -32,9 +32,7 @@ from dynkit.systems.impact.mechanics import (
 )
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
-_CACHES = frozenset(
-    {"_structure", "_drive", "_free", "_gaps", "_contacts", "_flying", "_touching"}
-)
+_CACHES = frozenset({"_structure", "_drive", "_free", "_gaps", "_contacts", "_flying", "_touching"})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,71 +2,97 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.bases import row_by_row
-from dynkit.systems.impact.mechanics import Regime
-from dynkit.systems.impact.runs import Run
+from dynkit.systems.impact.mechanics import Contact, Regime
+from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
 
 
-def sample_run(oscillator: ImpactOscillator, run: Run, times: Array) -> tuple[Array, Array]:
+def sample_run(oscillator: ImpactOscillator, run: Trajectory, times: Array) -> tuple[Array, Array]:
     """Positions and velocities (k, N) at times (k,) within a run."""
     n, free, gap = oscillator.degrees_of_freedom, oscillator._free, oscillator._gaps[0]
-    rows = run.states
-    q = np.concatenate([run.start._coordinates[None], rows[:, : 2 * n].reshape(-1, 2, n)])
-    sine = np.append(run.start._turn[0], rows[:, 2 * n])
-    cosine = np.append(run.start._turn[1], rows[:, 2 * n + 1])
-    starts = free.states(q, sine, cosine)
-    began = np.append(0.0, rows[:, -1])
+    starts, began = run.free_states, run.times
     which = np.searchsorted(began, times, side="right") - 1
     since = times - began[which]
     if not len(run.contacts):
         return moved(free, evolve(gap, starts, which, since))
 
-    speeds = np.append(run.start.relative_velocity, rows[:, -2])
-    before = run.contacts[:, 0].astype(np.intp)
-    sides = np.signbit(speeds[before]).astype(np.intp)
+    before = run.before
     contact = np.full(run.impacts + 1, -1)
     contact[before] = np.arange(len(before))
     during = contact[which]
     length = np.append(run.contacts[:, 2] - began[before], -np.inf)[during]
     in_contact = since < length
     released = (during >= 0) & ~in_contact
-    speed, rest = abs(speeds[before]), run.contacts[:, 1] - began[before]
+    speed, rest = run.speeds[before], run.contacts[:, 1] - began[before]
 
     x, v = np.empty((len(times), n)), np.empty((len(times), n))
     flying = ~in_contact & ~released
     x[flying], v[flying] = moved(free, evolve(gap, starts, which[flying], since[flying]))
-    for side in np.unique(sides).tolist():
-        held = oscillator._contacts[side]
-        stuck = transformed(held.to_stuck, starts[before])
+    for stay in stays(oscillator, run, starts):
+        held, own = stay.contact, np.isin(during, stay.which)
         # Flights after a release start from the released state.
-        ended = np.flatnonzero(np.isfinite(run.contacts[:, 2]) & (sides == side))
-        lasted = run.contacts[ended, 2] - began[before[ended]]
-        at_release = transformed(held.to_free, evolve(held.force, stuck, ended, lasted))
-        part = np.flatnonzero(released & (sides[during] == side))
-        at = np.searchsorted(ended, during[part])
-        x[part], v[part] = moved(free, evolve(gap, at_release, at, since[part] - length[part]))
-        part = np.flatnonzero(in_contact & (sides[during] == side))
-        states = evolve(held.force, stuck, during[part], since[part])
-        x[part], v[part] = moved(held.regime, states)
+        part = np.flatnonzero(released & own)
+        at = np.searchsorted(stay.which, during[part])
+        x[part], v[part] = moved(free, evolve(gap, stay.released, at, since[part] - length[part]))
+        part = np.flatnonzero(in_contact & own)
+        at = np.searchsorted(stay.which, during[part])
+        x[part], v[part] = moved(held.regime, evolve(held.force, stay.stuck, at, since[part]))
         part = part[since[part] < rest[during[part]]]
         k = during[part]
         lift, rise = _bounces(oscillator.restitution, speed[k], rest[k], since[part])
-        sign = oscillator._stands[side].sign
+        sign = oscillator._stands[stay.side].sign
         x[part, oscillator.contact] += sign * lift
         v[part] += sign * np.outer(rise, oscillator._structure.kick_velocity)
     return x, v
 
 
-def longest_sample(oscillator: ImpactOscillator, run: Run) -> float:
+@dataclass(frozen=True, eq=False)
+class Stay:
+    """Contacts with one stop.
+
+    Attributes
+    ----------
+    side : int
+    contact : Contact
+    which : (k,) their numbers in the trajectory, rising
+    stuck : (k, 2, stuck slots) states where they begin
+    lasts : (k,) durations, infinite for ever
+    released : (k, 2, slots) free states at their ends; where there is no end, where they begin
+    """
+
+    side: int
+    contact: Contact
+    which: NDArray[np.intp]
+    stuck: Array
+    lasts: Array
+    released: Array
+
+
+def stays(oscillator: ImpactOscillator, run: Trajectory, starts: Array) -> Iterator[Stay]:
+    """Contacts of a trajectory by the stop, from its free states (impacts + 1, 2, slots)."""
+    before, sides = run.before, run.contact_sides
+    for side in np.unique(sides).tolist():
+        contact, which = oscillator._contacts[side], np.flatnonzero(sides == side)
+        stuck = transformed(contact.to_stuck, starts[before[which]])
+        lasts = run.contacts[which, 2] - run.times[before[which]]
+        end = np.where(np.isfinite(lasts), lasts, 0.0)
+        ends = evolve(contact.force, stuck, np.arange(len(which)), end)
+        yield Stay(side, contact, which, stuck, lasts, transformed(contact.to_free, ends))
+
+
+def longest_sample(oscillator: ImpactOscillator, run: Trajectory) -> float:
     """Time up to which a run that ended by itself is sampled: 2^24 of the longest steps."""
     ladders = [oscillator._gaps[0]]
     if len(run.contacts):

@@ -27,7 +27,7 @@ from dynkit.systems.impact.attractor import ImpactAttractor
 from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
 from dynkit.systems.impact.driven import DrivenStructure
 from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.systems.impact.runs import Run, mechanics_of, run
+from dynkit.systems.impact.runs import mechanics_of, run
 from dynkit.systems.impact.state import (
     ImpactState,
     entered,
@@ -37,6 +37,7 @@ from dynkit.systems.impact.state import (
     start,
     unpacked,
 )
+from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynkit.orbits.search import OrbitSearch
@@ -465,7 +466,7 @@ class ImpactOscillator(DrivenStructure, Map):
     def _touching(self) -> tuple[Any, int]:
         return mechanics_of(self, with_contact=True)
 
-    def _run(self, start: ImpactState, count: int, *, store: bool) -> Run:
+    def _run(self, start: ImpactState, count: int, *, store: bool) -> Trajectory:
         return run(self, start, count, store=store, noise=0.0, seed=1)
 
     # --- the map ----------------------------------------------------------------------------------

@@ -19,8 +19,9 @@ from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.motion import longest_sample, sample_run
-from dynkit.systems.impact.runs import MOST_CELLS, Course, Run
+from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import ImpactState, on_table, phases
+from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +54,7 @@ class Ending(Enum):
 
 
 def twin_errors(
-    system: ImpactOscillator, whole: Run, batches: Iterable[ImpactRecord], count: int
+    system: ImpactOscillator, whole: Trajectory, batches: Iterable[ImpactRecord], count: int
 ) -> Iterator[Array]:
     """Errors of impacts, in the batches in which their records come; see `ImpactRecord.error`.
 
@@ -119,7 +120,7 @@ class ImpactRecord(Result):
     numbers per impact.
     """
 
-    def __init__(self, system: ImpactOscillator, run: Run) -> None:
+    def __init__(self, system: ImpactOscillator, run: Trajectory) -> None:
         self.system = system
         self._run = run
         for array in (run.states, run.contacts):
@@ -163,41 +164,36 @@ class ImpactRecord(Result):
     @property
     def time(self) -> Array:
         """Times (n,) of the impacts, from the start."""
-        return self._run.states[:, -1]
+        return self._run.time
 
     @property
     def relative_velocity(self) -> Array:
         """Rate (n,) of the gap just after the impacts; negative on the far side of a play."""
-        return self._run.states[:, -2]
+        return self._run.relative_velocity
 
     @property
     def phase(self) -> Array:
         """Phase of the table at the impacts, (n,), in [0, 2 pi)."""
-        return phases(self._run.states[:, -4], self._run.states[:, -3])
-
-    @property
-    def _coordinates(self) -> tuple[Array, Array, Array]:
-        states, n = self._run.states, self.system.degrees_of_freedom
-        return states[:, : 2 * n].reshape(-1, 2, n), states[:, 2 * n], states[:, 2 * n + 1]
+        return phases(*self._run.coordinates[1:])
 
     @cached_property
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
-        position = self.system._free.forced.positions(*self._coordinates)
+        position = self.system._free.forced.positions(*self._run.coordinates)
         position[:, self.system.contact] = self._on_table[0]
         return position
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
-        velocity = self.system._free.forced.velocities(*self._coordinates)
+        velocity = self.system._free.forced.velocities(*self._run.coordinates)
         velocity[:, self.system.contact] = self._on_table[1]
         return velocity
 
     @property
     def _on_table(self) -> tuple[Array, Array]:
         # Of the contact mass; its coordinates may be differences of numbers that are much larger.
-        _, sine, cosine = self._coordinates
+        _, sine, cosine = self._run.coordinates
         return on_table(self.system, sine, cosine, self.relative_velocity)
 
     @cached_property
@@ -206,7 +202,7 @@ class ImpactRecord(Result):
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
         for low in range(0, len(self), size):
             now = slice(low, low + size)
-            q, sine, cosine = (part[now] for part in self._coordinates)
+            q, sine, cosine = (part[now] for part in self._run.coordinates)
             forced = system._free.forced
             energy[now] = forced.energies(q, sine, cosine, system.mass, system.stiffness)
         return energy

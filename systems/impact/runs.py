@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
+from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -19,37 +19,6 @@ MOST_CELLS = 1_000_000
 """Cells after which the search for the next event gives up, with an ending that says so."""
 
 _MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What the kernel returned.
-
-    Attributes
-    ----------
-    start, final : ImpactState
-    states : (impacts, 2N + 4) coordinates, sine and cosine of the phase, relative velocity, time;
-        no rows when not asked
-        for
-    contacts : (k, 3) impacts before the contact, its start, its end (infinite for ever)
-    impacts : number of impacts
-    ending : number of an ending of the kernels
-    chatter_error, cells, touches, seconds : what it lost and cost
-    longest : the longest flight, or contact, of all
-    """
-
-    start: ImpactState
-    final: ImpactState
-    states: Array
-    contacts: Array
-    impacts: int
-    ending: int
-    chatter_error: float
-    cells: int
-    touches: int
-    seconds: float
-    longest: float
 
 
 def band_factor(slots: int) -> float:
@@ -66,13 +35,13 @@ def run(
     noise: float,
     seed: int,
     most_cells: int = MOST_CELLS,
-) -> Run:
+) -> Trajectory:
     """Simulate `count` impacts from a state of this oscillator; see `Course`."""
     began = time.perf_counter()
     course = Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
     states = np.empty((count if store else 0, 2 * oscillator.degrees_of_freedom + 4))
     done = course.advance(count, states)
-    return course.run(states[:done], time.perf_counter() - began)
+    return course.trajectory(states[:done], time.perf_counter() - began)
 
 
 @final
@@ -184,8 +153,8 @@ class Course:
 
         return int(self._clock[clock_kernels.CELLS])
 
-    def run(self, states: Array, seconds: float) -> Run:
-        """The run so far, with the states that were kept of it."""
+    def trajectory(self, states: Array, seconds: float) -> Trajectory:
+        """The events so far, with the states that were kept of it."""
         from dynkit.exponential.evaluation_kernels import START
         from dynkit.systems.impact import clock_kernels
 
@@ -198,7 +167,7 @@ class Course:
         speed, motion = clock[clock_kernels.SPEED], int(clock[clock_kernels.PHASE_OF_MOTION])
         if clock[clock_kernels.SIDE] == 1.0:
             speed = -speed
-        return Run(
+        return Trajectory(
             self._start,
             state_of(oscillator, q, turn, speed, _MOTIONS[motion]),
             states,

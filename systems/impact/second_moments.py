@@ -14,10 +14,11 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.systems.impact.eigen_coordinates import EigenCoordinates
 from dynkit.systems.impact.mechanics import Regime
-from dynkit.systems.impact.motion import evolve, transformed
-from dynkit.systems.impact.runs import Run, band_factor
+from dynkit.systems.impact.motion import evolve, stays
+from dynkit.systems.impact.runs import band_factor
 from dynkit.systems.impact.state import Motion
-from dynkit.systems.impact.tangents import before_impacts, free_states, in_steps
+from dynkit.systems.impact.tangents import before_impacts
+from dynkit.systems.impact.trajectory import Trajectory, in_steps
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -86,7 +87,7 @@ class _Intervals:
     impact: NDArray[np.intp]
 
 
-def second_moments(oscillator: ImpactOscillator, run: Run, batches: int) -> SecondMoments:
+def second_moments(oscillator: ImpactOscillator, run: Trajectory, batches: int) -> SecondMoments:
     """Moments of a run from its start to its last impact, which must be later."""
     began = time.perf_counter()
     n = oscillator.degrees_of_freedom
@@ -122,32 +123,21 @@ def second_moments(oscillator: ImpactOscillator, run: Run, batches: int) -> Seco
     )
 
 
-def _intervals(oscillator: ImpactOscillator, run: Run) -> Iterator[_Intervals]:
+def _intervals(oscillator: ImpactOscillator, run: Trajectory) -> Iterator[_Intervals]:
     """Flights, contacts, and flights after a release."""
     free, gap = oscillator._free, oscillator._gaps[0]
-    rows, count = run.states, run.impacts
-    starts = free_states(oscillator, run)[:-1]
-    times = np.append(0.0, rows[:, -1])
-    contacts = run.contacts[run.contacts[:, 0] < count]
-    flying = np.ones(count, dtype=bool)
-    before = contacts[:, 0].astype(np.intp)
-    flying[before] = False
+    starts, times = run.free_states, run.times
+    flying = np.ones(run.impacts, dtype=bool)
+    flying[run.before[: run.ended]] = False
     where = np.flatnonzero(flying)
-    flights = starts[where] if len(contacts) else starts
+    flights = starts[where] if run.ended else starts[:-1]
     yield _Intervals(free, gap, flights, np.diff(times)[where], where)
-    if not len(contacts):
-        return
-    speeds = np.append(run.start.relative_velocity, rows[:, -2])
-    sides = np.signbit(speeds[before]).astype(np.intp)
-    for side in np.unique(sides).tolist():
-        held = oscillator._contacts[side]
-        own = before[sides == side]
-        ends = contacts[sides == side, 2]
-        stuck = transformed(held.to_stuck, starts[own])
-        lasted = ends - times[own]
-        yield _Intervals(held.regime, held.force, stuck, lasted, own)
-        released = transformed(held.to_free, evolve(held.force, stuck, np.arange(len(own)), lasted))
-        yield _Intervals(free, gap, released, times[own + 1] - ends, own)
+    for stay in stays(oscillator, run, starts) if run.ended else ():
+        now = stay.which < run.ended
+        own, ends = run.before[stay.which[now]], run.contacts[stay.which[now], 2]
+        held = stay.contact
+        yield _Intervals(held.regime, held.force, stay.stuck[now], stay.lasts[now], own)
+        yield _Intervals(free, gap, stay.released[now], times[own + 1] - ends, own)
 
 
 def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -266,13 +256,13 @@ def _terms(part: _Intervals) -> Array:
     return np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
 
 
-def _clock_error(oscillator: ImpactOscillator, run: Run) -> Array:
+def _clock_error(oscillator: ImpactOscillator, run: Trajectory) -> Array:
     """Bound (N + 1, N + 1) of what rounded times, whose differences are durations, changed."""
-    root = np.sqrt(_EPS * (run.states[:, -1] @ _positions(oscillator, run) ** 2))
+    root = np.sqrt(_EPS * (run.time @ _positions(oscillator, run) ** 2))
     return np.asarray(np.outer(root, root))
 
 
-def _impact_error(oscillator: ImpactOscillator, run: Run, moments: Array) -> Array:
+def _impact_error(oscillator: ImpactOscillator, run: Trajectory, moments: Array) -> Array:
     """Bound (N + 1, N + 1) of what impacts where the gap is zero but for rounding changed.
 
     Where rounding leaves g in a gap that closes at the rate u and bends by a, the impact is late by
@@ -285,13 +275,12 @@ def _impact_error(oscillator: ImpactOscillator, run: Run, moments: Array) -> Arr
     whole duration.
     """
     gap, free = oscillator._gaps[0], oscillator._free
-    x, states = _positions(oscillator, run), free_states(oscillator, run)[1:]
+    x, states = _positions(oscillator, run), run.free_states[1:]
     rates, bends = before_impacts(oscillator, run)
-    flights = np.diff(run.states[:, -1], prepend=0.0)
-    held = run.contacts[run.contacts[:, 0] < run.impacts, 0].astype(np.intp)
+    flights = np.diff(run.time, prepend=0.0)
     from_table = np.full(run.impacts, True)
     from_table[0] = run.start.motion is Motion.TABLE
-    from_table[held] = False
+    from_table[run.before[: run.ended]] = False
     rows = abs(gap.rows[:6]).reshape(3, 2, -1)
     terms = np.empty((3, run.impacts))
     for now in in_steps(run.impacts):
@@ -311,24 +300,20 @@ def _impact_error(oscillator: ImpactOscillator, run: Run, moments: Array) -> Arr
     return np.asarray(moved + moved.T + ended)
 
 
-def _positions(oscillator: ImpactOscillator, run: Run) -> Array:
+def _positions(oscillator: ImpactOscillator, run: Trajectory) -> Array:
     """Positions (impacts, N + 1) at the impacts, the number one last."""
-    n, rows = oscillator.degrees_of_freedom, run.states
+    n, forced = oscillator.degrees_of_freedom, oscillator._free.forced
     x = np.empty((run.impacts, n + 1))
     x[:, n] = 1.0
     for now in in_steps(run.impacts):
-        part = rows[now]
-        q = part[:, : 2 * n].reshape(-1, 2, n)
-        x[now, :n] = oscillator._free.forced.positions(q, part[:, 2 * n], part[:, 2 * n + 1])
+        x[now, :n] = forced.positions(*(part[now] for part in run.coordinates))
     return x
 
 
-def _left_out(oscillator: ImpactOscillator, run: Run, moments: Array) -> Array:
+def _left_out(oscillator: ImpactOscillator, run: Trajectory, moments: Array) -> Array:
     """Bound (N + 1,) of the integrals that bounces, replaced by contact, would have added."""
-    contacts = run.contacts[run.contacts[:, 0] < run.impacts]
-    before = contacts[:, 0].astype(np.intp)
-    speeds = abs(np.append(run.start.relative_velocity, run.states[:, -2])[before])
-    rest = contacts[:, 1] - np.append(0.0, run.states[:, -1])[before]
+    before = run.before[: run.ended]
+    speeds, rest = run.speeds[before], run.contacts[: run.ended, 1] - run.times[before]
     # The first bounce, a parabola, is the highest.
     height = 0.25 * speeds * rest * (1.0 - oscillator.restitution)
     squares = np.diagonal(moments.sum(axis=0))

@@ -9,7 +9,7 @@ on average, while the volume changes by exactly r^2 exp(-trace(M^-1 C) t) in eac
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,20 +18,17 @@ import numpy as np
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
-from dynkit.systems.impact.motion import evolve, transformed
+from dynkit.systems.impact.motion import evolve, stays, transformed
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.trajectory import Trajectory, in_steps
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
-    from dynkit.systems.impact.runs import Run
     from dynkit.systems.impact.state import ImpactState
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
 """Impacts that are worked on at a time, and numbers of their matrices."""
-
-_ROWS = 1 << 16
-"""Impacts whose states are worked out in one step: an interrupt is heard between steps."""
 
 _PRODUCTS_OF_A_CALL = 1 << 24
 """Products after which a call of the kernel ends, or after one step: some ten milliseconds."""
@@ -81,7 +78,7 @@ def growth(oscillator: ImpactOscillator, start: ImpactState, n: int) -> Array:
     return logs[:, 0]
 
 
-def returned(oscillator: ImpactOscillator, run: Run, impacts: Sequence[int]) -> Array:
+def returned(oscillator: ImpactOscillator, run: Trajectory, impacts: Sequence[int]) -> Array:
     """Derivatives (k, 2N, 2N) of free states at one time, from each of some impacts to the next.
 
     The impacts (k + 1,) count from zero in the run and rise.
@@ -115,7 +112,7 @@ def _follow(
         found = np.empty((len(steps.which), len(frame)))
         _stretch(steps, frame, found)
         logs[begin : begin + wanted] = np.add.reduceat(found, steps.first, axis=0)
-        times[begin : begin + wanted] = np.diff(run.states[:, -1], prepend=0.0)
+        times[begin : begin + wanted] = np.diff(run.time, prepend=0.0)
         start = run.final
     return start
 
@@ -141,12 +138,12 @@ def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
         )
 
 
-def steps_of(oscillator: ImpactOscillator, run: Run) -> Steps:
+def steps_of(oscillator: ImpactOscillator, run: Trajectory) -> Steps:
     """The steps of a run: contact, where there is one, flight and impact, cut where they spread."""
     motion = free_motion(oscillator._structure)
-    before = run.contacts[:, 0].astype(np.intp)
-    flights, held = _lasting(run)
-    jumps, lost = _jumps(oscillator, run, flights, held)
+    before = run.before
+    flights, held = run.durations
+    jumps, lost = _jumps(oscillator, run)
 
     spread = _spread(motion)
     parts = np.maximum(np.ceil(flights * (spread / SPREAD)), 1.0).astype(np.intp)
@@ -189,15 +186,15 @@ def _flights(
     return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
 
 
-def chatter_carried(oscillator: ImpactOscillator, run: Run, disturbances: Array) -> Array:
+def chatter_carried(oscillator: ImpactOscillator, run: Trajectory, disturbances: Array) -> Array:
     """What becomes of disturbances (2N, k) of the start of a run that has no contact."""
     from dynkit.systems.impact.tangent_kernels import carry
 
     if not run.impacts:
         return disturbances
     motion, d = free_motion(oscillator._structure), len(disturbances)
-    flights = np.diff(run.states[:, -1], prepend=0.0)
-    jumps, _ = _jumps(oscillator, run, flights, np.empty(0))
+    flights = np.diff(run.time, prepend=0.0)
+    jumps, _ = _jumps(oscillator, run)
     frame = np.ascontiguousarray(disturbances.T)
     none = np.full(len(flights), -1)
     flown = _flights(motion, flights, none, np.empty((0, d, d)))
@@ -205,12 +202,10 @@ def chatter_carried(oscillator: ImpactOscillator, run: Run, disturbances: Array)
     return np.ascontiguousarray(frame.T)
 
 
-def _jumps(
-    oscillator: ImpactOscillator, run: Run, flights: Array, held: Array
-) -> tuple[Array, Any]:
+def _jumps(oscillator: ImpactOscillator, run: Trajectory) -> tuple[Array, Any]:
     """Bend and kick (n, 2) of the impacts, and how many directions they lose, (n,)."""
     r = oscillator.restitution
-    rates, bends = _before_impacts(oscillator, run, flights, held)
+    rates, bends = before_impacts(oscillator, run)
     impact = rates < 0.0
     jumps = np.zeros((run.impacts, 2))
     jumps[impact, 0] = (1.0 + r) * bends[impact] / rates[impact]
@@ -218,41 +213,17 @@ def _jumps(
     return jumps, np.where(impact & (r == 0.0), 1, 0)
 
 
-def before_impacts(oscillator: ImpactOscillator, run: Run) -> tuple[Array, Array]:
-    """Rates and accelerations (n,) of the gap just before the impacts of a run."""
-    return _before_impacts(oscillator, run, *_lasting(run))
-
-
-def _lasting(run: Run) -> tuple[Array, Array]:
-    """Durations (n,) of the flights, and (k,) of the contacts before some of them."""
-    began = np.append(0.0, run.states[:, -1])
-    contacts = run.contacts[run.contacts[:, 0] < run.impacts]
-    before = contacts[:, 0].astype(np.intp)
-    held = contacts[:, 2] - began[before]
-    flights = np.diff(began)
-    flights[before] -= held
-    return flights, held
-
-
-def _before_impacts(
-    oscillator: ImpactOscillator, run: Run, flights: Array, held: Array
-) -> tuple[Array, Array]:
+def before_impacts(oscillator: ImpactOscillator, run: Trajectory) -> tuple[Array, Array]:
+    """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
     r, free = oscillator.restitution, oscillator._free
-    speeds = run.states[:, -2]
-    sides = np.signbit(speeds).astype(np.intp)
-    states = free_states(oscillator, run)
+    sides, speeds, states = run.sides[1:], run.speeds[1:], run.free_states
     kick = np.zeros((2, free.layout.slots))
     kick[:, free.layout.modes] = oscillator._structure.kick[:2]
     if r == 0.0:  # the states after impacts do not tell how fast they were
-        starts = states[:-1].copy()
-        before, stops = _contacts_of(run)
-        before, stops = before[: len(held)], stops[: len(held)]
-        for side in np.unique(stops).tolist():
-            contact, here = oscillator._contacts[side], stops == side
-            stuck = transformed(contact.to_stuck, starts[before[here]])
-            released = evolve(contact.force, stuck, np.arange(len(stuck)), held[here])
-            starts[before[here]] = transformed(contact.to_free, released)
-        ends = evolve(oscillator._gaps[0], starts, np.arange(run.impacts), flights)
+        starts = states.copy()
+        for stay in stays(oscillator, run, states):
+            starts[run.before[stay.which]] = stay.released
+        ends = evolve(oscillator._gaps[0], starts, np.arange(run.impacts), run.durations[0])
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
     for side, (gap, stand) in enumerate(zip(oscillator._gaps, oscillator._stands, strict=True)):
         here = sides == side
@@ -261,7 +232,7 @@ def _before_impacts(
         if r == 0.0:
             rates[here], bends[here] = np.einsum("mij,kij->mk", rows, ends[here])
         else:
-            rates[here] = -abs(speeds[here]) / r
+            rates[here] = -speeds[here] / r
             turn = stand.sign * float((rows[1] * kick).sum())
             for now in in_steps(run.impacts):
                 own = here[now]
@@ -270,31 +241,7 @@ def _before_impacts(
     return rates, bends
 
 
-def _contacts_of(run: Run) -> tuple[Any, Any]:
-    """Impacts before each contact, (k,), and its side, (k,)."""
-    before = run.contacts[:, 0].astype(np.intp)
-    speeds = np.append(run.start.relative_velocity, run.states[:, -2])
-    return before, np.signbit(speeds[before]).astype(np.intp)
-
-
-def free_states(oscillator: ImpactOscillator, run: Run) -> Array:
-    """States (impacts + 1, 2, slots): the start, and after each impact."""
-    free, n, rows = oscillator._free, oscillator.degrees_of_freedom, run.states
-    out = np.empty((len(rows) + 1, 2, free.layout.slots))
-    out[0] = free.states(run.start._coordinates, *run.start._turn)
-    for now in in_steps(len(rows)):
-        part = rows[now]
-        q = part[:, : 2 * n].reshape(-1, 2, n)
-        out[1:][now] = free.states(q, part[:, 2 * n], part[:, 2 * n + 1])
-    return out
-
-
-def in_steps(count: int) -> Iterator[slice]:
-    """Successive parts of so many impacts, each of them quickly worked out."""
-    return (slice(low, low + _ROWS) for low in range(0, count, _ROWS))
-
-
-def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) -> Array:
+def _contact_matrices(oscillator: ImpactOscillator, run: Trajectory, durations: Array) -> Array:
     """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it.
 
     Another motion comes onto the table at another time; see `onto`. At the release the force
@@ -305,9 +252,8 @@ def _contact_matrices(oscillator: ImpactOscillator, run: Run, durations: Array) 
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
         return out
-    before, sides = _contacts_of(run)
-    speeds = abs(np.append(run.start.relative_velocity, run.states[:, -2]))[before]
-    states = free_states(oscillator, run)[before]
+    before, sides = run.before, run.contact_sides
+    speeds, states = run.speeds[before], run.free_states[before]
     for side in np.unique(sides).tolist():
         here = np.flatnonzero(sides == side)
         moved = held(oscillator, side, durations[here])

@@ -26,7 +26,7 @@ INSIDE = np.linspace(0.0, 1.0, 22)[1:-1]
 
 def size(record: ImpactRecord) -> float:
     """How large positions, velocities and what the forces hold them at are."""
-    q = record._coordinates[0]
+    q = record._run.coordinates[0]
     parts = (record.position, record.velocity, record.start.position, record.start.velocity)
     rest = record.system._free.forced.rest
     return 1.0 + max(float(abs(a).max(initial=0.0)) for a in (*parts, q, rest))

@@ -19,15 +19,16 @@ from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact import clock_kernels, kernels, motion, runs, second_moments, tangents
-from dynkit.systems.impact.runs import Run, run
+from dynkit.systems.impact.runs import run
 from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.trajectory import Trajectory
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, begins
 
 ROOT = Path(__file__).parents[2]
 
 
-def numbers(found: Run) -> tuple[Any, ...]:
+def numbers(found: Trajectory) -> tuple[Any, ...]:
     """Every bit of a run but for its seconds."""
     return (
         found.states.tobytes(),
@@ -40,7 +41,7 @@ def numbers(found: Run) -> tuple[Any, ...]:
     )
 
 
-def in_pieces(pause: int, start: ImpactState, system: Any, **arguments: Any) -> Run:
+def in_pieces(pause: int, start: ImpactState, system: Any, **arguments: Any) -> Trajectory:
     with patch.object(runs, "cells_of_a_call", lambda slots: pause):
         return run(system, start, **arguments)
 

@@ -12,12 +12,11 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
 from dynkit.orbits.newton import FixedParameters, correct, solve
 from dynkit.systems.impact.motion import sample_run
-from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import TWO_PI, ImpactState
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.passage import Scene, Word
 from dynkit.systems.impact.sticking.problem import StickingProblem
-from dynkit.systems.impact.tangents import free_states
+from dynkit.systems.impact.trajectory import Indices, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -147,13 +146,12 @@ def _releases(
         if len(ended) >= most or run.impacts < count or count >= _MOST:
             break
         count *= 4
-    speeds = np.append(run.start.relative_velocity, run.states[:, -2])
-    sides = np.signbit(speeds[ended[:, 0].astype(int)]).astype(int).tolist()
+    sides = run.sides[ended[:, 0].astype(int)].tolist()
     phases = state.phase + oscillator.frequency * ended[:, 2]
     return list(zip(sides, _places(oscillator, run, ended[:, 2]), phases.tolist(), strict=True))
 
 
-def _places(oscillator: ImpactOscillator, run: Run, times: Array) -> Array:
+def _places(oscillator: ImpactOscillator, run: Trajectory, times: Array) -> Array:
     """Positions and velocities (k, 2N - 2) of all coordinates but that in contact."""
     x, v = sample_run(oscillator, run, times)
     others = oscillator._structure.others
@@ -170,7 +168,7 @@ def _course(
     count, wanted = 128, (periods + 0.25) * period
     while True:
         run = system._run(state, count, store=True)
-        if run.impacts < count or run.states[-1, -1] > wanted or count >= _MOST:
+        if run.impacts < count or run.time[-1] > wanted or count >= _MOST:
             break
         count *= 2
     ends = run.contacts[:, 2]
@@ -178,20 +176,20 @@ def _course(
     if not len(near):
         return None
     last = int(near[np.argmin(abs(ends[near] - periods * period))])
-    before = run.contacts[: last + 1, 0].astype(int)
+    before = run.before[: last + 1]
     if before[0] == 0 or (np.diff(before) == 0).any():
         return None
     begins = np.append(0, before[:-1])
-    sides = np.signbit(run.states[:, -2]).astype(int)
+    sides = run.sides[1:]
     starts = np.append(side, sides[before - 1])
     held = np.concatenate([places[None], _places(system, run, ends[:last])])
     begun = phase + system.frequency * np.append(0.0, ends[:last])
     words, parts = [], []
-    states = free_states(system, run)
+    states = run.free_states
     for k, (a, b) in enumerate(zip(begins.tolist(), before.tolist(), strict=True)):
-        n = _before_chatter(scene, states[a + 1 : b + 1], run.states[a:b, -1], sides[a:b])
+        n = _before_chatter(scene, states[a + 1 : b + 1], run.time[a:b], sides[a:b])
         words.append(Word(int(starts[k]), tuple(sides[a : a + n].tolist())))
-        phases = phase + system.frequency * run.states[a : a + n, -1]
+        phases = phase + system.frequency * run.time[a : a + n]
         parts.append(np.concatenate([held[k], [begun[k]], phases]))
     q, sine, cosine = system._free.parts(states[: before[-1] + 1])
     x = system._free.forced.positions(q, sine, cosine)
@@ -201,7 +199,7 @@ def _course(
     return StickingProblem(system, (), periods, tuple(words), sizes), np.concatenate(parts)
 
 
-def _before_chatter(scene: Scene, states: Array, times: Array, sides: Array) -> int:
+def _before_chatter(scene: Scene, states: Array, times: Array, sides: Indices) -> int:
     """Number of impacts before those between which the gap is concave, and shrinks, to the end."""
     side = int(sides[-1])
     pressing = -scene.gap(states, side, 2)

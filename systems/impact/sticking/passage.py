@@ -13,17 +13,10 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.motion import evolve
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
-from dynkit.systems.impact.runs import Run
 from dynkit.systems.impact.state import Motion, state_of
 from dynkit.systems.impact.sticking.holding import Holding
-from dynkit.systems.impact.tangents import (
-    chatter_carried,
-    free_states,
-    held,
-    off,
-    onto,
-    rates_of,
-)
+from dynkit.systems.impact.tangents import chatter_carried, held, off, onto, rates_of
+from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -171,9 +164,7 @@ class Passage:
         self.last = self.states[-1]
         lasts = 0.0
         if self.run.impacts:
-            n, row = scene.system.degrees_of_freedom, self.run.states[-1]
-            self.last = free.states(row[: 2 * n].reshape(2, n), row[2 * n], row[2 * n + 1])
-            lasts = float(row[-1])
+            self.last, lasts = self.run.free_states[-1], float(self.run.time[-1])
         self.contact_phase = float(self.phases[-2]) + self.w * lasts
         self.lasts = (float(self.phases[-1]) - self.contact_phase) / self.w
         if self.lasts < 0.0:
@@ -183,7 +174,7 @@ class Passage:
         table = holding.regime.layout.table
         self.end[:, table] = math.sin(self.phases[-1]), math.cos(self.phases[-1])
 
-    def _to_contact(self, start: Any) -> Run:
+    def _to_contact(self, start: Any) -> Trajectory:
         """The impacts until contact, without it.
 
         Where the chatter does not complete, only just, they are cut where they are slowest.
@@ -191,21 +182,21 @@ class Passage:
         system, count = self.scene.system, CHUNK
         while True:
             run = system._run(start, count, store=True)
-            k = int(run.contacts[0, 0]) if len(run.contacts) else run.impacts
+            k = int(run.before[0]) if len(run.contacts) else run.impacts
             away = self._lifts_off(run, k)
             if k < count or away.any() or count >= MOST:
                 break
             count *= 4
         self.complete = len(run.contacts) > 0 and not away.any()
         if not self.complete:
-            speeds = np.append(abs(start.relative_velocity), abs(run.states[:k, -2]))
+            speeds = run.speeds
             most = int(np.argmax(away)) if away.any() else k
             k = int(np.argmin(speeds[: most + 1]))
             if speeds[k] > _NEARLY * max(abs(rate) for rate in self.rates):
                 raise NoSolution("the chatter must be complete")
         return replace(run, states=run.states[:k], contacts=run.contacts[:0], impacts=k)
 
-    def _lifts_off(self, run: Run, count: int) -> Any:
+    def _lifts_off(self, run: Trajectory, count: int) -> Any:
         """Whether each of the first flights, (count,), leaves the chatter.
 
         It is longer than the one before, and nothing holds the mass down to its end. Without
@@ -213,12 +204,11 @@ class Passage:
         """
         if self.r == 0.0:
             return np.ones(count, dtype=bool)
-        states = free_states(self.scene.system, run)[:count]
-        flights = np.diff(run.states[:count, -1], prepend=0.0)
+        states, flights = run.free_states[:count], np.diff(run.time[:count], prepend=0.0)
         bend, change = (self.scene.gap(states, self.word.sides[-1], order) for order in (2, 3))
         freed = bend + np.maximum(change, 0.0) * flights >= 0.0
         longer = flights > np.append(np.inf, flights[:-1])
-        far = np.signbit(run.states[:count, -2]) != bool(self.word.sides[-1])
+        far = run.sides[1 : count + 1] != self.word.sides[-1]
         return (freed & longer) | far
 
     @property
@@ -234,7 +224,7 @@ class Passage:
     def speed(self) -> float:
         """Relative velocity after the last impact before contact."""
         if self.run.impacts:
-            return abs(float(self.run.states[-1, -2]))
+            return float(self.run.speeds[-1])
         return -self.r * self.rates[-1]
 
     # --- derivatives ------------------------------------------------------------------------------

@@ -150,12 +150,11 @@ def _is_motion(passage: Passage) -> bool:
     n = len(word.sides)
     # Where the chatter is cut may change by a bounce.
     run = system._run(start, n + passage.run.impacts + 3, store=True)
-    if run.impacts < n or not len(run.contacts) or run.contacts[0, 0] < n:
+    if run.impacts < n or not len(run.contacts) or run.before[0] < n:
         return False
-    times = np.append(run.states[:n, -1], run.contacts[0, 2])
+    times = np.append(run.time[:n], run.contacts[0, 2])
     expected = (passage.phases[1:] - passage.phases[0]) / passage.w
-    sides = np.signbit(run.states[:n, -2]).astype(int)
-    if tuple(sides.tolist()) != word.sides:
+    if tuple(run.sides[1 : n + 1].tolist()) != word.sides:
         return False
     return bool((abs(times - expected) <= SAME * TWO_PI / passage.w).all())
 
