@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import factorial, inf
 from typing import Any
 
@@ -69,6 +70,7 @@ class Propagators:
     links : (L, 2) targets and sources
     link_step : (2 + all rungs, L, 4) of how the target is driven, of what reaches it in a step, and
         of its steady response
+    generator : (6, slots) entries 11, 12, 21, 22, trace and determinant of G
     responses : what is steady
     """
 
@@ -77,6 +79,7 @@ class Propagators:
     step: Array
     links: NDArray[np.intp]
     link_step: Array
+    generator: Array
     responses: Responses
 
     @staticmethod
@@ -86,7 +89,32 @@ class Propagators:
         step = steps(pairs, smallest, max(min(rungs + BEYOND, MAXIMUM_RUNGS + 1), LONGEST))
         responses = Responses.of(pairs)
         links = _links(pairs, smallest, len(step), responses)
-        return Propagators(smallest, rungs, step, *links, responses)
+        g = _pad(pairs.generator, step.shape[2])
+        generator = np.concatenate([g, [g[0] + g[3], g[0] * g[3] - g[1] * g[2]]])
+        return Propagators(smallest, rungs, step, *links, generator, responses)
+
+    @cached_property
+    def ladder(self) -> Any:
+        """The ladder of a sum that is zero: for steps alone."""
+        from dynkit.exponential.evaluation_kernels import SEPARATE, Ladder
+
+        slots = self.step.shape[2]
+        return Ladder(
+            self.step,
+            np.zeros((0, 10, slots)),
+            np.zeros((SEPARATE + 1, slots)),
+            self.generator,
+            self.links,
+            self.link_step,
+            offset=0.0,
+            smallest=self.smallest,
+            smooth=0,
+            apart=False,
+            grows=False,
+            window=inf,
+            steady=-1,
+            swing=0.0,
+        )
 
 
 def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
@@ -191,7 +219,7 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     steady
         Slot of the table, a sine and cosine; -1 for none.
     """
-    from dynkit.exponential.evaluation_kernels import DEGREE, Ladder
+    from dynkit.exponential.evaluation_kernels import DEGREE
 
     step = propagators.step
     rungs = propagators.rungs
@@ -226,22 +254,17 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
             cell[:, k + 1, s] += rows[k, t] * b[:, i, 1] + rows[k + 1, t] * b[:, i, 3]
     cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept.astype(float), seen)
     smooth = int(np.logical_and.accumulate(kept.all(axis=(1, 2))).sum()) - 1
-    g = _pad(pairs.generator, step.shape[2])
-    return Ladder(
-        step,
-        cell,
-        rows,
-        np.concatenate([g, [g[0] + g[3], g[0] * g[3] - g[1] * g[2]]]),
-        propagators.links,
-        propagators.link_step,
-        float(offset),
-        propagators.smallest,
-        smooth,
-        bool(np.any(pairs.scale[: row.shape[1]] == 0.0)) or len(propagators.links) > 0,
-        pairs.grows or bool(slow.any()),
-        float(window),
-        steady,
-        swing,
+    apart = bool(np.any(pairs.scale[: row.shape[1]] == 0.0)) or len(propagators.links) > 0
+    return propagators.ladder._replace(
+        cell=cell,
+        rows=rows,
+        offset=float(offset),
+        smooth=smooth,
+        apart=apart,
+        grows=pairs.grows or bool(slow.any()),
+        window=float(window),
+        steady=steady,
+        swing=swing,
     )
 
 

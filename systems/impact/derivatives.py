@@ -8,7 +8,8 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.validation import Array
-from dynkit.systems.impact.motion import evolve, transformed
+from dynkit.systems.impact.mode import Mode
+from dynkit.systems.impact.motion import transformed
 from dynkit.systems.impact.orbits.terms import changes_alone
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import ImpactState
@@ -41,9 +42,9 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
         began = float(run.contacts[0, 2])
         stuck = transformed(contact.to_stuck, y[None])
         inner = _linear(contact.to_stuck) @ derivative
-        end, flow = _flow(contact.force, stuck[0], began)
+        end, flow = _flow(contact.mode, stuck[0], began)
         inner = flow @ inner
-        rate = _rate(contact.force, end)
+        rate = contact.mode.rate(end).ravel()
         row = _row(contact.force, 0)
         later = -(row @ inner) / float(row @ rate)
         inner += np.outer(rate, later)
@@ -51,9 +52,9 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
         # Time also moves the phase: it is part of the rate, through sine and cosine of the table.
         derivative = _linear(contact.to_free) @ inner
         y = transformed(contact.to_free, end[None])[0]
-    end, flow = _flow(gap, y, float(run.states[0, -1]) - began)
+    end, flow = _flow(free, y, float(run.states[0, -1]) - began)
     derivative = flow @ derivative
-    rate = _rate(gap, end)
+    rate = free.rate(end).ravel()
     speed = float(_row(gap, 2) @ end.ravel())
     later = -(_row(gap, 0) @ derivative) / speed
     derivative += np.outer(rate, later)
@@ -104,8 +105,8 @@ def parameter_derivative(
     column = free.states(free.forced.coordinates(x, v, none, none), none, none)[0]
     if free.layout.constant >= 0:
         column[0, free.layout.constant] = 0.0
-    end, flow = _flow(gap, free.states(state._coordinates, *state._turn), time)
-    change, rate = flow @ column.ravel(), _rate(gap, end)
+    end, flow = _flow(free, free.states(state._coordinates, *state._turn), time)
+    change, rate = flow @ column.ravel(), free.rate(end).ravel()
     place, speed = _stop_by(oscillator, name, run.final, time)
     before = float(_row(gap, 2) @ end.ravel())
     later = -(_row(gap, 0) @ change - sign * place) / before
@@ -165,33 +166,11 @@ def _lift(oscillator: ImpactOscillator, state: ImpactState) -> Array:
     return np.asarray(out.reshape(2 * n, -1).T)
 
 
-def _flow(ladder: Any, y: Array, duration: float) -> tuple[Array, Array]:
+def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:
     """The state after a duration, and its derivative (2 slots, 2 slots) by the state before."""
-    slots = y.shape[1]
-    # The columns of pairs that nothing links are known from two states for all of them at once.
-    linked = np.unique(ladder.links)
-    alone = np.setdiff1d(np.arange(slots), linked)
-    starts = np.zeros((3 + 2 * len(linked), 2, slots))
-    starts[0], starts[1, 0, alone], starts[2, 1, alone] = y, 1.0, 1.0
-    for i, slot in enumerate(linked.tolist()):
-        starts[3 + 2 * i, 0, slot] = starts[4 + 2 * i, 1, slot] = 1.0
-    count = len(starts)
-    ends = evolve(ladder, starts, np.arange(count), np.full(count, duration))
-    flow = np.zeros((2, slots, 2, slots))
-    for j in range(2):
-        flow[:, alone, j, alone] = ends[1 + j][:, alone]
-        for i, slot in enumerate(linked.tolist()):
-            flow[:, :, j, slot] = ends[3 + 2 * i + j]
-    return ends[0], flow.reshape(2 * slots, 2 * slots)
-
-
-def _rate(ladder: Any, y: Array) -> Array:
-    """Rate of change (2 slots,) of a state."""
-    g = ladder.generator
-    rate = np.stack([g[0] * y[0] + g[1] * y[1], g[2] * y[0] + g[3] * y[1]])
-    for (target, source), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
-        rate[:, target] += b.reshape(2, 2) @ y[:, source]
-    return rate.ravel()
+    slots, lasts = np.arange(y.shape[1]), np.array([duration])
+    end = mode.after(y[None], np.zeros(1, dtype=np.intp), lasts)[0]
+    return end, mode.transitions(lasts, slots).matrices(slots)[0]
 
 
 def _row(ladder: Any, order: int) -> Array:

@@ -20,16 +20,9 @@ from dynkit.core.validation import (
     positive_integer,
     unmasked,
 )
-from dynkit.systems.impact.mechanics import (
-    Contact,
-    Drive,
-    Regime,
-    Stand,
-    Structure,
-    free_regime,
-    gap_of,
-    structure_of,
-)
+from dynkit.systems.impact.contact import Contact
+from dynkit.systems.impact.mode import Mode, free_mode, gap_of
+from dynkit.systems.impact.structure import Drive, Stand, Structure, structure_of
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 _CACHES = frozenset({"_structure", "_drive", "_free", "_gaps", "_contacts", "_flying", "_touching"})
@@ -123,8 +116,8 @@ class DrivenStructure(LagrangianStructure):
         return near, Stand(self.offset + sign * self.play, -sign)
 
     @cached_property
-    def _free(self) -> Regime:
-        return free_regime(self._structure, self._drive)
+    def _free(self) -> Mode:
+        return free_mode(self._structure, self._drive)
 
     @cached_property
     def _gaps(self) -> tuple[Any, ...]:

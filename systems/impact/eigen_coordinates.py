@@ -1,4 +1,4 @@
-"""Coordinates in which a regime of the motion is a set of exponentials, each by itself."""
+"""Coordinates in which a mode of the motion is a set of exponentials, each by itself."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.mechanics import Regime
+from dynkit.systems.impact.mode import Mode
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class EigenCoordinates:
-    """Complex coordinates c_a' = rates_a c_a of a regime's states; the last is the number one.
+    """Complex coordinates c_a' = rates_a c_a of a mode's states; the last is the number one.
 
     Attributes
     ----------
@@ -34,14 +34,14 @@ class EigenCoordinates:
     fastest: Array
 
     @staticmethod
-    def of(regime: Regime) -> EigenCoordinates:
-        """The eigen-coordinates of a regime."""
-        layout, pairs = regime.layout, regime.pairs
+    def of(mode: Mode) -> EigenCoordinates:
+        """The eigen-coordinates of a mode."""
+        layout, pairs = mode.layout, mode.pairs
         used = layout.modes
         for slot in (layout.table, layout.constant):
             used = np.append(used, slot) if slot >= 0 else used
         if pairs.links.size:
-            rates, to, fro, condition = _linked(_generator(regime), pairs.scale, used)
+            rates, to, fro, condition = _linked(_generator(mode), pairs.scale, used)
             error = np.full(len(rates), condition * abs(rates).max(initial=0.0))
         else:
             rates, to, fro, condition = _alone(pairs.generator, used)
@@ -50,10 +50,10 @@ class EigenCoordinates:
         rates, to, fro, error = rates[kept], to[kept], fro[:, kept], error[kept]
         # A coordinate that is not real stands for its conjugate too.
         fro = fro * np.where(rates.imag > 0.0, 2.0, 1.0)
-        n = len(regime.forced.rest)
+        n = len(mode.forced.rest)
         back = np.zeros((n + 1, len(rates) + 1), dtype=complex)
-        back[:n, :-1] = regime.units()[0].T @ fro
-        back[:n, -1] = regime.forced.rest
+        back[:n, :-1] = mode.units()[0].T @ fro
+        back[:n, -1] = mode.forced.rest
         back[n, -1] = 1.0
         return EigenCoordinates(np.append(rates, 0.0), to, back, condition, np.append(error, 0.0))
 
@@ -115,9 +115,9 @@ def _linked(generator: Array, scale: Array, used: Any) -> tuple[Any, Any, Any, f
     return rates, to, fro, condition
 
 
-def _generator(regime: Regime) -> Array:
+def _generator(mode: Mode) -> Array:
     """Generator (2 slots, 2 slots) of the flat states."""
-    pairs = regime.pairs
+    pairs = mode.pairs
     count = pairs.count
     out = np.zeros((2, count, 2, count))
     k = np.arange(count)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.bases import row_by_row
-from dynkit.systems.impact.mechanics import Contact, Regime
+from dynkit.systems.impact.contact import Contact
 from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -21,12 +20,12 @@ if TYPE_CHECKING:
 
 def sample_run(oscillator: ImpactOscillator, run: Trajectory, times: Array) -> tuple[Array, Array]:
     """Positions and velocities (k, N) at times (k,) within a run."""
-    n, free, gap = oscillator.degrees_of_freedom, oscillator._free, oscillator._gaps[0]
+    n, free = oscillator.degrees_of_freedom, oscillator._free
     starts, began = run.free_states, run.times
     which = np.searchsorted(began, times, side="right") - 1
     since = times - began[which]
     if not len(run.contacts):
-        return moved(free, evolve(gap, starts, which, since))
+        return free.motion(free.after(starts, which, since))
 
     before = run.before
     contact = np.full(run.impacts + 1, -1)
@@ -39,16 +38,16 @@ def sample_run(oscillator: ImpactOscillator, run: Trajectory, times: Array) -> t
 
     x, v = np.empty((len(times), n)), np.empty((len(times), n))
     flying = ~in_contact & ~released
-    x[flying], v[flying] = moved(free, evolve(gap, starts, which[flying], since[flying]))
+    x[flying], v[flying] = free.motion(free.after(starts, which[flying], since[flying]))
     for stay in stays(oscillator, run, starts):
         held, own = stay.contact, np.isin(during, stay.which)
         # Flights after a release start from the released state.
         part = np.flatnonzero(released & own)
         at = np.searchsorted(stay.which, during[part])
-        x[part], v[part] = moved(free, evolve(gap, stay.released, at, since[part] - length[part]))
+        x[part], v[part] = free.motion(free.after(stay.released, at, since[part] - length[part]))
         part = np.flatnonzero(in_contact & own)
         at = np.searchsorted(stay.which, during[part])
-        x[part], v[part] = moved(held.regime, evolve(held.force, stay.stuck, at, since[part]))
+        x[part], v[part] = held.mode.motion(held.mode.after(stay.stuck, at, since[part]))
         part = part[since[part] < rest[during[part]]]
         k = during[part]
         lift, rise = _bounces(oscillator.restitution, speed[k], rest[k], since[part])
@@ -88,7 +87,7 @@ def stays(oscillator: ImpactOscillator, run: Trajectory, starts: Array) -> Itera
         stuck = transformed(contact.to_stuck, starts[before[which]])
         lasts = run.contacts[which, 2] - run.times[before[which]]
         end = np.where(np.isfinite(lasts), lasts, 0.0)
-        ends = evolve(contact.force, stuck, np.arange(len(which)), end)
+        ends = contact.mode.after(stuck, np.arange(len(which)), end)
         yield Stay(side, contact, which, stuck, lasts, transformed(contact.to_free, ends))
 
 
@@ -100,19 +99,6 @@ def longest_sample(oscillator: ImpactOscillator, run: Trajectory) -> float:
     return float(min(2.0 ** (23 + len(part.cell)) * part.smallest for part in ladders))
 
 
-def evolve(ladder: Any, starts: Array, which: Any, durations: Array) -> Array:
-    """States (m, 2, slots) at given durations from some of the starts (k, 2, slots)."""
-    from dynkit.systems.impact.kernels import sample
-
-    out = np.empty((len(durations), *starts.shape[1:]))
-    starts, slots = np.ascontiguousarray(starts), starts.shape[2]
-    work, size = workspace(slots), cells_of_a_call(slots)
-    for begin in range(0, len(durations), size):
-        now = slice(begin, begin + size)
-        sample(ladder, starts, which[now], durations[now], work, out[now])
-    return out
-
-
 def transformed(matrix: Array, states: Array) -> Array:
     """States (k, 2, slots) in the other basis, by a matrix of the kernels' `Stop`."""
     flat = states.reshape(len(states), states.shape[1] * states.shape[2])
@@ -120,13 +106,6 @@ def transformed(matrix: Array, states: Array) -> Array:
     if flat.shape[1]:  # a single mass on a table at rest has no state
         out = row_by_row(flat, matrix[:, :-1]) + out
     return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))
-
-
-def moved(regime: Regime, states: Array) -> tuple[Array, Array]:
-    """Positions and velocities (k, N) of states (k, 2, slots)."""
-    q, sine, cosine = regime.parts(states)
-    forced = regime.forced
-    return forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
 
 
 def _bounces(restitution: float, speed: Array, rest: Array, since: Array) -> tuple[Array, Array]:

@@ -199,7 +199,7 @@ def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[A
         if with_contact:
             held = oscillator._contacts[side]
             force, to_stuck, to_free = held.force, held.to_stuck, held.to_free
-            slots = held.regime.layout.slots
+            slots = held.mode.layout.slots
         stops.append(Stop(gap, force, stand.sign * kick, to_stuck, to_free))
     mechanics = Mechanics(
         tuple(stops),

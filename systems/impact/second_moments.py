@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.systems.impact.eigen_coordinates import EigenCoordinates
-from dynkit.systems.impact.mechanics import Regime
-from dynkit.systems.impact.motion import evolve, stays
+from dynkit.systems.impact.mode import Mode
+from dynkit.systems.impact.motion import stays
 from dynkit.systems.impact.runs import band_factor
 from dynkit.systems.impact.state import Motion
 from dynkit.systems.impact.tangents import before_impacts
@@ -78,10 +78,9 @@ class SecondMoments:
 @final
 @dataclass(frozen=True, eq=False)
 class _Intervals:
-    """Successive intervals in one regime: states at their begins, durations, numbers of impacts."""
+    """Successive intervals in one mode: states at their begins, durations, numbers of impacts."""
 
-    regime: Regime
-    ladder: Any
+    mode: Mode
     starts: Array
     durations: Array
     impact: NDArray[np.intp]
@@ -125,26 +124,25 @@ def second_moments(oscillator: ImpactOscillator, run: Trajectory, batches: int) 
 
 def _intervals(oscillator: ImpactOscillator, run: Trajectory) -> Iterator[_Intervals]:
     """Flights, contacts, and flights after a release."""
-    free, gap = oscillator._free, oscillator._gaps[0]
-    starts, times = run.free_states, run.times
+    free, starts, times = oscillator._free, run.free_states, run.times
     flying = np.ones(run.impacts, dtype=bool)
     flying[run.before[: run.ended]] = False
     where = np.flatnonzero(flying)
     flights = starts[where] if run.ended else starts[:-1]
-    yield _Intervals(free, gap, flights, np.diff(times)[where], where)
+    yield _Intervals(free, flights, np.diff(times)[where], where)
     for stay in stays(oscillator, run, starts) if run.ended else ():
         now = stay.which < run.ended
         own, ends = run.before[stay.which[now]], run.contacts[stay.which[now], 2]
         held = stay.contact
-        yield _Intervals(held.regime, held.force, stay.stuck[now], stay.lasts[now], own)
-        yield _Intervals(free, gap, stay.released[now], times[own + 1] - ends, own)
+        yield _Intervals(held.mode, stay.stuck[now], stay.lasts[now], own)
+        yield _Intervals(free, stay.released[now], times[own + 1] - ends, own)
 
 
 def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
     """Moments (b, N + 1, N + 1), the number one last, and a bound of the errors of their sum."""
     from dynkit.systems.impact import moment_kernels
 
-    eigen = EigenCoordinates.of(part.regime)
+    eigen = EigenCoordinates.of(part.mode)
     out = np.zeros((len(edges) - 1, *(2 * [len(eigen.back)])))
     if not np.isfinite(eigen.condition):
         return out, np.full(out.shape[1:], np.inf)
@@ -163,7 +161,7 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
     m = len(rates)
     norms = np.zeros((4, m))
     places = np.searchsorted(part.impact, edges)
-    flat = part.starts.reshape(len(part.starts), 2 * part.regime.layout.slots)
+    flat = part.starts.reshape(len(part.starts), 2 * part.mode.layout.slots)
     work, block = np.empty((4, m)), np.empty((2 * m, 2 * m))
     # Of whole blocks: sums do not depend on the size.
     step = moment_kernels.BLOCK * max(_PRODUCTS_OF_A_CALL // (moment_kernels.BLOCK * m * m), 1)
@@ -213,10 +211,10 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
 
 def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
     """The same, and the number of nodes, by Gauss-Legendre quadrature of the exact motion."""
-    regime = part.regime
-    n = len(regime.forced.rest)
+    mode = part.mode
+    n = len(mode.forced.rest)
     out = np.zeros((len(edges) - 1, n + 1, n + 1))
-    fastest = 2.0 * float(regime.pairs.rates[0].max(initial=0.0))
+    fastest = 2.0 * float(mode.pairs.rates[0].max(initial=0.0))
     panels = np.maximum(np.ceil(part.durations * fastest / _REACH), 1.0)
     if panels.sum() * _NODES > _MOST_NODES:
         return out, np.full(out.shape[1:], np.inf), 0
@@ -232,9 +230,9 @@ def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
         at = (place[now, None] + 0.5 * (nodes + 1.0)) * length[now, None]
         weight = 0.5 * weights * length[now, None]
         row = np.repeat(which[now], _NODES)
-        states = evolve(part.ladder, part.starts, row, at.ravel())
+        states = mode.after(part.starts, row, at.ravel())
         x = np.ones((len(row), n + 1))
-        x[:, :n] = regime.forced.positions(*regime.parts(states))
+        x[:, :n] = mode.forced.positions(*mode.parts(states))
         weighted = x * weight.ravel()[:, None]
         for b in np.unique(batch[which[now]]).tolist():
             own = batch[row] == b
@@ -249,9 +247,9 @@ def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
 
 def _terms(part: _Intervals) -> Array:
     """Bounds (k, N + 1) of the sums of absolute terms of positions in each interval, and one."""
-    regime, rest = part.regime, part.regime.forced.rest_terms
-    rows = np.stack([regime.row(unit) for unit in np.eye(len(rest))])
-    weights = regime.pairs.bounds(rows, float(part.durations.max(initial=0.0)))
+    mode, rest = part.mode, part.mode.forced.rest_terms
+    rows = np.stack([mode.row(unit) for unit in np.eye(len(rest))])
+    weights = mode.pairs.bounds(rows, float(part.durations.max(initial=0.0)))
     terms = np.einsum("nij,kij->kn", weights, abs(part.starts)) + rest
     return np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
 

@@ -18,7 +18,7 @@ import numpy as np
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
-from dynkit.systems.impact.motion import evolve, stays, transformed
+from dynkit.systems.impact.motion import stays, transformed
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.trajectory import Trajectory, in_steps
@@ -172,8 +172,8 @@ def _flights(
     motion: FreeMotion, durations: Array, which: Any, dense: Array
 ) -> tuple[Array, Any, Array]:
     """What the kernels take of flights (n,), after the matrices whose numbers are not negative."""
-    slots = motion.regime.layout.modes
-    flown = motion.transitions(durations)
+    slots = motion.mode.layout.modes
+    flown = motion.mode.transitions(durations)
     blocks = np.empty((len(durations), 2, 2, len(slots)))
     if len(flown.linked):
         blocks[...] = np.eye(2)[..., None]
@@ -223,7 +223,7 @@ def before_impacts(oscillator: ImpactOscillator, run: Trajectory) -> tuple[Array
         starts = states.copy()
         for stay in stays(oscillator, run, states):
             starts[run.before[stay.which]] = stay.released
-        ends = evolve(oscillator._gaps[0], starts, np.arange(run.impacts), run.durations[0])
+        ends = free.after(starts, np.arange(run.impacts), run.durations[0])
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
     for side, (gap, stand) in enumerate(zip(oscillator._gaps, oscillator._stands, strict=True)):
         here = sides == side
@@ -256,33 +256,17 @@ def _contact_matrices(oscillator: ImpactOscillator, run: Trajectory, durations: 
     speeds, states = run.speeds[before], run.free_states[before]
     for side in np.unique(sides).tolist():
         here = np.flatnonzero(sides == side)
-        moved = held(oscillator, side, durations[here])
+        mode = oscillator._contacts[side].mode
+        moved = mode.transitions(durations[here]).matrices(mode.layout.modes)
         down = onto(oscillator, side, states[here], speeds[here])
         out[here] = off(oscillator, side) @ moved @ down
     return out
 
 
-def held(oscillator: ImpactOscillator, side: int, durations: Array) -> Array:
-    """Derivatives (k, 2 stuck modes, 2 stuck modes) of contacts of these durations (k,)."""
-    contact = oscillator._contacts[side]
-    modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
-    count = 2 * len(modes)
-    units = np.zeros((2, len(modes), 2, slots))
-    units[0, np.arange(len(modes)), 0, modes] = 1.0
-    units[1, np.arange(len(modes)), 1, modes] = 1.0
-    ends = evolve(
-        contact.force,
-        units.reshape(count, 2, slots),
-        np.tile(np.arange(count), len(durations)),
-        np.repeat(durations, count),
-    )
-    return ends[..., modes].reshape(len(durations), count, count).transpose(0, 2, 1)
-
-
 def off(oscillator: ImpactOscillator, side: int) -> Array:
     """Derivative (2N, 2 stuck modes) of the free state by the stuck one that is released."""
     contact = oscillator._contacts[side]
-    modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
+    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
     rows = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, oscillator._free.layout.modes]
     return np.asarray(rows[..., modes].reshape(oscillator.dimension, 2 * len(modes)))
 
@@ -294,11 +278,11 @@ def onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) 
     rest of the chatter, later by -g / u, while the rates of both motions differ.
     """
     contact, gap = oscillator._contacts[side], oscillator._gaps[side]
-    modes, slots = contact.regime.layout.modes, contact.regime.layout.slots
+    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
     free_modes, n = oscillator._free.layout.modes, oscillator.degrees_of_freedom
     down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
-    rates = rates_of(gap, states).reshape(len(states), -1)
-    stuck = rates_of(contact.force, transformed(contact.to_stuck, states))
+    rates = oscillator._free.rate(states).reshape(len(states), -1)
+    stuck = contact.mode.rate(transformed(contact.to_stuck, states))
     change = (rates @ contact.to_stuck[:, :-1].T).reshape(-1, 2, slots) - stuck
     change = change[..., modes].reshape(len(states), 2 * len(modes))
     place = np.zeros((2, oscillator._free.layout.slots))
@@ -311,19 +295,9 @@ def onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) 
     )
 
 
-def rates_of(ladder: Any, states: Array) -> Array:
-    """Rates of change (k, 2, slots) of states of an exponential sum."""
-    g = ladder.generator
-    y, z = states[:, 0], states[:, 1]
-    out = np.stack([g[0] * y + g[1] * z, g[2] * y + g[3] * z], axis=1)
-    for (t, source), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
-        out[..., t] += states[..., source] @ b.reshape(2, 2).T
-    return out
-
-
 def _spread(motion: FreeMotion) -> float:
     """How much faster the fastest mode decays than the slowest one."""
-    g = motion.regime.pairs.generator[:, motion.regime.layout.modes]
+    g = motion.mode.pairs.generator[:, motion.mode.layout.modes]
     half = 0.5 * (g[0] + g[3])
     root = np.sqrt(np.maximum(half * half - (g[0] * g[3] - g[1] * g[2]), 0.0))
     return float((half + root).max() - (half - root).min())

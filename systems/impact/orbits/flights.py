@@ -125,7 +125,7 @@ class Flight:
         """Gap and derivatives (orders, k) at times (k,) after the impact."""
         s, t = self.solution, self.solution.terms
         which = np.zeros(len(times), dtype=np.intp)
-        states = s.motion.after(s.states[self.start][None], which, times)
+        states = s.motion.mode.after(s.states[self.start][None], which, times)
         free = s.motion.rows[:orders] @ states.reshape(len(times), -1).T
         turn = t.drive * np.exp(1j * (s.phases[self.start] + t.frequency * times))
         steady = np.stack([((1j * t.frequency) ** k * turn).imag for k in range(orders)])

@@ -11,7 +11,7 @@ from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.systems.impact.orbits.solution import LATE, ROUNDING
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.responses import Transitions
+    from dynkit.systems.impact.mode import Transitions
     from dynkit.systems.impact.orbits.solution import Solution
 
 LARGE = 50
@@ -27,7 +27,7 @@ def multipliers(solution: Solution) -> Any:
     """Floquet multipliers (2N,), complex, the largest modulus first."""
     if not solution.impulses.all():
         # An impact that only grazes stretches without bound.
-        found = np.zeros(2 * len(solution.motion.regime.layout.modes), dtype=complex)
+        found = np.zeros(2 * len(solution.motion.mode.layout.modes), dtype=complex)
         found[0] = np.inf
         return found
     flights, jumps = _passages(solution)
@@ -35,7 +35,7 @@ def multipliers(solution: Solution) -> Any:
         roots = _secular(flights, jumps)
         if roots is not None:
             return roots[np.lexsort((-roots.imag, -abs(roots)))]
-    slots = solution.motion.regime.layout.modes
+    slots = solution.motion.mode.layout.modes
     return product_eigenvalues(_jumped(flights.matrices(slots), slots, jumps))
 
 
@@ -48,11 +48,11 @@ def factors(solution: Solution) -> tuple[Array, Array] | None:
     if not solution.impulses.all():
         return None
     flights, jumps = _passages(solution)
-    slots = solution.motion.regime.layout.modes
+    slots = solution.motion.mode.layout.modes
     matrices = flights.matrices(slots)
     states = np.zeros((*matrices.shape[:2], 2, solution.motion.kick.shape[1]))
     states[..., slots] = matrices.transpose(0, 2, 1).reshape(*states.shape[:2], 2, -1)
-    rates = solution.motion.rate(states)[..., slots].reshape(matrices.shape).transpose(0, 2, 1)
+    rates = solution.motion.mode.rate(states)[..., slots].reshape(matrices.shape).transpose(0, 2, 1)
     found, changed = (_jumped(part, slots, jumps) for part in (matrices, rates))
     late = LATE * solution.period * (_norms(changed) / _norms(found)).max()
     return found, (ROUNDING + float(late)) * _norms(found)
@@ -87,9 +87,9 @@ def _passages(solution: Solution) -> tuple[Transitions, list[tuple[Array, Array]
     motion, t = solution.motion, solution.terms
     r = t.restitution
     place, speed, bend = motion.rows[:3].reshape(3, 2, -1)
-    kick, pushed = motion.kick, motion.rate(motion.kick)
+    kick, pushed = motion.kick, motion.mode.rate(motion.kick)
     order = np.argsort(solution.phases)
-    flights = motion.transitions(solution.lasts[order])
+    flights = motion.mode.transitions(solution.lasts[order])
     before = solution.gaps(2) - solution.impulses * float((bend * kick).sum())
     jumps = []
     for i in np.roll(order, -1).tolist():

@@ -130,8 +130,8 @@ class ImpactOrbit(DrivenOrbit):
         s = self._solution
         asked = finite_array("times", times, (None,)) % self.period
         which = np.searchsorted(self.time, asked, side="right") - 1
-        states = s.motion.after(s.states, which, asked - self.time[which])
-        q = states[..., s.motion.regime.layout.modes]
+        states = s.motion.mode.after(s.states, which, asked - self.time[which])
+        q = states[..., s.motion.mode.layout.modes]
         turn = np.exp(1j * (s.phases[0] + s.terms.frequency * asked))[:, None]
         basis = self.system._structure.free
         position = basis.positions(q) + (s.terms.shape * turn).imag + s.terms.still

@@ -8,8 +8,9 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.mode import Transitions
 from dynkit.systems.impact.orbits.flights import Flight
-from dynkit.systems.impact.orbits.responses import FreeMotion, Transitions
+from dynkit.systems.impact.orbits.responses import FreeMotion
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
 
@@ -65,7 +66,7 @@ class Solution:
         if n == 1:
             return state.reshape(1, 1, -1)
         which = np.zeros(n * n, dtype=np.intp)
-        return self.motion.after(state[None], which, self.since.ravel()).reshape(n, n, -1)
+        return self.motion.mode.after(state[None], which, self.since.ravel()).reshape(n, n, -1)
 
     @cached_property
     def _kicks(self) -> Array:
@@ -89,7 +90,7 @@ class Solution:
     @cached_property
     def by_period(self) -> Array:
         """Derivatives (2, n, n) of the first two responses by the period."""
-        moved = self.motion.rate(self.transition.apply(0, self.kicked))
+        moved = self.motion.mode.rate(self.transition.apply(0, self.kicked))
         state = np.asarray(self.transition.periodic(moved))
         return np.asarray((self._spread(state) @ self.motion.rows[:2].T).transpose(2, 0, 1))
 
@@ -110,7 +111,7 @@ class Solution:
         """
         n, slots = len(self.sides), self.motion.kick.shape[1]
         grown = self.transition.amplification(slots)
-        rates = abs(self.motion.rate(self._kicks.reshape(n, n, 2, slots)))
+        rates = abs(self.motion.mode.rate(self._kicks.reshape(n, n, 2, slots)))
         rates *= abs(self.impulses)[:, None, None]
         others = rates * (1.0 - np.eye(n))[..., None, None]
         late = LATE * self.period * (grown * rates + others).sum(axis=1)

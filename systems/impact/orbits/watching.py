@@ -61,7 +61,7 @@ def flights_are_open(oscillator: Callable[[], ImpactOscillator], solution: Solut
 def section_states(oscillator: ImpactOscillator, solution: Solution) -> Array:
     """Section coordinates (n, 2N) just after the impacts; impulses that pull count as zero."""
     structure, t = oscillator._structure, solution.terms
-    q = solution.states[..., solution.motion.regime.layout.modes]
+    q = solution.states[..., solution.motion.mode.layout.modes]
     turn = np.exp(1j * solution.phases)[:, None]
     position = structure.free.positions(q) + (t.shape * turn).imag + t.still
     velocity = structure.free.velocities(q) + t.frequency * (t.shape * turn).real

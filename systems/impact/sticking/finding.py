@@ -118,10 +118,10 @@ def _starts(oscillator: ImpactOscillator, scene: Scene) -> Iterator[ImpactState]
     random = np.random.default_rng(0)
     half = oscillator.degrees_of_freedom - 1
     for holding in scene.holdings:
-        regime = holding.regime
+        mode = holding.mode
         for k in range(STARTS):
             q = np.zeros((len(phases), 2, half))
-            steady = regime.states(q, np.sin(phases), np.cos(phases))
+            steady = mode.states(q, np.sin(phases), np.cos(phases))
             places = holding.places(steady)
             if k:
                 size = abs(places).max(axis=0)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.motion import evolve
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 
 if TYPE_CHECKING:
@@ -34,35 +33,35 @@ class Holding:
     def __init__(self, system: ImpactOscillator, side: int) -> None:
         self.system, self.side = system, side
         self.contact = system._contacts[side]
-        self.regime = self.contact.regime
-        modes = self.regime.layout.modes
+        self.mode = self.contact.mode
+        modes = self.mode.layout.modes
         self._state, self._places = self._affine()
-        both = np.append(modes, self.regime.layout.slots + modes)
+        both = np.append(modes, self.mode.layout.slots + modes)
         self.inward = self._state[both, :-3]
         self.outward = self._places[:, both]
         self.force_row = self._whole(self.contact.force.rows[:2])[both] @ self.inward
 
     def _affine(self) -> tuple[Array, Array]:
         """States by places, sine, cosine and one; places by states and one."""
-        others, forced = self.system._structure.others, self.regime.forced
+        others, forced = self.system._structure.others, self.mode.forced
         half, count = len(others), 2 * len(others)
         x, v = np.zeros((2, count + 3, self.system.degrees_of_freedom))
         x[np.arange(half), others] = v[np.arange(half, count), others] = 1.0
         x[-1] -= forced.rest
         v[-1] -= forced.drift
         sine, cosine = np.eye(count + 3)[[count, count + 1]]
-        states = self.regime.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
-        if self.regime.layout.constant >= 0:
-            states[:-1, 0, self.regime.layout.constant] = 0.0
+        states = self.mode.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
+        if self.mode.layout.constant >= 0:
+            states[:-1, 0, self.mode.layout.constant] = 0.0
 
-        x, v = self.regime.units()
+        x, v = self.mode.units()
         x, v = np.vstack([x, forced.rest]), np.vstack([v, forced.drift])
         places = np.concatenate([x[:, others], v[:, others]], axis=1)
         return states.reshape(count + 3, -1).T, places.T
 
     def _whole(self, row: Array) -> Array:
         """A row of the seen slots as one of all numbers of a state."""
-        out = np.zeros((2, self.regime.layout.slots))
+        out = np.zeros((2, self.mode.layout.slots))
         out[:, : row.shape[1]] = row
         return out.ravel()
 
@@ -118,7 +117,7 @@ class Holding:
     def after(self, state: Array, durations: Array) -> Array:
         """Stuck states (k, 2, slots) at durations (k,) after one."""
         which = np.zeros(len(durations), dtype=np.intp)
-        return evolve(self.contact.force, state[None], which, durations)
+        return self.mode.after(state[None], which, durations)
 
 
 def _mapped(matrix: Array, state: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.core.validation import Array, finite_array
-from dynkit.systems.impact.motion import evolve, moved, sample_run
+from dynkit.systems.impact.motion import sample_run
 from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.passage import PASSED
@@ -179,17 +179,13 @@ def _sampled(passage: Passage, since: Array) -> Array:
     which = np.searchsorted(events, since, side="right") - 1
     flying = which < len(events) - 1
     held = since >= contact
-    states = evolve(
-        scene.system._gaps[0],
-        np.array(passage.states),
-        which[flying],
-        (since - events[which])[flying],
-    )
-    out[:, flying] = moved(free, states)
+    starts = np.array(passage.states)
+    out[:, flying] = free.motion(free.after(starts, which[flying], (since - events[which])[flying]))
     chatter = ~flying & ~held
     if chatter.any():
         out[:, chatter] = sample_run(scene.system, passage.run, since[chatter] - events[-1])
     if held.any():
         holding = scene.holdings[passage.word.sides[-1]]
-        out[:, held] = moved(holding.regime, holding.after(passage.caught, since[held] - contact))
+        states = holding.after(passage.caught, since[held] - contact)
+        out[:, held] = holding.mode.motion(states)
     return out

@@ -11,11 +11,10 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.motion import evolve
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.state import Motion, state_of
 from dynkit.systems.impact.sticking.holding import Holding
-from dynkit.systems.impact.tangents import chatter_carried, held, off, onto, rates_of
+from dynkit.systems.impact.tangents import chatter_carried, off, onto
 from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -86,7 +85,7 @@ class Scene:
     def fly(self, state: Array, durations: Array) -> Array:
         """Free states (k, 2, slots) at durations (k,) after one."""
         which = np.zeros(len(durations), dtype=np.intp)
-        return evolve(self.system._gaps[0], state[None], which, durations)
+        return self.system._free.after(state[None], which, durations)
 
     def flat(self, states: Array) -> Array:
         """Modes (..., 2N) of free states (..., 2, slots), both rows in turn."""
@@ -171,7 +170,7 @@ class Passage:
             raise NoSolution("the chatter must be complete before the release")
         self.caught = holding.caught(self.last)
         self.end = holding.after(self.caught, np.array([self.lasts]))[0]
-        table = holding.regime.layout.table
+        table = holding.mode.layout.table
         self.end[:, table] = math.sin(self.phases[-1]), math.cos(self.phases[-1])
 
     def _to_contact(self, start: Any) -> Trajectory:
@@ -249,9 +248,9 @@ class Passage:
         moved = np.zeros((d, d + n + 2))
         moved[:, :d] = holding.inward
         moved[:, d] = self._stuck_modes(holding, holding.turned(float(self.phases[0])))
-        moved[:, d] -= self._stuck_modes(holding, self._rate(holding, self.start)) / w
+        moved[:, d] -= self._stuck_modes(holding, holding.mode.rate(self.start)) / w
         moved = off(scene.system, word.start) @ moved
-        flights = motion.transitions(self.durations).matrices(motion.regime.layout.modes)
+        flights = motion.mode.transitions(self.durations).matrices(motion.mode.layout.modes)
         gaps = np.empty((n, d + n + 2))
         for k, side in enumerate(word.sides):
             sign = scene.system._stands[side].sign
@@ -265,7 +264,7 @@ class Passage:
         moved = moved - sign * np.outer(scene.flat(scene.shift), gaps[-1])
         ended = self._ended(moved)
         end = scene.holdings[word.sides[-1]]
-        ended[:, -1] += end.change(self._rate(end, self.end)) / w
+        ended[:, -1] += end.change(end.mode.rate(self.end)) / w
         return gaps, ended
 
     def _ended(self, moved: Array) -> Array:
@@ -273,16 +272,13 @@ class Passage:
         system, side = self.scene.system, self.word.sides[-1]
         moved = chatter_carried(system, self.run, moved)
         moved = onto(system, side, self.last[None], np.array([self.speed]))[0] @ moved
-        moved = held(system, side, np.array([self.lasts]))[0] @ moved
+        mode = self.scene.holdings[side].mode
+        moved = mode.transitions(np.array([self.lasts])).matrices(mode.layout.modes)[0] @ moved
         return np.asarray(self.scene.holdings[side].outward @ moved)
 
     @staticmethod
     def _stuck_modes(holding: Holding, change: Array) -> Array:
-        return np.asarray(change[:, holding.regime.layout.modes].ravel())
-
-    @staticmethod
-    def _rate(holding: Holding, state: Array) -> Array:
-        return np.asarray(rates_of(holding.contact.force, state[None])[0])
+        return np.asarray(change[:, holding.mode.layout.modes].ravel())
 
     @cached_property
     def derivative(self) -> Array:

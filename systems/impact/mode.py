@@ -1,0 +1,247 @@
+"""Linear modes of the motion: how states evolve, and how they change, in the kernels' slots."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.validation import Array
+from dynkit.exponential.propagators import Propagators, cells_of_a_call, ladder, workspace
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.forced import HIDDEN, Forced, Load
+from dynkit.systems.impact.structure import Drive, Stand, Structure
+
+
+@final
+class Mode:
+    """A linear mode of the motion, in the slots of the kernels: free flight, or contact.
+
+    Attributes
+    ----------
+    forced : Forced
+    layout : Layout
+    pairs : Pairs
+    """
+
+    def __init__(self, forced: Forced, drive: Drive, seen: NDArray[np.bool_]) -> None:
+        self.forced = forced
+        self.layout, self.pairs = forced.arranged(~seen, turns=drive.turns)
+
+    @cached_property
+    def propagators(self) -> Propagators:
+        """The steps of all slots."""
+        return Propagators.of(self.pairs)
+
+    def row(self, coefficients: Array) -> Array:
+        """Row (2, slots) of a sum (N,) of positions, without their rest."""
+        out = np.zeros((2, self.layout.slots))
+        if self.forced.basis is not None:
+            coefficients_of_modes = coefficients[self.forced.free]
+            out[:, self.layout.modes] = self.forced.basis.position_row(coefficients_of_modes)
+        if self.layout.table >= 0:
+            turn = coefficients @ self.forced.shape
+            out[:, self.layout.table] = turn.real, turn.imag
+        return out
+
+    def states(self, q: Array, sine: Any, cosine: Any) -> Array:
+        """States (..., 2, slots) of coordinates (..., 2, m) and the phase."""
+        out = np.zeros((*q.shape[:-1], self.layout.slots))
+        out[..., self.layout.modes] = q
+        if self.layout.table >= 0:
+            out[..., 0, self.layout.table], out[..., 1, self.layout.table] = sine, cosine
+        if self.layout.constant >= 0:
+            out[..., 0, self.layout.constant] = 1.0
+        return out
+
+    def parts(self, states: Array) -> tuple[Array, Array, Array]:
+        """Coordinates (..., 2, m), sine and cosine (...) of states (..., 2, slots)."""
+        q = states[..., self.layout.modes]
+        if self.layout.table < 0:
+            none = np.zeros(q.shape[:-2])
+            return q, none, none
+        return q, states[..., 0, self.layout.table], states[..., 1, self.layout.table]
+
+    def units(self) -> tuple[Array, Array]:
+        """Positions and velocities (2 slots, N) of unit states, less those at rest."""
+        forced, layout = self.forced, self.layout
+        x, v = np.zeros((2, 2, layout.slots, len(forced.rest)))
+        if forced.basis is not None:
+            for part, own in zip((x, v), forced.basis.units(), strict=True):
+                place = layout.modes[:, None], forced.free
+                part[:, *place] = own.reshape(2, len(layout.modes), -1)
+        if layout.table >= 0:
+            x[:, layout.table] = forced.shape.real, forced.shape.imag
+            v[:, layout.table] = forced.turning.real, forced.turning.imag
+        shape = 2 * layout.slots, len(forced.rest)
+        return x.reshape(shape), v.reshape(shape)
+
+    def sum(self, row: Array, offset: float) -> Any:
+        """The exponential sum ``offset + row . y`` as the kernels take it."""
+        row = row[:, : self.layout.seen]
+        return ladder(self.pairs, row, offset, self.propagators, self.layout.table)
+
+    # --- the motion -------------------------------------------------------------------------------
+
+    def motion(self, states: Array) -> tuple[Array, Array]:
+        """Positions and velocities (k, N) of states (k, 2, slots)."""
+        q, sine, cosine = self.parts(states)
+        return self.forced.positions(q, sine, cosine), self.forced.velocities(q, sine, cosine)
+
+    def after(self, starts: Array, which: Any, durations: Array) -> Array:
+        """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""
+        from dynkit.systems.impact.kernels import sample
+
+        ladder, slots = self.propagators.ladder, starts.shape[2]
+        out, starts = np.empty((len(durations), 2, slots)), np.ascontiguousarray(starts)
+        work, size = workspace(slots), cells_of_a_call(slots)
+        for begin in range(0, len(durations), size):
+            now = slice(begin, begin + size)
+            sample(ladder, starts, which[now], durations[now], work, out[now])
+        return out
+
+    def rate(self, states: Array) -> Array:
+        """Rates of change (..., 2, slots) of states."""
+        ladder = self.propagators.ladder
+        g, y, z = ladder.generator, states[..., 0, :], states[..., 1, :]
+        out = np.stack([g[0] * y + g[1] * z, g[2] * y + g[3] * z], axis=-2)
+        for (t, s), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
+            out[..., t] += states[..., s] @ b.reshape(2, 2).T
+        return out
+
+    def transitions(self, durations: Array, among: Any = None) -> Transitions:
+        """Transitions over the durations (k,) among some slots, the modes by default."""
+        some = self.layout.modes if among is None else among
+        linked = np.intersect1d(self.propagators.links, some)
+        alone = np.setdiff1d(some, linked)
+        starts = np.zeros((2 + 2 * len(linked), 2, self.layout.slots))
+        starts[0, 0, alone] = starts[1, 1, alone] = 1.0
+        for i, slot in enumerate(linked.tolist()):
+            starts[2 + 2 * i, 0, slot] = starts[3 + 2 * i, 1, slot] = 1.0
+        count, k = len(starts), len(durations)
+        ends = self.after(starts, np.tile(np.arange(count), k), np.repeat(durations, count))
+        ends = ends.reshape(k, count, 2, self.layout.slots)
+        return Transitions(
+            alone,
+            linked,
+            ends[:, :2].transpose(0, 2, 1, 3)[..., alone],
+            ends[:, 2:][..., linked].transpose(0, 2, 3, 1),
+        )
+
+
+@final
+class Transitions:
+    """What becomes of all states in some durations.
+
+    Parameters
+    ----------
+    alone, linked : (a,), (b,)
+        Slots of the pairs that nothing links, and of those that something does.
+    own : (k, 2, 2, a)
+        Transition matrices of the former.
+    joint : (k, 2, b, 2 b)
+        Of the latter; columns are both numbers of a slot, one slot after the other.
+    """
+
+    def __init__(self, alone: Any, linked: Any, own: Array, joint: Array) -> None:
+        self.alone, self.linked, self.own, self.joint = alone, linked, own, joint
+
+    def __getitem__(self, part: slice) -> Transitions:
+        return Transitions(self.alone, self.linked, self.own[part], self.joint[part])
+
+    @cached_property
+    def _dense(self) -> Array:
+        """Joint matrices (k, 2 b, 2 b), rows ordered as the columns are."""
+        k, _, b, _ = self.joint.shape
+        return self.joint.transpose(0, 2, 1, 3).reshape(k, 2 * b, 2 * b)
+
+    def apply(self, k: int, states: Array) -> Array:
+        """Images (..., 2, slots) of states after the duration number `k`."""
+        out = np.zeros_like(states)
+        out[..., self.alone] = np.einsum("ijs,...js->...is", self.own[k], states[..., self.alone])
+        if len(self.linked):
+            flat = np.swapaxes(states[..., self.linked], -1, -2)
+            shape = flat.shape
+            moved = flat.reshape(*shape[:-2], -1) @ self._dense[k].T
+            out[..., self.linked] = np.swapaxes(moved.reshape(shape), -1, -2)
+        return out
+
+    def matrices(self, slots: Any) -> Array:
+        """Transition matrices (k, 2 N, 2 N) of the states of some slots (N,), both rows in turn."""
+        k, n = len(self.own), len(slots)
+        out = np.zeros((k, 2, n, 2, n))
+        place = np.searchsorted(slots, self.alone, sorter=np.argsort(slots))
+        at = np.argsort(slots)[place]
+        for i in range(2):
+            for j in range(2):
+                out[:, i, at, j, at] = self.own[:, i, j]
+        if len(self.linked):
+            at = np.argsort(slots)[np.searchsorted(slots, self.linked, sorter=np.argsort(slots))]
+            joint = self.joint.reshape(k, 2, len(at), len(at), 2)
+            for j in range(2):
+                out[:, :, at[:, None], j, at[None, :]] = joint[..., j].transpose(0, 1, 2, 3)
+        return out.reshape(k, 2 * n, 2 * n)
+
+    def amplification(self, slots: int) -> Array:
+        """By how much the rounding of the first of them grows, (slots,), in a periodic response.
+
+        It is large near a resonance without damping.
+        """
+        out = np.zeros(slots)
+        parts = [(self.alone, np.moveaxis(self.own[0], -1, 0))]
+        if len(self.linked):
+            parts.append((self.linked, self._dense[:1]))
+        for at, matrices in parts:
+            back = np.linalg.inv(np.eye(matrices.shape[-1]) - matrices)
+            out[at] = np.linalg.norm(back @ matrices, 2, axis=(1, 2))
+        return out
+
+    def periodic(self, state: Array, multiplier: complex = 1.0) -> Any:
+        """Return z, (2, slots), with z = state + transition(z) / multiplier, over the first one.
+
+        The state just after a kick that is repeated after every period, multiplied each time.
+
+        Raises
+        ------
+        NoSolution
+            When the multiplier is one of the free motion's own.
+        """
+        own = self.own[0] / multiplier
+        a, b, c, d = 1.0 - own[0, 0], -own[0, 1], -own[1, 0], 1.0 - own[1, 1]
+        determinant = a * d - b * c
+        if (determinant == 0.0).any():
+            raise NoSolution("the free motion of the structure has that multiplier itself")
+        out = np.zeros(state.shape, dtype=np.result_type(state, own))
+        y, z = state[:, self.alone]
+        out[:, self.alone] = np.stack([d * y - b * z, a * z - c * y]) / determinant
+        if len(self.linked):
+            flat = state[:, self.linked].T.ravel()
+            matrix = np.eye(flat.size) - self._dense[0] / multiplier
+            out[:, self.linked] = np.linalg.solve(matrix, flat).reshape(-1, 2).T
+        return out
+
+
+def visible(rows: Array) -> NDArray[np.bool_]:
+    """Modes (m,) with a share in any of the rows (k, m)."""
+    share = abs(rows)
+    return np.asarray((share > HIDDEN * share.max(axis=1, keepdims=True, initial=0.0)).any(axis=0))
+
+
+def free_mode(structure: Structure, drive: Drive) -> Mode:
+    """Free flight."""
+    n = structure.size
+    load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
+    forced = Forced(structure.free, np.arange(n), load)
+    row = structure.free.position_row(np.eye(n)[structure.contact])
+    return Mode(forced, drive, visible(np.concatenate([row, structure.kick[:2]])))
+
+
+def gap_of(mode: Mode, structure: Structure, drive: Drive, stand: Stand) -> Any:
+    """The gap between contact coordinate and table as an exponential sum."""
+    c = structure.contact
+    row = mode.row(np.eye(structure.size)[c])
+    if mode.layout.table >= 0:
+        row[0, mode.layout.table] -= drive.amplitude
+    return mode.sum(stand.sign * row, stand.sign * (mode.forced.rest[c] - stand.offset))

@@ -1,0 +1,159 @@
+"""Structures under impacts: mass, damping, stiffness and contact, and what drives them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.bases import Basis, basis_of
+from dynkit.systems.structure.modes import Modes
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.driven import DrivenStructure
+
+
+@final
+class Structure:
+    """What follows from mass, damping, stiffness and contact: shared by all other parameters."""
+
+    def __init__(
+        self, modes: Modes, mass: Array, damping: Array, stiffness: Array, contact: int
+    ) -> None:
+        self.mass = mass
+        self.damping = damping
+        self.stiffness = stiffness
+        self.contact = contact
+        self.free = basis_of(modes, mass, damping, stiffness)
+        self.size = len(mass)
+        self.others = np.delete(np.arange(self.size), contact)
+
+    @cached_property
+    def kick_velocity(self) -> Array:
+        """Velocity changes (N,) of an impulse that changes the contact velocity by one."""
+        response = np.linalg.solve(self.mass, np.eye(self.size)[self.contact])
+        return np.asarray(response / response[self.contact])
+
+    @cached_property
+    def kick(self) -> Array:
+        """(4, N) change of the coordinates by `kick_velocity`, then its low parts."""
+        return self.free.kick(self.kick_velocity, self.contact)
+
+    @cached_property
+    def stuck(self) -> Basis | None:
+        """Basis of the structure whose contact coordinate is held; None when nothing is left."""
+        if self.size == 1:
+            return None
+        place = np.ix_(self.others, self.others)
+        mass, damping, stiffness = (
+            np.ascontiguousarray(m[place]) for m in (self.mass, self.damping, self.stiffness)
+        )
+        return basis_of(Modes.from_matrices(mass, damping, stiffness), mass, damping, stiffness)
+
+    @cached_property
+    def caught(self) -> Array:
+        """(2 N - 2, 2 N) stuck coordinates of free ones, whose contact velocity is lost."""
+        if self.stuck is None:
+            return np.zeros((0, 2))
+        x, v = self.free.units()
+        v = v - np.outer(v[:, self.contact], self.kick_velocity)
+        return _flat(self.stuck.coordinates(x[:, self.others], v[:, self.others]))
+
+    @cached_property
+    def released(self) -> Array:
+        """(2 N, 2 N - 2) free coordinates of stuck ones, the contact coordinate at zero."""
+        if self.stuck is None:
+            return np.zeros((2, 0))
+        x, v = np.zeros((2, 2 * len(self.others), self.size))
+        x[:, self.others], v[:, self.others] = self.stuck.units()
+        return _flat(self.free.coordinates(x, v))
+
+    @cached_property
+    def excursion(self) -> Array:
+        """Changes (2, N) of positions and velocities by brief excursions of the contact coordinate.
+
+        To leading order, where its time integral is one: the positions of the others jump by m^-1 f
+        and their velocities by m^-1 (g - c m^-1 f), with f = -C k, g = -K k and k `kick_velocity`;
+        m and c are the others' parts of M and C.
+        """
+        place = np.ix_(self.others, self.others)
+        out = np.zeros((2, self.size))
+        out[0, self.others] = x = self._answer(self.damping)
+        out[1, self.others] = self._answer(self.stiffness) - np.linalg.solve(
+            self.mass[place], self.damping[place] @ x
+        )
+        return out
+
+    @cached_property
+    def coupling(self) -> float:
+        """Largest change by an `excursion`.
+
+        Springs and dashpots may cancel, which leaves terms that are smaller by a power of the
+        duration; what the springs do counts by itself, too.
+        """
+        largest = abs(self.excursion).max()
+        if self.size > 1:
+            largest = max(largest, abs(self._answer(self.stiffness)).max())
+        # no other, or none that is tied to it: then the contact coordinate itself
+        return float(largest) or 1.0
+
+    def _answer(self, part: Array) -> Array:
+        """Accelerations (N - 1,) of the others by their part of K k or C k, k `kick_velocity`."""
+        place = np.ix_(self.others, self.others)
+        forces = part[self.others] @ self.kick_velocity
+        return np.asarray(-np.linalg.solve(self.mass[place], forces))
+
+
+def _flat(units: Array) -> Array:
+    """Matrix (2 n, k) of the coordinates (k, 2, n) of k units."""
+    return np.ascontiguousarray(units.reshape(len(units), -1).T)
+
+
+_structures: WeakKeyDictionary[Any, dict[int, Structure]] = WeakKeyDictionary()
+
+
+def structure_of(driven: DrivenStructure) -> Structure:
+    """The shared part, computed once for all oscillators of equal structure and contact."""
+    known = _structures.setdefault(driven._derivation, {})
+    contact = driven.contact % driven.degrees_of_freedom
+    if contact not in known:
+        known[contact] = Structure(
+            driven.modes,
+            driven.mass,
+            driven.damping_matrix,
+            driven.stiffness,
+            contact,
+        )
+    return known[contact]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What acts from outside: forces on all coordinates (N,), and the table, at one frequency.
+
+    The table is at amplitude sin(phase) + offset, phase' = frequency.
+    """
+
+    frequency: float
+    amplitude: float
+    harmonic: Any
+    constant: Array
+
+    @property
+    def turns(self) -> bool:
+        """Whether anything depends on the phase."""
+        return self.amplitude > 0.0 or bool(self.harmonic.any())
+
+
+@final
+@dataclass(frozen=True)
+class Stand:
+    """One place of the table: its middle, and on which side of it the structure stays (1 or -1)."""
+
+    offset: float
+    sign: int
