@@ -17,17 +17,17 @@ from dynkit.dynamics.attractor import Attractor
 from dynkit.labels.label import OrbitLabel, Window, label_orbit, settled_label, with_multiplier
 from dynkit.orbits.harmonics import harmonics_needed
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
-from dynkit.systems.impact.record import Ending, ImpactRecord, batch_size, twin_errors
+from dynkit.systems.impact.record import ImpactRecord, batch_size, twin_errors
 from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.impact.tangents import growth, returned
-from dynkit.systems.impact.trajectory import Trajectory
+from dynkit.systems.impact.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from dynkit.orbits.problem import PeriodicOrbit
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.second_moments import SecondMoments
 
 TWO_PI = 2.0 * math.pi
@@ -56,7 +56,7 @@ class ImpactAttractor(Attractor):
 
     def __init__(
         self,
-        system: ImpactOscillator,
+        system: ImpactMap,
         transient: int,
         record: ImpactRecord,
         before: Trajectory | None,
@@ -67,7 +67,7 @@ class ImpactAttractor(Attractor):
         self.record = self._longest = record
 
     @property
-    def system(self) -> ImpactOscillator:
+    def system(self) -> ImpactMap:
         return self._system
 
     @property
@@ -180,7 +180,7 @@ class ImpactAttractor(Attractor):
         if m is None:
             raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
         if n is None:
-            return sticking_orbit_of(self.final, m)
+            return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
         if free_motion(self._system._structure).rigid:
@@ -305,7 +305,7 @@ def _after_releases(record: ImpactRecord) -> Any:
     return after[after < len(record)]
 
 
-def _harmonics(system: ImpactOscillator, start: ImpactState, periods: int) -> int:
+def _harmonics(system: ImpactMap, start: ImpactState, periods: int) -> int:
     """Harmonics of the contact coordinate that matter on a periodic motion, from a state on it."""
     motion = ImpactAttractor(system, 0, system.simulate(impacts=1, start=start), None)
     samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * periods)))

@@ -11,23 +11,23 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.motion import transformed
 from dynkit.systems.impact.orbits.terms import changes_alone
-from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.driven import DrivenStructure
 
 
-def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array:
+def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2N, 2N) of the impact map in section coordinates.
 
     The chain of: section coordinates to free ones; contact until the force vanishes, where there is
     one; flight until the gap vanishes; the impact law. The rest of a chatter that is replaced by
     contact forgets the relative velocity.
     """
-    run = oscillator._run(state, 1, store=True)
+    run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
-        raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
+        raise NoCrossing(f"there is no next impact: {run.ending.value}")
     structure, free = oscillator._structure, oscillator._free
     side = run.final._side
     gap, sign = oscillator._gaps[side], oscillator._stands[side].sign
@@ -79,7 +79,7 @@ def impact_derivative(oscillator: ImpactOscillator, state: ImpactState) -> Array
 
 
 def parameter_derivative(
-    oscillator: ImpactOscillator, state: ImpactState, name: str
+    oscillator: DrivenStructure, state: ImpactState, name: str
 ) -> Array | None:
     """Derivative (2N,) of the impact map in section coordinates by a parameter.
 
@@ -90,9 +90,9 @@ def parameter_derivative(
     forced = bool(oscillator._drive.harmonic.any())
     if not changes_alone(oscillator, name) or (forced and name == "frequency"):
         return None
-    run = oscillator._run(state, 1, store=True)
+    run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
-        raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
+        raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if len(run.contacts):
         return None
     structure, free, r = oscillator._structure, oscillator._free, oscillator.restitution
@@ -127,7 +127,7 @@ def parameter_derivative(
 
 
 def _stop_by(
-    oscillator: ImpactOscillator, name: str, state: ImpactState, time: float
+    oscillator: DrivenStructure, name: str, state: ImpactState, time: float
 ) -> tuple[float, float]:
     """Derivatives of a stop's place and velocity by a parameter, at a time after the first impact.
 
@@ -145,7 +145,7 @@ def _stop_by(
     return 0.0, 0.0
 
 
-def _lift(oscillator: ImpactOscillator, state: ImpactState) -> Array:
+def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
     structure, free = oscillator._structure, oscillator._free
     n, c, others = structure.size, structure.contact, structure.others

@@ -13,8 +13,8 @@ from dynkit.plotting.points import displacement, draw_motion
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.orbits.driven import DrivenOrbit
-    from dynkit.systems.impact.oscillator import ImpactOscillator
     from dynkit.systems.impact.record import ImpactRecord
 
 # Samples in each period; periods drawn at most, at least where the motion ended by itself, and
@@ -27,7 +27,7 @@ _NUMBERS = 2**20
 
 def draw_record(record: ImpactRecord, ax: Axes | None) -> Axes:
     """Draw the motion of a record as `ImpactRecord.plot` says."""
-    from dynkit.systems.impact.record import Ending
+    from dynkit.systems.impact.trajectory import Ending
 
     system = record.system
     period = 2.0 * math.pi / system.frequency
@@ -46,7 +46,7 @@ def draw_orbit(orbit: DrivenOrbit, ax: Axes | None) -> Axes:
 
 
 def _draw(
-    ax: Axes | None, system: ImpactOscillator, motion: Any, phase: float, end: float, impacts: Array
+    ax: Axes | None, system: ImpactMap, motion: Any, phase: float, end: float, impacts: Array
 ) -> Axes:
     count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
     times = np.union1d(np.linspace(0.0, end, count), impacts)

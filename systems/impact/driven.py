@@ -84,6 +84,11 @@ class DrivenStructure(LagrangianStructure):
         return {k: v for k, v in super().__getstate__().items() if k not in _CACHES}
 
     @property
+    def dimension(self) -> int:
+        """Number of section coordinates, 2N."""
+        return 2 * self.degrees_of_freedom
+
+    @property
     def natural_frequencies(self) -> Array:
         """Natural frequencies of the structure in free flight, undamped, ascending, (N,)."""
         return self.modes.frequencies
@@ -95,7 +100,7 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _structure(self) -> Structure:
-        return structure_of(self)
+        return structure_of(self, self.contact)
 
     @cached_property
     def _drive(self) -> Drive:
@@ -130,6 +135,47 @@ class DrivenStructure(LagrangianStructure):
         return tuple(
             Contact(self._structure, self._drive, self._free, stand) for stand in self._stands
         )
+
+    @cached_property
+    def _flying(self) -> tuple[Any, int]:
+        """What the kernels take until contact begins, and the slots of contact."""
+        return _kernel_arguments(self, with_contact=False)
+
+    @cached_property
+    def _touching(self) -> tuple[Any, int]:
+        """What the kernels take from the first contact on, and the slots of contact."""
+        return _kernel_arguments(self, with_contact=True)
+
+
+def _kernel_arguments(driven: DrivenStructure, *, with_contact: bool) -> tuple[Any, int]:
+    """What the kernels take, and the slots of contact; empty arrays where there is none."""
+    from dynkit.systems.impact.contact_kernels import Mechanics, Stop
+
+    structure, free = driven._structure, driven._free
+    kick = np.zeros((4, free.layout.slots))
+    kick[:, free.layout.modes] = structure.kick
+    kick[:, free.layout.seen :] = 0.0
+    excursion = np.zeros((2, free.layout.slots))
+    excursion[:, free.layout.modes] = structure.free.coordinates(*structure.excursion)
+    stops = []
+    slots = 1
+    for side, (stand, gap) in enumerate(zip(driven._stands, driven._gaps, strict=True)):
+        force, to_stuck, to_free = gap, np.empty((0, 0)), np.empty((0, 0))
+        if with_contact:
+            held = driven._contacts[side]
+            force, to_stuck, to_free = held.force, held.to_stuck, held.to_free
+            slots = held.mode.layout.slots
+        stops.append(Stop(gap, force, stand.sign * kick, to_stuck, to_free))
+    mechanics = Mechanics(
+        tuple(stops),
+        free.layout.modes,
+        driven.restitution,
+        excursion,
+        structure.coupling,
+        driven.chatter_tolerance,
+        driven.frequency if free.layout.table < 0 else 0.0,
+    )
+    return mechanics, slots
 
 
 def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:

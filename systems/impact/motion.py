@@ -15,10 +15,10 @@ from dynkit.systems.impact.contact import Contact
 from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.driven import DrivenStructure
 
 
-def sample_run(oscillator: ImpactOscillator, run: Trajectory, times: Array) -> tuple[Array, Array]:
+def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tuple[Array, Array]:
     """Positions and velocities (k, N) at times (k,) within a run."""
     n, free = oscillator.degrees_of_freedom, oscillator._free
     starts, began = run.free_states, run.times
@@ -79,7 +79,7 @@ class Stay:
     released: Array
 
 
-def stays(oscillator: ImpactOscillator, run: Trajectory, starts: Array) -> Iterator[Stay]:
+def stays(oscillator: DrivenStructure, run: Trajectory, starts: Array) -> Iterator[Stay]:
     """Contacts of a trajectory by the stop, from its free states (impacts + 1, 2, slots)."""
     before, sides = run.before, run.contact_sides
     for side in np.unique(sides).tolist():
@@ -91,7 +91,7 @@ def stays(oscillator: ImpactOscillator, run: Trajectory, starts: Array) -> Itera
         yield Stay(side, contact, which, stuck, lasts, transformed(contact.to_free, ends))
 
 
-def longest_sample(oscillator: ImpactOscillator, run: Trajectory) -> float:
+def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
     """Time up to which a run that ended by itself is sampled: 2^24 of the longest steps."""
     ladders = [oscillator._gaps[0]]
     if len(run.contacts):

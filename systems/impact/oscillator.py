@@ -2,42 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
+from typing import TYPE_CHECKING, ClassVar, Literal, overload
 
-import numpy as np
-
-from dynkit.core.no_motion import NoCrossing
-from dynkit.core.smooth_map import generic_direction
-from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
-    Array,
     boolean,
-    finite_array,
     non_negative_integer,
     positive_integer,
     within_memory,
 )
-from dynkit.dynamics.map import Map
 from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
-from dynkit.systems.impact.driven import DrivenStructure
-from dynkit.systems.impact.record import Ending, ImpactRecord
-from dynkit.systems.impact.runs import mechanics_of, run
+from dynkit.systems.impact.impact_map import ImpactMap
+from dynkit.systems.impact.record import ImpactRecord
 from dynkit.systems.impact.state import (
     ImpactState,
-    entered,
-    on_section,
-    packed,
-    section_of,
-    start,
-    unpacked,
 )
-from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynkit.orbits.search import OrbitSearch
@@ -48,7 +29,7 @@ TWO_PI = 2.0 * math.pi
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImpactOscillator(DrivenStructure, Map):
+class ImpactOscillator(ImpactMap):
     """The map from just after one impact with a table to just after the next.
 
     A subclass owes its energies, as every `LagrangianStructure` does. Its motion is
@@ -100,143 +81,6 @@ class ImpactOscillator(DrivenStructure, Map):
 
     observables: ClassVar[tuple[str, ...]] = ("relative_velocity", "phase", "energy", "time")
     """What a sweep can keep of every impact: names of arrays of the record."""
-
-    # --- the family -------------------------------------------------------------------------------
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The numbers that set this oscillator apart in its family, by name."""
-        return {
-            name: value
-            for name, value in super().parameters.items()
-            if name not in ("chatter_tolerance", "contact", "masses")
-        }
-
-    def replace(self, **parameters: Any) -> Self:
-        """Return the same oscillator with some of its arguments changed.
-
-        Raises
-        ------
-        ValueError
-            When a name is not an argument of this class, or a value is refused.
-        """
-        known = self._arguments
-        for name in parameters:
-            if name not in known:
-                raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
-        return dataclasses.replace(self, **parameters)
-
-    @property
-    def identity(self) -> Mapping[str, object]:
-        """Everything that the motion depends on: arguments, and matrices of the energies."""
-        names = (*self._arguments, "mass", "damping_matrix", "stiffness")
-        return {name: getattr(self, name) for name in names}
-
-    @property
-    def _arguments(self) -> tuple[str, ...]:
-        return tuple(entry.name for entry in dataclasses.fields(self) if entry.init)
-
-    # --- states -----------------------------------------------------------------------------------
-
-    def state(
-        self, position: object = None, velocity: object = None, phase: float = 0.0
-    ) -> ImpactState:
-        """Return a state to start from, in flight or on the table.
-
-        Parameters
-        ----------
-        position : (N,) array_like
-            Of the coordinates; by default in the shape of the first mode. Its modal amplitude is
-            then one, the contact coordinate on its side of zero (the start of Cusumano & Bai);
-            where that is beyond a stop, or on one that moves towards it, half-way between the two,
-            or one away from the only one. Where the first mode has a node at the contact
-            coordinate, only that coordinate is moved.
-        velocity : (N,) array_like
-            Of the coordinates; by default 0.
-        phase : float
-            Phase of the table, taken modulo 2 pi.
-
-        Raises
-        ------
-        ValueError
-            When a number is not finite.
-        Refused
-            When the contact mass is beyond the table by more than rounding, or on it and moving
-            into it.
-        """
-        return start(self, position, velocity, phase)
-
-    @property
-    def default_start(self) -> ImpactState:
-        return self.state()
-
-    @property
-    def start_size(self) -> int:
-        """How many numbers `state_from` takes: 2N + 1."""
-        return self.dimension + 1
-
-    def state_from(self, numbers: Array) -> ImpactState:
-        """Return the `state` of N positions, N velocities and the phase, (2N + 1,).
-
-        Raises
-        ------
-        ValueError
-            As `state`.
-        """
-        n = self.degrees_of_freedom
-        given = finite_array("numbers", numbers, (self.start_size,))
-        return self.state(given[:n], given[n:-1], float(given[-1]))
-
-    def _entered(self, given: ImpactState | None) -> ImpactState:
-        if given is None:
-            return self.state()
-        if not isinstance(given, ImpactState):
-            raise ValueError(f"start must be an ImpactState; got {given!r}")
-        return entered(self, given)
-
-    def pack_state(self, state: ImpactState) -> Array:
-        """Return numbers, one array, from which `unpack_state` makes the same state, bit for bit.
-
-        A state of an oscillator with other parameters becomes one of this oscillator first, as in
-        `simulate`.
-
-        Raises
-        ------
-        ValueError
-            When it is no state of this structure, or beyond the table.
-        """
-        return packed(self._entered(state))
-
-    def unpack_state(self, packed: Array) -> ImpactState:
-        """Return the state of this oscillator that `pack_state` turned into numbers.
-
-        Raises
-        ------
-        ValueError
-            When they are not finite, or not as many as a state of this oscillator has.
-        """
-        return unpacked(self, packed)
-
-    def displaced(self, motion: ImpactAttractor, size: float) -> ImpactState:
-        """Return the final state of a motion, just after an impact, moved in all coordinates.
-
-        Positions and velocities move by this part of the largest in the kept states, the relative
-        velocity by this part of itself, and the phase by this part of a radian. Each has a factor
-        of its own, so that the direction has no symmetry.
-
-        Parameters
-        ----------
-        motion : ImpactAttractor
-            With one impact at least.
-        size : float
-        """
-        states, others = abs(motion.states), self.degrees_of_freedom - 1
-        scale = np.ones(self.dimension)
-        scale[:others] = states[:, :others].max(initial=0.0)
-        scale[others:-2] = states[:, others:-2].max(initial=0.0)
-        scale[-2] = motion.states[-1, -2]
-        change = size * scale * generic_direction(self.dimension)
-        return self.impact_state(motion.states[-1] + change)
 
     # --- simulation -------------------------------------------------------------------------------
 
@@ -457,59 +301,3 @@ class ImpactOscillator(DrivenStructure, Map):
         """How many impacts to record: so many that their states fit into memory."""
         count = positive_integer(name, impacts)
         return within_memory(name, count, 8.0 * count * (2 * self.degrees_of_freedom + 4))
-
-    @cached_property
-    def _flying(self) -> tuple[Any, int]:
-        return mechanics_of(self, with_contact=False)
-
-    @cached_property
-    def _touching(self) -> tuple[Any, int]:
-        return mechanics_of(self, with_contact=True)
-
-    def _run(self, start: ImpactState, count: int, *, store: bool) -> Trajectory:
-        return run(self, start, count, store=store, noise=0.0, seed=1)
-
-    # --- the map ----------------------------------------------------------------------------------
-
-    @property
-    def dimension(self) -> int:
-        return 2 * self.degrees_of_freedom
-
-    def section_state(self, state: ImpactState) -> Array:
-        """Section coordinates, (2N,), of a state on the table."""
-        return section_of(self, state)
-
-    def impact_state(self, state: Array) -> ImpactState:
-        """The state just after an impact that has the given section coordinates, (2N,).
-
-        Raises
-        ------
-        ValueError
-            When the state is not finite or not of that shape, or the relative velocity is negative
-            without play.
-        """
-        return on_section(self, state)
-
-    def __call__(self, state: Array) -> Array:
-        done = self._run(self.impact_state(state), 1, store=False)
-        if done.impacts < 1:
-            raise NoCrossing(f"there is no next impact: {tuple(Ending)[done.ending].value}")
-        return self.section_state(done.final)
-
-    def jacobian(self, state: Array) -> Array:
-        return impact_derivative(self, self.impact_state(state))
-
-    def parameter_derivative(self, state: Array, name: str) -> Array:
-        found = parameter_derivative(self, self.impact_state(state), name)
-        return super().parameter_derivative(state, name) if found is None else found
-
-    def stretching(self, state: Array, n: int) -> Stretching:
-        from dynkit.systems.impact.tangents import stretching
-
-        return stretching(self, state, n)
-
-    def difference(self, a: Array, b: Array) -> Array:
-        out = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
-        # Symmetric in both directions, unlike the remainder operator.
-        out[..., -1] -= TWO_PI * np.rint(out[..., -1] / TWO_PI)
-        return out

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -21,13 +20,12 @@ from dynkit.data.result import Result
 from dynkit.systems.impact.motion import longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import ImpactState, on_table, phases
-from dynkit.systems.impact.trajectory import Trajectory
+from dynkit.systems.impact.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.systems.impact.attractor import ImpactAttractor
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.second_moments import SecondMoments
 
 
@@ -43,18 +41,8 @@ _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 _NUMBERS, _QUIET = 1 << 18, 2.0
 
 
-class Ending(Enum):
-    """Why a simulation ended; the value of each is what the user reads."""
-
-    COUNT_REACHED = "the number of impacts was reached"
-    NO_FURTHER_CONTACT = "the mass cannot reach the table any more"
-    CONTACT_FOR_EVER = "the mass stays on the table for ever"
-    SEARCH_LIMIT = "no further event was found within the search limit"
-    DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
-
-
 def twin_errors(
-    system: ImpactOscillator, whole: Trajectory, batches: Iterable[ImpactRecord], count: int
+    system: ImpactMap, whole: Trajectory, batches: Iterable[ImpactRecord], count: int
 ) -> Iterator[Array]:
     """Errors of impacts, in the batches in which their records come; see `ImpactRecord.error`.
 
@@ -95,7 +83,7 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     """Take a twin on by as many impacts; the largest distances, (n,), are modified in place."""
     system, states = batch.system, np.empty_like(batch._run.states)
     # One that has ended has no further impacts.
-    ended = tuple(Ending)[twin.ending] is not Ending.COUNT_REACHED
+    ended = twin.ending is not Ending.COUNT_REACHED
     k = 0 if ended else twin.advance(len(batch), states)
     other = ImpactRecord(system, replace(batch._run, states=states[:k], impacts=k))
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
@@ -107,7 +95,7 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     worst[k:] = np.inf
 
 
-def batch_size(system: ImpactOscillator) -> int:
+def batch_size(system: ImpactMap) -> int:
     """Impacts of a batch."""
     return max(_NUMBERS // (2 * system.degrees_of_freedom + 4), 1)
 
@@ -120,7 +108,7 @@ class ImpactRecord(Result):
     numbers per impact.
     """
 
-    def __init__(self, system: ImpactOscillator, run: Trajectory) -> None:
+    def __init__(self, system: ImpactMap, run: Trajectory) -> None:
         self.system = system
         self._run = run
         for array in (run.states, run.contacts):
@@ -139,7 +127,7 @@ class ImpactRecord(Result):
     @property
     def ending(self) -> Ending:
         """Why it ended."""
-        return tuple(Ending)[self._run.ending]
+        return self._run.ending
 
     def __len__(self) -> int:
         return self._run.impacts
@@ -367,8 +355,8 @@ class ImpactRecord(Result):
             ),
         )
 
-    def as_attractor(self) -> ImpactAttractor:
-        """Return the recorded impacts as an attractor whose transient is zero.
+    def as_attractor(self) -> Any:
+        """Return the recorded impacts as an `ImpactAttractor` whose transient is zero.
 
         So measures of attractors take records. Whether the motion has settled, its `label` says.
         """

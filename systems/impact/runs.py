@@ -10,10 +10,10 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
-from dynkit.systems.impact.trajectory import Trajectory
+from dynkit.systems.impact.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.driven import DrivenStructure
 
 MOST_CELLS = 1_000_000
 """Cells after which the search for the next event gives up, with an ending that says so."""
@@ -26,14 +26,14 @@ def band_factor(slots: int) -> float:
     return 8.0 + slots
 
 
-def run(
-    oscillator: ImpactOscillator,
+def trajectory_of(
+    oscillator: DrivenStructure,
     start: ImpactState,
     count: int,
     *,
     store: bool,
-    noise: float,
-    seed: int,
+    noise: float = 0.0,
+    seed: int = 1,
     most_cells: int = MOST_CELLS,
 ) -> Trajectory:
     """Simulate `count` impacts from a state of this oscillator; see `Course`."""
@@ -57,13 +57,13 @@ class Course:
     ----------
     impacts : int
         How many there were so far.
-    ending : int
-        Number of an ending of the kernels.
+    ending : Ending
+        Why it does not go on.
     """
 
     def __init__(
         self,
-        oscillator: ImpactOscillator,
+        oscillator: DrivenStructure,
         start: ImpactState,
         *,
         noise: float,
@@ -72,7 +72,7 @@ class Course:
         longest: float = 0.0,
     ) -> None:
         from dynkit.exponential.evaluation_kernels import START
-        from dynkit.systems.impact import clock_kernels, kernels
+        from dynkit.systems.impact import clock_kernels
 
         n, free = oscillator.degrees_of_freedom, oscillator._free
         q, turn = start._coordinates, start._turn
@@ -106,7 +106,7 @@ class Course:
         self._clock, self._flight = clock, flight
         self._contacts = np.empty((16 if "_touching" in vars(oscillator) else 0, 3))
         self._prepare()
-        self.impacts, self.ending = 0, kernels.COUNT_REACHED
+        self.impacts, self.ending = 0, Ending.COUNT_REACHED
 
     def _prepare(self) -> None:
         oscillator = self._oscillator
@@ -123,9 +123,9 @@ class Course:
         from dynkit.systems.impact import kernels
 
         slots = self._oscillator._free.layout.slots
-        done, self.ending = 0, kernels.RUN_PAUSED
-        while self.ending in (kernels.CONTACTS_FULL, kernels.RUN_PAUSED):
-            impacts, self.ending = kernels.run(
+        done, ending = 0, kernels.RUN_PAUSED
+        while ending in (kernels.CONTACTS_FULL, kernels.RUN_PAUSED):
+            impacts, ending = kernels.run(
                 self._mechanics,
                 self._clock,
                 count - done,
@@ -139,11 +139,11 @@ class Course:
                 self._contact,
             )
             done += impacts
-            if self.ending == kernels.CONTACTS_FULL:
+            if ending == kernels.CONTACTS_FULL:
                 more = np.empty((max(16, len(self._contacts)), 3))
                 self._contacts = np.concatenate([self._contacts, more])
                 self._prepare()
-        self.impacts += done
+        self.impacts, self.ending = self.impacts + done, tuple(Ending)[ending]
         return done
 
     @property
@@ -182,38 +182,7 @@ class Course:
         )
 
 
-def mechanics_of(oscillator: ImpactOscillator, *, with_contact: bool) -> tuple[Any, int]:
-    """What the kernels take, and the slots of contact; empty arrays where there is none."""
-    from dynkit.systems.impact.contact_kernels import Mechanics, Stop
-
-    structure, free = oscillator._structure, oscillator._free
-    kick = np.zeros((4, free.layout.slots))
-    kick[:, free.layout.modes] = structure.kick
-    kick[:, free.layout.seen :] = 0.0
-    excursion = np.zeros((2, free.layout.slots))
-    excursion[:, free.layout.modes] = structure.free.coordinates(*structure.excursion)
-    stops = []
-    slots = 1
-    for side, (stand, gap) in enumerate(zip(oscillator._stands, oscillator._gaps, strict=True)):
-        force, to_stuck, to_free = gap, np.empty((0, 0)), np.empty((0, 0))
-        if with_contact:
-            held = oscillator._contacts[side]
-            force, to_stuck, to_free = held.force, held.to_stuck, held.to_free
-            slots = held.mode.layout.slots
-        stops.append(Stop(gap, force, stand.sign * kick, to_stuck, to_free))
-    mechanics = Mechanics(
-        tuple(stops),
-        free.layout.modes,
-        oscillator.restitution,
-        excursion,
-        structure.coupling,
-        oscillator.chatter_tolerance,
-        oscillator.frequency if free.layout.table < 0 else 0.0,
-    )
-    return mechanics, slots
-
-
-def _displaced(mechanics: Any, oscillator: ImpactOscillator, parts: Array) -> Any:
+def _displaced(mechanics: Any, oscillator: DrivenStructure, parts: Array) -> Any:
     """The same with gaps and forces (k, 2) changed by these parts of the terms of their rest.
 
     Where the structure rests on the table, all but exactly, their differences are rounding.

@@ -21,7 +21,7 @@ from dynkit.systems.impact.tangents import before_impacts
 from dynkit.systems.impact.trajectory import Trajectory, in_steps
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.driven import DrivenStructure
 
 _EPS = 2.0**-52
 
@@ -86,7 +86,7 @@ class _Intervals:
     impact: NDArray[np.intp]
 
 
-def second_moments(oscillator: ImpactOscillator, run: Trajectory, batches: int) -> SecondMoments:
+def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -> SecondMoments:
     """Moments of a run from its start to its last impact, which must be later."""
     began = time.perf_counter()
     n = oscillator.degrees_of_freedom
@@ -122,7 +122,7 @@ def second_moments(oscillator: ImpactOscillator, run: Trajectory, batches: int) 
     )
 
 
-def _intervals(oscillator: ImpactOscillator, run: Trajectory) -> Iterator[_Intervals]:
+def _intervals(oscillator: DrivenStructure, run: Trajectory) -> Iterator[_Intervals]:
     """Flights, contacts, and flights after a release."""
     free, starts, times = oscillator._free, run.free_states, run.times
     flying = np.ones(run.impacts, dtype=bool)
@@ -254,13 +254,13 @@ def _terms(part: _Intervals) -> Array:
     return np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
 
 
-def _clock_error(oscillator: ImpactOscillator, run: Trajectory) -> Array:
+def _clock_error(oscillator: DrivenStructure, run: Trajectory) -> Array:
     """Bound (N + 1, N + 1) of what rounded times, whose differences are durations, changed."""
     root = np.sqrt(_EPS * (run.time @ _positions(oscillator, run) ** 2))
     return np.asarray(np.outer(root, root))
 
 
-def _impact_error(oscillator: ImpactOscillator, run: Trajectory, moments: Array) -> Array:
+def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) -> Array:
     """Bound (N + 1, N + 1) of what impacts where the gap is zero but for rounding changed.
 
     Where rounding leaves g in a gap that closes at the rate u and bends by a, the impact is late by
@@ -298,7 +298,7 @@ def _impact_error(oscillator: ImpactOscillator, run: Trajectory, moments: Array)
     return np.asarray(moved + moved.T + ended)
 
 
-def _positions(oscillator: ImpactOscillator, run: Trajectory) -> Array:
+def _positions(oscillator: DrivenStructure, run: Trajectory) -> Array:
     """Positions (impacts, N + 1) at the impacts, the number one last."""
     n, forced = oscillator.degrees_of_freedom, oscillator._free.forced
     x = np.empty((run.impacts, n + 1))
@@ -308,7 +308,7 @@ def _positions(oscillator: ImpactOscillator, run: Trajectory) -> Array:
     return x
 
 
-def _left_out(oscillator: ImpactOscillator, run: Trajectory, moments: Array) -> Array:
+def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array) -> Array:
     """Bound (N + 1,) of the integrals that bounces, replaced by contact, would have added."""
     before = run.before[: run.ended]
     speeds, rest = run.speeds[before], run.contacts[: run.ended, 1] - run.times[before]

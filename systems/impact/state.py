@@ -14,7 +14,7 @@ from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.driven import DrivenStructure
 
 TWO_PI = 2.0 * math.pi
 
@@ -50,7 +50,7 @@ class ImpactState:
 
     relative_velocity: float
     motion: Motion
-    _system: ImpactOscillator = field(repr=False)
+    _system: DrivenStructure = field(repr=False)
     _coordinates: Array = field(repr=False)
     _turn: Array = field(repr=False)
 
@@ -93,7 +93,7 @@ class ImpactState:
 
 
 def state_of(
-    oscillator: ImpactOscillator, q: Array, turn: Array, u: float, motion: Motion
+    oscillator: DrivenStructure, q: Array, turn: Array, u: float, motion: Motion
 ) -> ImpactState:
     """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase.
 
@@ -125,7 +125,7 @@ def in_turn(angles: Any) -> Array:
     return np.where(turned < TWO_PI, turned, 0.0)
 
 
-def on_table(oscillator: ImpactOscillator, sine: Any, cosine: Any, u: Any) -> tuple[Any, Any]:
+def on_table(oscillator: DrivenStructure, sine: Any, cosine: Any, u: Any) -> tuple[Any, Any]:
     """Position and velocity of the contact mass on the table, by phase and relative velocity."""
     near, far = oscillator._stands[0], oscillator._stands[-1]
     beyond = np.signbit(u)
@@ -135,7 +135,7 @@ def on_table(oscillator: ImpactOscillator, sine: Any, cosine: Any, u: Any) -> tu
 
 
 def state_at(
-    oscillator: ImpactOscillator, x: Array, v: Array, turn: Array, u: float, motion: Motion
+    oscillator: DrivenStructure, x: Array, v: Array, turn: Array, u: float, motion: Motion
 ) -> ImpactState:
     """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
     forced = oscillator._free.forced
@@ -156,7 +156,7 @@ def _rounding(place: float, amplitude: float, offset: float) -> float:
     return 4.0 * 2.0**-53 * (abs(place) + amplitude + abs(offset))
 
 
-def default_position(oscillator: ImpactOscillator, angle: float) -> Array:
+def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
     near, shape = oscillator._stands[0], oscillator.modal_matrix[:, 0]
     c, play = oscillator.contact, oscillator.play
@@ -178,7 +178,7 @@ def default_position(oscillator: ImpactOscillator, angle: float) -> Array:
 
 
 def start(
-    oscillator: ImpactOscillator, position: object, velocity: object, phase: object
+    oscillator: DrivenStructure, position: object, velocity: object, phase: object
 ) -> ImpactState:
     """A state to start from, at the defaults where None is given; ValueError beyond a stop."""
     n = oscillator.degrees_of_freedom
@@ -211,7 +211,7 @@ def start(
     return state_at(oscillator, x, v, turn, abs(u), Motion.FLIGHT)
 
 
-def entered(oscillator: ImpactOscillator, start: ImpactState) -> ImpactState:
+def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     """A state of this oscillator, from one of an oscillator with other parameters.
 
     On the table the contact mass is put onto the table of this oscillator, with the same relative
@@ -241,14 +241,14 @@ def entered(oscillator: ImpactOscillator, start: ImpactState) -> ImpactState:
     return state_at(oscillator, x, v, turn, u, Motion.TABLE)
 
 
-def section_of(oscillator: ImpactOscillator, state: ImpactState) -> Array:
+def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Section coordinates (2N,) of a state on the table."""
     others = oscillator._structure.others
     x, v = state.position[others], state.velocity[others]
     return np.concatenate([x, v, [state.relative_velocity, state.phase]])
 
 
-def on_section(oscillator: ImpactOscillator, coordinates: object) -> ImpactState:
+def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     """The state just after an impact with these section coordinates (2N,); ValueError for none."""
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stands
@@ -275,7 +275,7 @@ def packed(state: ImpactState) -> Array:
     return np.concatenate([own, state._coordinates.ravel()])
 
 
-def unpacked(oscillator: ImpactOscillator, numbers: object) -> ImpactState:
+def unpacked(oscillator: DrivenStructure, numbers: object) -> ImpactState:
     """The state that `packed` turned into numbers."""
     n = oscillator.degrees_of_freedom
     array = finite_array("packed", numbers, (4 + 2 * n,))

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.bases import Basis, basis_of
+from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Modes
-
-if TYPE_CHECKING:
-    from dynkit.systems.impact.driven import DrivenStructure
 
 
 @final
@@ -116,19 +114,15 @@ def _flat(units: Array) -> Array:
 _structures: WeakKeyDictionary[Any, dict[int, Structure]] = WeakKeyDictionary()
 
 
-def structure_of(driven: DrivenStructure) -> Structure:
+def structure_of(given: LagrangianStructure, contact: int) -> Structure:
     """The shared part, computed once for all oscillators of equal structure and contact."""
-    known = _structures.setdefault(driven._derivation, {})
-    contact = driven.contact % driven.degrees_of_freedom
-    if contact not in known:
-        known[contact] = Structure(
-            driven.modes,
-            driven.mass,
-            driven.damping_matrix,
-            driven.stiffness,
-            contact,
+    known = _structures.setdefault(given._derivation, {})
+    place = contact % given.degrees_of_freedom
+    if place not in known:
+        known[place] = Structure(
+            given.modes, given.mass, given.damping_matrix, given.stiffness, place
         )
-    return known[contact]
+    return known[place]
 
 
 @final

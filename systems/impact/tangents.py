@@ -20,12 +20,12 @@ from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
 from dynkit.systems.impact.motion import stays, transformed
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
-from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.runs import trajectory_of
+from dynkit.systems.impact.state import ImpactState, on_section, section_of
 from dynkit.systems.impact.trajectory import Trajectory, in_steps
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
-    from dynkit.systems.impact.state import ImpactState
+    from dynkit.systems.impact.driven import DrivenStructure
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
 """Impacts that are worked on at a time, and numbers of their matrices."""
@@ -50,20 +50,20 @@ class Steps(NamedTuple):
     first: Any
 
 
-def stretching(oscillator: ImpactOscillator, state: Array, n: int) -> Stretching:
+def stretching(oscillator: DrivenStructure, state: Array, n: int, accuracy: float) -> Stretching:
     """How the next n impacts stretch disturbances: see `Map.stretching`.
 
     An impact that only touches, u = 0, counts as none: at it no derivative exists.
     """
     count = non_negative_integer("n", n)
     logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
-    start = oscillator.impact_state(state)
+    start = on_section(oscillator, state)
     final = _follow(oscillator, start, np.eye(oscillator.dimension), logs, times)
-    errors = np.full(logs.shape, oscillator.accuracy)
-    return Stretching(logs, errors, times, oscillator.section_state(final))
+    errors = np.full(logs.shape, accuracy)
+    return Stretching(logs, errors, times, section_of(oscillator, final))
 
 
-def growth(oscillator: ImpactOscillator, start: ImpactState, n: int) -> Array:
+def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
     """Log growth (n,) of one disturbance over each of the next n impacts.
 
     It turns into the direction that grows fastest. Minus infinity where the motion ends.
@@ -78,7 +78,7 @@ def growth(oscillator: ImpactOscillator, start: ImpactState, n: int) -> Array:
     return logs[:, 0]
 
 
-def returned(oscillator: ImpactOscillator, run: Trajectory, impacts: Sequence[int]) -> Array:
+def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int]) -> Array:
     """Derivatives (k, 2N, 2N) of free states at one time, from each of some impacts to the next.
 
     The impacts (k + 1,) count from zero in the run and rise.
@@ -98,16 +98,16 @@ def returned(oscillator: ImpactOscillator, run: Trajectory, impacts: Sequence[in
 
 
 def _follow(
-    oscillator: ImpactOscillator, start: ImpactState, frame: Array, logs: Array, times: Array
+    oscillator: DrivenStructure, start: ImpactState, frame: Array, logs: Array, times: Array
 ) -> ImpactState:
     """The state after as many impacts as logs (n, k) has; frame, logs, times are modified."""
     d = oscillator.dimension
     most = max(1, min(_IMPACTS, _NUMBERS // d**2))
     for begin in range(0, len(logs), most):
         wanted = min(most, len(logs) - begin)
-        run = oscillator._run(start, wanted, store=True)
+        run = trajectory_of(oscillator, start, wanted, store=True)
         if run.impacts < wanted:
-            raise NoCrossing(f"there is no next impact: {tuple(Ending)[run.ending].value}")
+            raise NoCrossing(f"there is no next impact: {run.ending.value}")
         steps = steps_of(oscillator, run)
         found = np.empty((len(steps.which), len(frame)))
         _stretch(steps, frame, found)
@@ -138,7 +138,7 @@ def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
         )
 
 
-def steps_of(oscillator: ImpactOscillator, run: Trajectory) -> Steps:
+def steps_of(oscillator: DrivenStructure, run: Trajectory) -> Steps:
     """The steps of a run: contact, where there is one, flight and impact, cut where they spread."""
     motion = free_motion(oscillator._structure)
     before = run.before
@@ -186,7 +186,7 @@ def _flights(
     return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
 
 
-def chatter_carried(oscillator: ImpactOscillator, run: Trajectory, disturbances: Array) -> Array:
+def chatter_carried(oscillator: DrivenStructure, run: Trajectory, disturbances: Array) -> Array:
     """What becomes of disturbances (2N, k) of the start of a run that has no contact."""
     from dynkit.systems.impact.tangent_kernels import carry
 
@@ -202,7 +202,7 @@ def chatter_carried(oscillator: ImpactOscillator, run: Trajectory, disturbances:
     return np.ascontiguousarray(frame.T)
 
 
-def _jumps(oscillator: ImpactOscillator, run: Trajectory) -> tuple[Array, Any]:
+def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
     """Bend and kick (n, 2) of the impacts, and how many directions they lose, (n,)."""
     r = oscillator.restitution
     rates, bends = before_impacts(oscillator, run)
@@ -213,7 +213,7 @@ def _jumps(oscillator: ImpactOscillator, run: Trajectory) -> tuple[Array, Any]:
     return jumps, np.where(impact & (r == 0.0), 1, 0)
 
 
-def before_impacts(oscillator: ImpactOscillator, run: Trajectory) -> tuple[Array, Array]:
+def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
     r, free = oscillator.restitution, oscillator._free
     sides, speeds, states = run.sides[1:], run.speeds[1:], run.free_states
@@ -241,7 +241,7 @@ def before_impacts(oscillator: ImpactOscillator, run: Trajectory) -> tuple[Array
     return rates, bends
 
 
-def _contact_matrices(oscillator: ImpactOscillator, run: Trajectory, durations: Array) -> Array:
+def _contact_matrices(oscillator: DrivenStructure, run: Trajectory, durations: Array) -> Array:
     """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it.
 
     Another motion comes onto the table at another time; see `onto`. At the release the force
@@ -263,7 +263,7 @@ def _contact_matrices(oscillator: ImpactOscillator, run: Trajectory, durations: 
     return out
 
 
-def off(oscillator: ImpactOscillator, side: int) -> Array:
+def off(oscillator: DrivenStructure, side: int) -> Array:
     """Derivative (2N, 2 stuck modes) of the free state by the stuck one that is released."""
     contact = oscillator._contacts[side]
     modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
@@ -271,7 +271,7 @@ def off(oscillator: ImpactOscillator, side: int) -> Array:
     return np.asarray(rows[..., modes].reshape(oscillator.dimension, 2 * len(modes)))
 
 
-def onto(oscillator: ImpactOscillator, side: int, states: Array, speeds: Array) -> Array:
+def onto(oscillator: DrivenStructure, side: int, states: Array, speeds: Array) -> Array:
     """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
 
     A disturbance that opens the gap by g makes the impact, from which on contact stands for the

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from typing import final
 
 import numpy as np
@@ -16,6 +17,16 @@ Indices = NDArray[np.intp]
 
 _ROWS = 1 << 16
 """Impacts whose states are worked out in one step: an interrupt is heard between steps."""
+
+
+class Ending(Enum):
+    """Why a simulation ended; the value of each is what the user reads."""
+
+    COUNT_REACHED = "the number of impacts was reached"
+    NO_FURTHER_CONTACT = "the mass cannot reach the table any more"
+    CONTACT_FOR_EVER = "the mass stays on the table for ever"
+    SEARCH_LIMIT = "no further event was found within the search limit"
+    DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
 
 
 @final
@@ -35,8 +46,7 @@ class Trajectory:
     contacts : (k, 3)
         Impacts before the contact, its start, its end (infinite for ever).
     impacts : int
-    ending : int
-        Number of an ending of the kernels.
+    ending : Ending
     chatter_error, cells, touches, seconds
         What it lost and cost.
     longest : float
@@ -48,7 +58,7 @@ class Trajectory:
     states: Array
     contacts: Array
     impacts: int
-    ending: int
+    ending: Ending
     chatter_error: float
     cells: int
     touches: int

@@ -18,7 +18,7 @@ from flint import arb, arb_mat, ctx
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.record import ImpactRecord
 from tests.reference.impact_chain import to_mpf
 
@@ -33,7 +33,7 @@ Real: TypeAlias = Any
 class ExactMotion:
     """Follows the impacts and contacts of a record."""
 
-    def __init__(self, system: ImpactOscillator) -> None:
+    def __init__(self, system: ImpactMap) -> None:
         self.size = n = system.degrees_of_freedom
         amplitude, offset = arb(float(system.amplitude)), arb(float(system.offset))
         self.restitution = arb(float(system.restitution))

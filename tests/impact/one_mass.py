@@ -25,7 +25,7 @@ from flint import arb, arb_mat, ctx
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.impact_map import ImpactMap
 from tests.reference.impact_chain import to_mpf
 
 DIGITS = 40
@@ -82,7 +82,7 @@ def next_impact_derivative(
     return mpmath.matrix([speed, [w * later[0], w * later[1]]])
 
 
-def periodic_orbits(system: ImpactOscillator, periods: int) -> list[Orbit]:
+def periodic_orbits(system: ImpactMap, periods: int) -> list[Orbit]:
     """Orbits of one impact in so many periods; of two at two stops, half of the periods apart.
 
     In the latter case the periods are odd, and the derivative is that of half the orbit, with the

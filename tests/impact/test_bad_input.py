@@ -12,7 +12,8 @@ import pytest
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import Ending, ImpactRecord
+from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.trajectory import Ending
 
 NAN, INF = math.nan, math.inf
 

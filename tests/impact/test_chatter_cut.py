@@ -17,6 +17,7 @@ from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
@@ -114,7 +115,7 @@ CASES = (*MOVING, *PRESSED)
 class Start(NamedTuple):
     """A state in flight between two bounces of a chatter, in doubles."""
 
-    system: ImpactOscillator
+    system: ImpactMap
     position: Array
     velocity: Array
     phase: float
@@ -122,7 +123,8 @@ class Start(NamedTuple):
     def simulate(self, tolerance: float) -> ImpactRecord:
         system = self.system.replace(chatter_tolerance=tolerance)
         start = system.state(self.position, self.velocity, self.phase)
-        return system.simulate(impacts=600, start=start)
+        found: ImpactRecord = system.simulate(impacts=600, start=start)
+        return found
 
 
 def start_of(name: str) -> Start:
@@ -197,7 +199,7 @@ def halved(start: Start) -> list[Row]:
     return rows
 
 
-def twin(system: ImpactOscillator) -> GeneralOscillator:
+def twin(system: ImpactMap) -> GeneralOscillator:
     above = system.side == "above"
     far = system.offset + (system.play if above else -system.play)
     return GeneralOscillator(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.state import Motion
+from dynkit.systems.impact.trajectory import Ending
 
 STICKING = (0.16, 0.202, 0.408)
 

@@ -16,8 +16,9 @@ from dynkit.systems.impact.bases import Basis, CoupledModes, NormalModes
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.record import Ending, ImpactRecord
+from dynkit.systems.impact.record import ImpactRecord
 from dynkit.systems.impact.runs import Course
+from dynkit.systems.impact.trajectory import Ending
 
 
 def terms(system: ImpactOscillator) -> int:

@@ -13,8 +13,8 @@ from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.trajectory import Ending
 from tests.reference.general_oscillator import GeneralOscillator
 
 

@@ -19,7 +19,7 @@ from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import ImpactChain
 from dynkit.systems.impact import clock_kernels, kernels, motion, runs, second_moments, tangents
-from dynkit.systems.impact.runs import run
+from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.impact.trajectory import Trajectory
 from tests.effort import share
@@ -43,7 +43,7 @@ def numbers(found: Trajectory) -> tuple[Any, ...]:
 
 def in_pieces(pause: int, start: ImpactState, system: Any, **arguments: Any) -> Trajectory:
     with patch.object(runs, "cells_of_a_call", lambda slots: pause):
-        return run(system, start, **arguments)
+        return trajectory_of(system, start, **arguments)
 
 
 @share(0.2)
@@ -62,7 +62,7 @@ def test_a_run_in_pieces_is_the_same_run_bit_for_bit(
         "seed": 3,
         "most_cells": 3000,
     }
-    whole = run(begin.system, begin.state, **asked)
+    whole = trajectory_of(begin.system, begin.state, **asked)
     assert numbers(in_pieces(pause, begin.state, begin.system, **asked)) == numbers(whole)
 
 
@@ -71,7 +71,7 @@ def test_a_run_in_pieces_is_the_same_run_bit_for_bit(
 def test_chatter_contact_and_release_in_pieces_are_the_same(frequency: float, pause: int) -> None:
     chain = ImpactChain(masses=2, frequency=frequency, restitution=0.6)
     asked: dict[str, Any] = {"count": 200, "store": True, "noise": 0.0, "seed": 1}
-    whole = run(chain, chain.state(), **asked)
+    whole = trajectory_of(chain, chain.state(), **asked)
     assert numbers(in_pieces(pause, chain.state(), chain, **asked)) == numbers(whole)
 
 

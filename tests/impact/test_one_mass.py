@@ -18,8 +18,8 @@ from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.record import Ending
 from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.trajectory import Ending
 from dynkit.testing import (
     AttractorCheck,
     MapCheck,

@@ -13,10 +13,11 @@ from hypothesis import given, strategies as st
 from mpmath import mp, mpf
 
 from dynkit.labels.label import OrbitKind
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.record import Ending, ImpactRecord
+from dynkit.systems.impact.record import ImpactRecord
 from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.trajectory import Ending
 from tests.impact.one_mass import DIGITS, Orbit, Real, periodic_orbits
 
 ROUNDING = 2.0**-52
@@ -381,7 +382,7 @@ def rattles_that_repeat_in_doubles() -> Iterator[ImpactRecord]:
             yield record
 
 
-def nearly_sticks(rattle: ImpactOscillator, time: float) -> bool:
+def nearly_sticks(rattle: ImpactMap, time: float) -> bool:
     """Whether an impact of the first so long is slower than 1e-2, to 300 digits."""
     assert isinstance(rattle, PlayOscillator)
     with mp.workprec(1000):

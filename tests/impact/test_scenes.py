@@ -12,7 +12,8 @@ from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.record import Ending, ImpactRecord
+from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.trajectory import Ending
 from tests.reference.general_oscillator import BITS, GeneralOscillator, History
 
 ONE = {"M": [[1.0]], "C": [[0.0]], "K": [[1.0]]}

@@ -10,6 +10,7 @@ import pytest
 
 from dynkit.core.validation import Array
 from dynkit.systems import BouncingBall, ImpactChain
+from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
 from tests.benchmarks.extremes.cases import Case, read_cases
@@ -78,7 +79,7 @@ def quadrature(record: ImpactRecord, low: float, high: float) -> Array:
     return np.asarray((x * (0.5 * weights * length).ravel()[:, None]).T @ x)
 
 
-def dense(system: ImpactOscillator) -> Array:
+def dense(system: ImpactMap) -> Array:
     n = system.degrees_of_freedom
     inverse = np.linalg.inv(system.mass)
     return np.block(

@@ -13,7 +13,7 @@ from mpmath import mp, mpf
 
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.record import Ending
+from dynkit.systems.impact.trajectory import Ending
 from tests.impact.exact import exact_errors
 
 if TYPE_CHECKING:

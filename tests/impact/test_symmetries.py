@@ -10,7 +10,8 @@ from hypothesis import assume, given, strategies as st
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.record import Ending, ImpactRecord
+from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.trajectory import Ending
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, alive, begins, certain
 

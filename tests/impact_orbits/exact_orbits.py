@@ -16,8 +16,8 @@ from flint import acb, acb_mat, arb, arb_mat, ctx
 from scipy.optimize import linear_sum_assignment
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.impact_map import ImpactMap as System
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.oscillator import ImpactOscillator
 
 BITS = 600
 STEP = (1, -200)
@@ -52,7 +52,7 @@ def rates_of(rigidity: Ball, drag: Ball, forcing: Ball, frequency: Ball) -> Ball
 class ImpactMap:
     """The oscillator in balls."""
 
-    def __init__(self, system: ImpactOscillator) -> None:
+    def __init__(self, system: System) -> None:
         n = self.size = system.degrees_of_freedom
         self.contact = system.contact % n
         self.others = [i for i in range(n) if i != self.contact]
@@ -211,7 +211,7 @@ class OneImpact:
     state: Array
 
 
-def one_impact_orbits(system: ImpactOscillator, periods: int) -> list[OneImpact]:
+def one_impact_orbits(system: System, periods: int) -> list[OneImpact]:
     """All P(1,m) with a positive impulse.
 
     With E = exp(A T) of the free structure the state just after a unit impulse once a period is

@@ -13,6 +13,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.single import SingleImpactOscillator
@@ -125,7 +126,7 @@ class Releases:
     Places are positions and velocities (2N - 2,) of all coordinates but that in contact.
     """
 
-    system: ImpactOscillator
+    system: ImpactMap
     far: bool = False
 
     @property
@@ -230,7 +231,7 @@ def monodromy(name: str) -> Array:
 # --- 50 digits ------------------------------------------------------------------------------------
 
 
-def exact_of(system: ImpactOscillator, stick_below: str) -> GeneralOscillator:
+def exact_of(system: ImpactMap, stick_below: str) -> GeneralOscillator:
     """The same oscillator to 50 digits and more."""
     parameters: dict[str, Any] = {
         "frequency": system.frequency,

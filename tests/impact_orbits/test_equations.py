@@ -20,8 +20,8 @@ import sympy
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.oscillator import ImpactOscillator
 from tests.impact_orbits.exact_orbits import exact_orbit
 from tests.impact_orbits.structures import SYSTEMS
 
@@ -146,7 +146,7 @@ def test_the_linearization_is_the_derivative_of_the_residual(name: str) -> None:
         assert abs(extrapolated(moved, step) - wanted[:, k]).max() <= 1e-8 * abs(wanted).max()
 
 
-def inside(system: ImpactOscillator) -> dict[str, float]:
+def inside(system: ImpactMap) -> dict[str, float]:
     """Parameters that can be changed both ways, with a step each."""
     out = {}
     for name, value in system.parameters.items():

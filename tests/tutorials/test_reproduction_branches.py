@@ -38,7 +38,9 @@ def settled(sweep: Sweep, place: int) -> ImpactAttractor:
     attractor = sweep.attractor(place)
     assert isinstance(attractor, ImpactAttractor)
     later = attractor.system.attractor(transient=20_000, impacts=1, start=attractor.final)
-    return attractor.system.attractor(transient=0, impacts=20, start=later.final)
+    found = attractor.system.attractor(transient=0, impacts=20, start=later.final)
+    assert isinstance(found, ImpactAttractor)
+    return found
 
 
 def motions(sweep: Sweep) -> list[int]:

@@ -14,7 +14,7 @@ import numpy as np
 from flint import acb, acb_mat, arb, arb_mat
 
 from dynkit.systems import ImpactChain
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.impact_map import ImpactMap as System
 from tests.impact_orbits.exact_orbits import Ball, rates_of
 
 
@@ -27,7 +27,7 @@ def block(matrix: Ball, size: int) -> Ball:
 class Motion:
     """An oscillator at values of some parameters, in balls."""
 
-    def __init__(self, system: ImpactOscillator, free: dict[str, Ball]) -> None:
+    def __init__(self, system: System, free: dict[str, Ball]) -> None:
         value = {name: arb(x) for name, x in system.parameters.items()} | free
         n, c = system.degrees_of_freedom, system.contact % system.degrees_of_freedom
         self.size, self.restitution, self.frequency = n, value["restitution"], value["frequency"]
@@ -75,7 +75,7 @@ class Motion:
         return (reset + late * gap).mid()
 
 
-def _matrices(system: ImpactOscillator, value: dict[str, Ball]) -> tuple[Ball, Ball, Ball]:
+def _matrices(system: System, value: dict[str, Ball]) -> tuple[Ball, Ball, Ball]:
     """The inverse of the mass, damping and stiffness."""
     if isinstance(system, ImpactChain):
         one = system.replace(damping=1.0, springs=1.0)
@@ -103,7 +103,7 @@ class Impacts:
         As those of `Bifurcation`.
     """
 
-    system: ImpactOscillator
+    system: System
     names: tuple[str, ...]
     periods: int
     sides: tuple[int, ...]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from dynkit.orbits.problem import Problem
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
 
 NONE = np.empty(0)
 """Values of the free parameters where there are none."""
@@ -54,8 +54,8 @@ class DrivenOrbit(PeriodicOrbit):
         return [("period", self.period), ("states", len(self.states))]
 
     @property
-    def system(self) -> ImpactOscillator:
-        system: ImpactOscillator = self._problem.oscillator
+    def system(self) -> ImpactMap:
+        system: ImpactMap = self._problem.oscillator
         return system
 
     @property

@@ -20,7 +20,7 @@ from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.record import ImpactRecord
 
 STARTS = 200
@@ -35,9 +35,7 @@ LEAST = 1e-13
 _NONE = np.empty(0)
 
 
-def find_orbits(
-    oscillator: ImpactOscillator, impacts: object, periods: object
-) -> list[ImpactOrbit]:
+def find_orbits(oscillator: ImpactMap, impacts: object, periods: object) -> list[ImpactOrbit]:
     """All orbits that are found, the admissible ones first, then those of larger impulses.
 
     One impact: all there are, from the closed form. More: from `STARTS` guesses at random phases,
@@ -94,7 +92,7 @@ class Found:
 
 
 def orbit_at(
-    oscillator: ImpactOscillator,
+    oscillator: ImpactMap,
     periods: object,
     phases: object,
     sides: object = None,
@@ -140,7 +138,7 @@ def solvable(name: str, impacts: int) -> None:
     within_memory(name, impacts, 2.0 * 8.0 * (2.0 * impacts) ** 2)
 
 
-def make_problem(oscillator: ImpactOscillator, periods: int, sides: Any) -> ImpactProblem:
+def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ImpactProblem:
     """The equations of P(n,m), n the number of sides.
 
     Raises
@@ -206,9 +204,7 @@ def repeats(problem: ImpactProblem, x: Array) -> bool:
     return False
 
 
-def closed_forms(
-    oscillator: ImpactOscillator, periods: int
-) -> Iterator[tuple[ImpactProblem, Array]]:
+def closed_forms(oscillator: ImpactMap, periods: int) -> Iterator[tuple[ImpactProblem, Array]]:
     """P(1,m): gap and its rate at the impact are one complex equation, quadratic in the impulse.
 
     With the steady gap Im(C exp(i phase)) + c and the periodic response G, G' just after a unit
@@ -232,7 +228,7 @@ def closed_forms(
 
 
 def random_guesses(
-    oscillator: ImpactOscillator, impacts: int, periods: int
+    oscillator: ImpactMap, impacts: int, periods: int
 ) -> Iterator[tuple[ImpactProblem, Array]]:
     """Return equations and guesses (2n,) of P(n,m) from `STARTS` sets of random phases."""
     random = np.random.default_rng(0)

@@ -28,7 +28,7 @@ from dynkit.systems.impact.orbits.watching import condition_of, flights_are_open
 from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
 
 # Impacts and impulses that agree so well, in their units, are the same.
 _REPEATED = 1e-7
@@ -45,7 +45,7 @@ class ImpactProblem(Problem):
 
     Parameters
     ----------
-    oscillator : ImpactOscillator
+    oscillator : ImpactMap
         At whose parameters the others than the free ones stay.
     names : tuple of str
     periods : int
@@ -61,7 +61,7 @@ class ImpactProblem(Problem):
 
     def __init__(
         self,
-        oscillator: ImpactOscillator,
+        oscillator: ImpactMap,
         names: tuple[str, ...],
         periods: int,
         sides: Any,
@@ -95,7 +95,7 @@ class ImpactProblem(Problem):
     def values(self) -> Array:
         return np.array([getattr(self.oscillator, name) for name in self._names], dtype=float)
 
-    def system(self, p: Array) -> ImpactOscillator:
+    def system(self, p: Array) -> ImpactMap:
         """The oscillator with these values (k,) of the free parameters."""
         try:
             changes: Any = dict(zip(self._names, p.tolist(), strict=True))

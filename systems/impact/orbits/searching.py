@@ -31,7 +31,7 @@ from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.record import ImpactRecord
 
 GUESSED = 3
@@ -45,9 +45,7 @@ RANDOM, RETURNS = 20, 2
 PART, PARTS = 300, 10
 
 
-def search(
-    oscillator: ImpactOscillator, impacts: object, periods: object
-) -> OrbitSearch[ImpactOrbit]:
+def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSearch[ImpactOrbit]:
     """Return orbits up to P(n,m), and what was searched: see `ImpactOscillator.find_orbits`."""
     began = time.perf_counter()
     n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
@@ -80,7 +78,7 @@ def search(
     return OrbitSearch(oscillator, n, 0, region, message, orbits, cost)
 
 
-def _simulated(oscillator: ImpactOscillator) -> Iterator[ImpactRecord]:
+def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
     """Return the motion from the default start in parts, then those from random starts.
 
     These are just after an impact, with coordinates up to twice as large as the largest of the

@@ -10,8 +10,8 @@ import numpy as np
 from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
+    from dynkit.systems.impact.driven import DrivenStructure
     from dynkit.systems.impact.orbits.solution import Solution
-    from dynkit.systems.impact.oscillator import ImpactOscillator
 
 LARGEST = 50
 """Of so many coordinates at most: the cost grows with the third power of their number."""
@@ -19,7 +19,7 @@ LARGEST = 50
 _AGREEMENT = 1e-12
 
 
-def matrices_of(oscillator: ImpactOscillator) -> Array:
+def matrices_of(oscillator: DrivenStructure) -> Array:
     """Mass, damping and stiffness, (3, N, N)."""
     return np.stack([oscillator.mass, oscillator.damping_matrix, oscillator.stiffness])
 
@@ -40,7 +40,7 @@ def linear_change(matrices: Callable[[float], Array], value: float) -> Array | N
 
 
 def residual_change(
-    oscillator: ImpactOscillator, solution: Solution, change: Array
+    oscillator: DrivenStructure, solution: Solution, change: Array
 ) -> tuple[Array, Array]:
     """Derivatives (n,) of gaps and of their rates at the impacts, by a change of the matrices.
 

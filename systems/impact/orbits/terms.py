@@ -13,7 +13,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.driven import DrivenStructure
 
 EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
 """Parameters by which derivatives are in closed form."""
@@ -24,7 +24,7 @@ OUTSIDE = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
 _NO_CHANGES: Mapping[str, float] = {}
 
 
-def changes_alone(oscillator: ImpactOscillator, name: str) -> bool:
+def changes_alone(oscillator: Any, name: str) -> bool:
     """Whether a parameter is one of `EXACT`, and changes nothing but itself."""
     here = oscillator
     if name not in EXACT or name not in here.parameters or not math.isfinite(getattr(here, name)):
@@ -63,7 +63,7 @@ class Terms:
     signs: Array
 
     @staticmethod
-    def of(oscillator: ImpactOscillator, changes: Mapping[str, float] = _NO_CHANGES) -> Terms:
+    def of(oscillator: DrivenStructure, changes: Mapping[str, float] = _NO_CHANGES) -> Terms:
         """The terms of an oscillator, with other values of some of the `EXACT` parameters.
 
         Raises
@@ -98,7 +98,7 @@ class Terms:
         return np.asarray(self.signs[sides] * (by * turn).imag)
 
 
-def _steady_response(oscillator: ImpactOscillator, w: float) -> tuple[Any, Any, Array]:
+def _steady_response(oscillator: DrivenStructure, w: float) -> tuple[Any, Any, Array]:
     """Steady response (N,), its derivative by the frequency (N,), and the place of rest (N,)."""
     harmonic, constant = oscillator._drive.harmonic, oscillator._drive.constant
     shape, by_frequency, still = np.zeros_like(harmonic), np.zeros_like(harmonic), constant

@@ -14,9 +14,9 @@ from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.orbits.problem import ImpactProblem
     from dynkit.systems.impact.orbits.solution import Solution
-    from dynkit.systems.impact.oscillator import ImpactOscillator
 
 SAME = 1e-6
 """In units of the period: how far a simulated impact may be from that of the orbit."""
@@ -39,7 +39,7 @@ def watched(solution: Solution) -> list[Event]:
     return events + [Event("CB", i, float(a)) for i, a in enumerate(accelerations)]
 
 
-def flights_are_open(oscillator: Callable[[], ImpactOscillator], solution: Solution) -> bool:
+def flights_are_open(oscillator: Callable[[], ImpactMap], solution: Solution) -> bool:
     """Whether no impact is missing.
 
     Proved, but where a gap only nearly closes: there simulation from just after each impact tells.
@@ -58,7 +58,7 @@ def flights_are_open(oscillator: Callable[[], ImpactOscillator], solution: Solut
     return True
 
 
-def section_states(oscillator: ImpactOscillator, solution: Solution) -> Array:
+def section_states(oscillator: ImpactMap, solution: Solution) -> Array:
     """Section coordinates (n, 2N) just after the impacts; impulses that pull count as zero."""
     structure, t = oscillator._structure, solution.terms
     q = solution.states[..., solution.motion.mode.layout.modes]

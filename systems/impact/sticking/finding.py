@@ -19,7 +19,7 @@ from dynkit.systems.impact.sticking.problem import StickingProblem
 from dynkit.systems.impact.trajectory import Indices, Trajectory
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
 
 STARTS = 8
 """Motions that a search starts from."""
@@ -39,7 +39,7 @@ _LEAST = 1e-9
 _NONE = np.empty(0)
 
 
-def find_sticking(oscillator: ImpactOscillator, periods: object) -> list[StickingOrbit]:
+def find_sticking(oscillator: ImpactMap, periods: object) -> list[StickingOrbit]:
     """All orbits P(inf,m) that are found, the admissible ones first, then by their first phase.
 
     From the releases of some motions: what was at rest on the table, the motion from the default
@@ -81,7 +81,7 @@ def _touches(problem: StickingProblem, x: Array) -> bool:
     return min(rates) < _LEAST * max(rates)
 
 
-def sticking_orbit_of(state: ImpactState, periods: int) -> StickingOrbit:
+def sticking_orbit_of(system: ImpactMap, state: ImpactState, periods: int) -> StickingOrbit:
     """The orbit P(inf,m) near the motion from a state.
 
     Raises
@@ -92,7 +92,6 @@ def sticking_orbit_of(state: ImpactState, periods: int) -> StickingOrbit:
         When it does not stick, or not a period later.
     """
     began = time.perf_counter()
-    system = state._system
     for release in _releases(system, state, 1):
         course = _course(Scene(system), *release, periods)
         if course is not None:
@@ -102,7 +101,7 @@ def sticking_orbit_of(state: ImpactState, periods: int) -> StickingOrbit:
     raise ValueError(f"motion must be released by the table, and {periods} periods later again")
 
 
-def _guesses(oscillator: ImpactOscillator, periods: int) -> Iterator[tuple[StickingProblem, Array]]:
+def _guesses(oscillator: ImpactMap, periods: int) -> Iterator[tuple[StickingProblem, Array]]:
     """Problems and guesses of their unknowns."""
     scene = Scene(oscillator)
     for state in _starts(oscillator, scene):
@@ -112,7 +111,7 @@ def _guesses(oscillator: ImpactOscillator, periods: int) -> Iterator[tuple[Stick
                 yield course
 
 
-def _starts(oscillator: ImpactOscillator, scene: Scene) -> Iterator[ImpactState]:
+def _starts(oscillator: ImpactMap, scene: Scene) -> Iterator[ImpactState]:
     """States on the table, and after a while."""
     phases = np.linspace(0.0, TWO_PI, 720, endpoint=False)
     random = np.random.default_rng(0)
@@ -136,7 +135,7 @@ def _starts(oscillator: ImpactOscillator, scene: Scene) -> Iterator[ImpactState]
 
 
 def _releases(
-    oscillator: ImpactOscillator, state: ImpactState, most: int
+    oscillator: ImpactMap, state: ImpactState, most: int
 ) -> list[tuple[int, Array, float]]:
     """Side, places and phase of the first releases of a motion."""
     count = 256
@@ -151,7 +150,7 @@ def _releases(
     return list(zip(sides, _places(oscillator, run, ended[:, 2]), phases.tolist(), strict=True))
 
 
-def _places(oscillator: ImpactOscillator, run: Trajectory, times: Array) -> Array:
+def _places(oscillator: ImpactMap, run: Trajectory, times: Array) -> Array:
     """Positions and velocities (k, 2N - 2) of all coordinates but that in contact."""
     x, v = sample_run(oscillator, run, times)
     others = oscillator._structure.others

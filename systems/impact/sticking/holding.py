@@ -11,7 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
 
 
 @final
@@ -30,7 +30,7 @@ class Holding:
         Derivative of the contact force by the places.
     """
 
-    def __init__(self, system: ImpactOscillator, side: int) -> None:
+    def __init__(self, system: ImpactMap, side: int) -> None:
         self.system, self.side = system, side
         self.contact = system._contacts[side]
         self.mode = self.contact.mode

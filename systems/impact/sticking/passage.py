@@ -18,7 +18,7 @@ from dynkit.systems.impact.tangents import chatter_carried, off, onto
 from dynkit.systems.impact.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
 
 CHUNK, MOST = 128, 8192
 """Impacts of a chatter that are simulated at first, and at most."""
@@ -55,7 +55,7 @@ class Scene:
 
     Attributes
     ----------
-    system : ImpactOscillator
+    system : ImpactMap
     motion : FreeMotion
     holdings : (stops,) of Holding
     kick : (2, slots)
@@ -64,7 +64,7 @@ class Scene:
         The same by a unit jump of the contact coordinate.
     """
 
-    def __init__(self, system: ImpactOscillator) -> None:
+    def __init__(self, system: ImpactMap) -> None:
         self.system = system
         self.motion: FreeMotion = free_motion(system._structure)
         self.holdings = tuple(Holding(system, side) for side in range(len(system._stands)))

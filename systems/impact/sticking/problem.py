@@ -20,7 +20,7 @@ from dynkit.systems.impact.sticking.watching import condition_of, is_motion, tou
 from dynkit.systems.impact.sticking.words import neighbours_of
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
+    from dynkit.systems.impact.impact_map import ImpactMap
 
 _REPEATED = 1e-7
 """Passages that agree so well, in their units, are the same."""
@@ -42,7 +42,7 @@ class StickingProblem(Problem):
 
     Parameters
     ----------
-    oscillator : ImpactOscillator
+    oscillator : ImpactMap
         At whose parameters the others than the free ones stay.
     names : tuple of str
     periods : int
@@ -59,7 +59,7 @@ class StickingProblem(Problem):
 
     def __init__(
         self,
-        oscillator: ImpactOscillator,
+        oscillator: ImpactMap,
         names: tuple[str, ...],
         periods: int,
         words: tuple[Word, ...],
@@ -105,7 +105,7 @@ class StickingProblem(Problem):
         """The same problem with other impacts."""
         return type(self)(self.oscillator, self._names, self.periods, words, self.sizes)
 
-    def system(self, p: Array) -> ImpactOscillator:
+    def system(self, p: Array) -> ImpactMap:
         """The oscillator with these values (k,) of the free parameters."""
         try:
             changes: Any = dict(zip(self._names, p.tolist(), strict=True))
