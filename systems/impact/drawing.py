@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.plotting.points import displacement, draw_motion
+from dynkit.systems.impact.trajectory import Ending
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from dynkit.systems.impact.impact_map import ImpactMap
-    from dynkit.systems.impact.orbits.driven import DrivenOrbit
-    from dynkit.systems.impact.record import ImpactRecord
 
 # Samples in each period; periods drawn at most, at least where the motion ended by itself, and
 # after its last impact then.
@@ -25,34 +25,28 @@ _SAMPLES, _MOST, _LEAST, _AFTER = 100, 1000, 12, 2
 _NUMBERS = 2**20
 
 
-def draw_record(record: ImpactRecord, ax: Axes | None) -> Axes:
-    """Draw the motion of a record as `ImpactRecord.plot` says."""
-    from dynkit.systems.impact.trajectory import Ending
-
-    system = record.system
-    period = 2.0 * math.pi / system.frequency
-    end = float(record.time[-1]) if len(record) else 0.0
-    if record.ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER):
+def shown_until(period: float, time: Array, ending: Ending) -> float:
+    """Up to when the motion of a record is drawn, as `ImpactRecord.plot` says."""
+    end = float(time[-1]) if len(time) else 0.0
+    if ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER):
         end = max(end + _AFTER * period, _LEAST * period)
-    end = min(end, _MOST * period)
-    impacts = record.time[record.time <= end]
-    return _draw(ax, system, record, record.start.phase, end, impacts)
+    return min(end, _MOST * period)
 
 
-def draw_orbit(orbit: DrivenOrbit, ax: Axes | None) -> Axes:
-    """Draw one period of an orbit as `DrivenOrbit.plot` says."""
-    begin, end = float(orbit.phases[0]), orbit.period
-    return _draw(ax, orbit.system, orbit, begin, end, orbit._impact_times)
-
-
-def _draw(
-    ax: Axes | None, system: ImpactMap, motion: Any, phase: float, end: float, impacts: Array
+def draw(
+    ax: Axes | None,
+    system: ImpactMap,
+    sample: Callable[[Array], tuple[Array, Array]],
+    phase: float,
+    end: float,
+    impacts: Array,
 ) -> Axes:
+    """Draw the contact coordinate, the stops and the impacts, from a phase of the table on."""
     count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
     times = np.union1d(np.linspace(0.0, end, count), impacts)
     contact = system.contact % system.degrees_of_freedom
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
-    place = np.concatenate([motion.sample(part)[0][:, contact] for part in parts])
+    place = np.concatenate([sample(part)[0][:, contact] for part in parts])
     table = system.amplitude * np.sin(phase + system.frequency * times)
     stops = [table + stand.offset for stand in system._stands]
     at = place[np.searchsorted(times, impacts)]

@@ -314,9 +314,11 @@ class ImpactRecord(Result):
         -------
         Axes
         """
-        from dynkit.systems.impact.drawing import draw_record
+        from dynkit.systems.impact.drawing import draw, shown_until
 
-        return draw_record(self, ax)
+        end = shown_until(2.0 * math.pi / self.system.frequency, self.time, self.ending)
+        impacts = self.time[self.time <= end]
+        return draw(ax, self.system, self.sample, self.start.phase, end, impacts)
 
     def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset; its time counts from the start.

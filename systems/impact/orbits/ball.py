@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self, cast, final
+from typing import Any, Self, final
 
 import numpy as np
 from scipy.optimize import brentq
@@ -21,13 +21,10 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Condition, Event, Problem
 from dynkit.systems.impact.state import TWO_PI
 
-if TYPE_CHECKING:
-    from dynkit.systems.impact.ball import BouncingBall
-
 _EPSILON = 2.0**-52
 
 
-def whole_turns(ball: BouncingBall, states: Array) -> Any:
+def whole_turns(ball: Any, states: Array) -> Any:
     """Return how many turns, (n,) of int, to add to the next phase so that a flight ends there."""
     turns = []
     for state, following in zip(states, np.roll(states, -1, axis=0), strict=True):
@@ -56,7 +53,7 @@ class Bounces:
         Added to the next phase they give the phase at which a flight ends.
     """
 
-    def __init__(self, ball: BouncingBall, states: Array, turns: Any) -> None:
+    def __init__(self, ball: Any, states: Array, turns: Any) -> None:
         self.ball = ball
         self.strength = ball.amplitude * ball.frequency**2 / ball.gravity
         self.speeds = states[:, 0] * ball.frequency / ball.gravity
@@ -137,9 +134,9 @@ class BallProblem(StatesProblem):
     ) -> None:
         super().__init__(ball, states, names)
         self._turns = turns
-        s = Bounces(cast("BouncingBall", ball), states, turns)
+        s = Bounces(ball, states, turns)
         speed = max(1.0, s.strength, float(abs(s.speeds).max()), float(abs(s.lasts).max()))
-        self.unit = speed
+        self.unit: float = speed
         """Unit of the rates, in gravity / frequency: the largest of what they are made of."""
 
     @property
@@ -159,7 +156,7 @@ class BallProblem(StatesProblem):
 
     def bounces(self, x: Array, p: Array) -> Bounces:
         """The flights at a place."""
-        return Bounces(cast("BouncingBall", self.at(p)), self._rows(x), self._turns)
+        return Bounces(self.at(p), self._rows(x), self._turns)
 
     def residual(self, x: Array, p: Array) -> Array:
         s = self.bounces(x, p)

@@ -131,9 +131,10 @@ class DrivenOrbit(PeriodicOrbit):
         -------
         Axes
         """
-        from dynkit.systems.impact.drawing import draw_orbit
+        from dynkit.systems.impact.drawing import draw
 
-        return draw_orbit(self, ax)
+        begin = float(self.phases[0])
+        return draw(ax, self.system, self.sample, begin, self.period, self._impact_times)
 
     @property
     def unknowns(self) -> Array:
