@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, span, table
+from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, boolean, finite_array, unmasked
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Result
@@ -140,17 +140,17 @@ class BifurcationDiagram(Result):
         values = f"{count} values of {self.parameter} {span(self.values)}"
         return f"<BifurcationDiagram of {names}: {values}{labels}>"
 
-    def _repr_html_(self) -> str:
-        facts: Facts = [
-            (self.parameter, f"{len(self.values)} values, {span(self.values)}"),
-            ("observables", ", ".join(self.observables)),
-            ("cost", costing(self.cost)),
-        ]
-        shown = table("BifurcationDiagram", facts)
-        if not self.intervals:
-            return shown
+    def _facts(self) -> Facts:
+        return {
+            self.parameter: self.values,
+            "observables": tuple(self.observables),
+            "cost": self.cost,
+        }
+
+    def _tables(self) -> list[str]:
         rows = [(part.label, part.low, part.high, part.count) for part in self.intervals]
-        return shown + table("Intervals of labels", rows, ("label", "from", "to", "values"))
+        heads = ("label", "from", "to", "values")
+        return [table("Intervals of labels", rows, heads)] if rows else []
 
     @property
     def error(self) -> Array:

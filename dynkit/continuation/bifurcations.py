@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, Tabled, largest, table, written
 from dynkit.core.validation import Array
 from dynkit.orbits.problem import Problem
 
@@ -41,9 +42,19 @@ def shown(bifurcations: Iterable[Bifurcation]) -> str:
     )
 
 
+def table_of(bifurcations: Iterable[Bifurcation], name: str) -> list[str]:
+    """Return bifurcations at values of a parameter as a table; none where there are none."""
+    rows = [
+        (b.kind, f"{b.value:.12g}", largest(b.error), b.multiplier, b.admissible)
+        for b in bifurcations
+    ]
+    heads = ("kind", name, "error", "critical multiplier", "admissible")
+    return [table("Bifurcations", rows, heads)] if rows else []
+
+
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Bifurcation:
+class Bifurcation(Tabled):
     """A bifurcation on a branch, solved for to rounding.
 
     Parameters
@@ -144,7 +155,11 @@ class Bifurcation:
         doubt = "" if self.admissible else ", inadmissible"
         return f"<{self.kind} at {self.parameter} {self.value:.12g}{doubt}>"
 
-    def _repr_html_(self) -> str:
-        from dynkit.continuation.tables import bifurcation_table
-
-        return bifurcation_table(self)
+    def _facts(self) -> Facts:
+        return {
+            self.parameter: f"{self.value:.12g}",
+            "critical multiplier": written(self.multiplier),
+            "admissible": self.admissible,
+            "residual": largest(self.history[-1]),
+            "cost": self.cost,
+        }

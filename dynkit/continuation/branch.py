@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from dynkit.continuation.archive import ERROR, ends, error_known, identity_of, refuse_other_orbits
 from dynkit.continuation.arclength import OrbitEquations
-from dynkit.continuation.bifurcations import Bifurcation, given, shown
+from dynkit.continuation.bifurcations import Bifurcation, given, shown, table_of
 from dynkit.continuation.termination import Ending, Reason
 from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, largest, told
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, index_in
 from dynkit.data.dataset import Dataset, Variables, described
@@ -183,10 +184,20 @@ class Branch(Saved):
             f"{self.name} from {low:.6g} to {high:.6g}{'; ' if found else ''}{found}{more}>"
         )
 
-    def _repr_html_(self) -> str:
-        from dynkit.continuation.tables import branch_table
+    def _facts(self) -> Facts:
+        return {
+            "system": self._system and told(self._system, 6, [self.name]),
+            self.name: self.parameter,
+            "stable": self.stable,
+            "admissible": self.admissible,
+            "begins where": self.endings[0],
+            "ends where": self.endings[1],
+            "residual": largest(self.residuals),
+            "cost": self.cost,
+        }
 
-        return branch_table(self)
+    def _tables(self) -> list[str]:
+        return table_of(self.bifurcations, self.name)
 
     def orbit(self, place: int) -> PeriodicOrbit:
         """Return the orbit of a point; negative places count from the end.

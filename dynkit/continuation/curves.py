@@ -24,6 +24,7 @@ from dynkit.continuation.defining_systems import (
 from dynkit.continuation.initial_tangents import start_points
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, largest
 from dynkit.core.validation import Array, in_interval, index_in
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved, read_result, write_result
@@ -145,10 +146,16 @@ class BifurcationCurve(Saved):
         closed = "closed, " if self.closed else ""
         return f"<BifurcationCurve of {self.kind}: {closed}{len(self)} points, {ranges}>"
 
-    def _repr_html_(self) -> str:
-        from dynkit.continuation.tables import curve_table
-
-        return curve_table(self)
+    def _facts(self) -> Facts:
+        return {
+            **dict(zip(self.names, self.parameters.T, strict=True)),
+            "orbits": self.label,
+            "admissible": self.admissible,
+            "begins where": self.endings[0],
+            "ends where": self.endings[1],
+            "residual": largest(self.residuals),
+            "cost": self.cost,
+        }
 
     def orbit(self, place: int) -> PeriodicOrbit:
         """Return the orbit of a point; negative places count from the end.

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, final
 import numpy as np
 
 from dynkit.continuation.archive import ERROR, identity_of
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations import Bifurcation, shown
 from dynkit.continuation.branch import Branch, of_bifurcations
 from dynkit.continuation.membership import Trail
 from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, finite_scalar
 from dynkit.data.dataset import Dataset, Variables, described
 from dynkit.data.result import Saved, read_result, write_result
@@ -142,10 +143,23 @@ class Network(Saved):
             f"{len(self.bifurcations)} bifurcations, {len(self.links)} links; {self.message}>"
         )
 
-    def _repr_html_(self) -> str:
-        from dynkit.continuation.tables import network_table
+    def _facts(self) -> Facts:
+        return {
+            "branches": len(self),
+            "bifurcations": len(self.bifurcations),
+            "links": len(self.links),
+            "unexplored": len(self.unexplored),
+            "finish": self.message,
+            "cost": self.cost,
+        }
 
-        return network_table(self)
+    def _tables(self) -> list[str]:
+        rows = [
+            (number, branch.label, span(branch.parameter), shown(branch.bifurcations))
+            for number, branch in enumerate(self.branches)
+        ]
+        name = self.branches[0].name if rows else "parameter"
+        return [table("Branches", rows, ("branch", "orbits", name, "bifurcations"))] if rows else []
 
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable of all branches against the parameter, and return the axes.

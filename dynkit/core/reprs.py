@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from dynkit.core.cost import Cost
+from dynkit.core.cost import Cost
 
-Facts = list[tuple[str, object]]
-"""What the rows of a table say: a name and a value each."""
+Facts = dict[str, object]
+"""What the rows of a table say: values by name."""
 
 _LONGEST = 40
 """Texts of arrays, and of tuples of numbers, that are longer are told by their shapes."""
@@ -21,7 +20,38 @@ _LONGEST = 40
 _LEFT = ' style="text-align:left"'
 
 
-class Shown:
+class Tabled:
+    """What notebooks show as a table, and whose repr is the caption.
+
+    A subclass names its facts once, in `_facts`, and may add `_tables`. Neither simulates nor
+    computes a result: a table shows what is known.
+    """
+
+    def _facts(self) -> Facts:
+        """The rows, as `written` writes them; those that are None are left out.
+
+        The error is a row once it is known, also where it is not among the facts.
+        """
+        return {}
+
+    def _tables(self) -> Iterable[str]:
+        """Further tables, from `table`."""
+        return ()
+
+    def _caption(self) -> str:
+        return repr(self).removeprefix("<").removesuffix(">")
+
+    def _repr_html_(self) -> str:
+        facts = self._facts()
+        last = {"error": getattr(self, "__dict__", {}).get("error"), "cost": None}
+        last |= {name: facts.pop(name) for name in last if name in facts}
+        if last["error"] is not None:
+            last["error"] = largest(last["error"])
+        rows = [(name, value) for name, value in (facts | last).items() if value is not None]
+        return "".join([table(self._caption(), rows, most=40), *self._tables()])
+
+
+class Shown(Tabled):
     """A system that says in one line what sets it apart, and in notebooks all its arguments.
 
     A subclass that is a dataclass shows what differs from its defaults, another its ``parameters``.
@@ -38,16 +68,15 @@ class Shown:
     def __repr__(self) -> str:
         return told(self)
 
-    def _repr_html_(self) -> str:
-        return table(type(self).__name__, self._facts(), most=40)
+    def _caption(self) -> str:
+        return type(self).__name__
 
     def _facts(self) -> Facts:
-        """The rows of its table; a subclass adds its own."""
-        return [
-            (name, value if isinstance(value, str) else _shortened(value))
+        return {
+            name: value if isinstance(value, str) else _shortened(value)
             for name, value, _ in _arguments(self)
             if _shape(value) != (0,)
-        ]
+        }
 
 
 def told(system: object, digits: int | None = None, without: Collection[str] = ()) -> str:
@@ -161,14 +190,45 @@ def written(value: object) -> str:
 
     Examples
     --------
-    >>> written(2.0**0.5), written(0.6 + 0.8j), written(3), written(None)
-    ('1.41421', '0.6+0.8j', '3', 'none')
+    >>> written(2.0**0.5), written(0.6 + 0.8j), written(3), written(None), written(True)
+    ('1.41421', '0.6+0.8j', '3', 'none', 'yes')
+    >>> written(np.array([2.0, 1.0])), written(np.array([True, False])), written(("x", "y"))
+    ('2 values, 1 to 2', '1 of 2', 'x, y')
     """
+    if isinstance(value, np.ndarray):
+        return _counted(value)
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, tuple | list):
+        return ", ".join(map(written, value))
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}: {written(part)}" for name, part in value.items()) or "none"
+    if isinstance(value, Cost):
+        return costing(value)
     if isinstance(value, complex | np.complexfloating):
         return f"{value.real:.6g}" if value.imag == 0.0 else f"{value:.6g}"
     if isinstance(value, float | np.floating):
         return f"{value:.6g}"
     return "none" if value is None else str(value)
+
+
+def _counted(array: Any) -> str:
+    if array.dtype.kind == "b":
+        return f"{array.sum()} of {array.size}"
+    count = f"{' x '.join(map(str, array.shape))} values"
+    return f"{count}, {span(array)}" if array.dtype.kind in "fiu" else count
+
+
+def largest(errors: Any) -> str:
+    """Return an error, or the largest of several, with two digits.
+
+    Examples
+    --------
+    >>> largest(2.0**-52), largest([1e-3, 2e-3])
+    ('2.2e-16', 'up to 2.0e-03')
+    """
+    array = np.asarray(errors)
+    return f"{'up to ' if array.ndim else ''}{array.max(initial=0.0):.1e}"
 
 
 def span(values: Any) -> str:
@@ -192,7 +252,6 @@ def costing(cost: Cost) -> str:
 
     Examples
     --------
-    >>> from dynkit.core.cost import Cost
     >>> costing(Cost(0.25, {"impacts": 800}))
     '0.25 s, 800 impacts'
     """

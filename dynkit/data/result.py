@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, final
 
 import numpy as np
 
 from dynkit._version import __version__
+from dynkit.core.reprs import Facts, Tabled, table
 from dynkit.data import store
 from dynkit.data.atomic_files import reason
 from dynkit.data.codec import decoded, encoded
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-class Result(ABC):
+class Result(Tabled, ABC):
     """A result that has named arrays with dimensions, and all forms that are made of them."""
 
     @abstractmethod
@@ -69,6 +70,25 @@ class Saved(Result):
     """
 
     _stored: ClassVar[tuple[str, ...]]
+
+    def _facts(self) -> Facts:
+        """What a store holds of it, as far as it is known."""
+        known = vars(self)
+        names = [name for name in self._stored if name in known and not name.startswith("_")]
+        return {name.replace("_", " "): known[name] for name in names}
+
+    def _tables(self) -> Iterable[str]:
+        """What its `dataset` has over the first dimension, once all that a store holds is known."""
+        if any(name not in vars(self) for name in self._stored):
+            return ()
+        data = self.dataset()
+        over = next(iter(data.variables.values()))[0][0]
+        arrays = {**data.coordinates, **data.variables}
+        columns = {name: array for name, (names, array) in arrays.items() if names == (over,)}
+        if len(columns) < 2:
+            return ()
+        heads = [name.replace("_", " ") for name in columns]
+        return [table(f"by {over}", zip(*columns.values(), strict=True), heads)]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, table, told
+from dynkit.core.reprs import Facts, Tabled, told
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
 from dynkit.dynamics.section import PoincareSection
@@ -20,7 +20,7 @@ class _Ending(Enum):
     COUNT_REACHED = "the number of states was reached"
 
 
-class Attractor(ABC):
+class Attractor(Tabled, ABC):
     """What is left of a motion after its transient.
 
     A subclass owes:
@@ -125,20 +125,17 @@ class Attractor(ABC):
         kind, system = type(self).__name__, told(self.system, 6)
         return f"<{kind} of {system}: {name}{self._kept} states after {self.transient}>"
 
-    def _repr_html_(self) -> str:
-        facts: Facts = [
-            ("system", told(self.system, 6)),
-            ("label", self._known_label or "not decided yet"),
-            ("states kept", self._kept),
-            ("states skipped", self.transient),
-            *self._facts(),
-            ("cost", costing(self.cost)),
-        ]
-        return table(type(self).__name__, facts)
+    def _caption(self) -> str:
+        return type(self).__name__
 
     def _facts(self) -> Facts:
-        """Rows of its table that a subclass adds."""
-        return []
+        return {
+            "system": told(self.system, 6),
+            "label": self._known_label or "not decided yet",
+            "states kept": self._kept,
+            "states skipped": self.transient,
+            "cost": self.cost,
+        }
 
     def section(self, section: PoincareSection) -> Array:
         """Return the kept states, (k, d), that the section lies just behind.

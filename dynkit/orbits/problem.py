@@ -13,7 +13,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, table, told, written
+from dynkit.core.reprs import Facts, Tabled, largest, told, written
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
 from dynkit.orbits.multiplier_errors import multiplier_errors
@@ -225,31 +225,28 @@ class Problem(ABC):
         return self.canonical(x) - self.canonical(other)
 
 
-class PeriodicOrbit(ABC):
+class PeriodicOrbit(Tabled, ABC):
     """A periodic orbit, stable or not, found by Newton's method.
 
     A subclass owes what is abstract here. Instances are immutable.
     """
 
-    def _repr_html_(self) -> str:
+    def _caption(self) -> str:
+        return f"Periodic orbit {self.label}"
+
+    def _facts(self) -> Facts:
         rows = zip(self.multipliers[:6], self.multipliers_resolved, strict=False)
         shown = ", ".join(written(complex(m)) if ok else "not resolved" for m, ok in rows)
         more = ", ..." if len(self.multipliers) > 6 else ""
-        facts: Facts = [
-            ("system", told(self.system, 6)),
-            ("stable", "yes" if self.stable else "no"),
-            ("admissible", "yes" if self.admissible else "no"),
-            ("multipliers", shown + more),
-            *self._facts(),
-            ("residual", f"{self.residual:.1e}"),
-            ("error", f"{self.error:.1e}"),
-            ("cost", costing(self.cost)),
-        ]
-        return table(f"Periodic orbit {self.label}", facts)
-
-    def _facts(self) -> Facts:
-        """Rows of its table that a subclass adds."""
-        return []
+        return {
+            "system": told(self.system, 6),
+            "stable": self.stable,
+            "admissible": self.admissible,
+            "multipliers": shown + more,
+            "residual": largest(self.residual),
+            "error": self.error,
+            "cost": self.cost,
+        }
 
     @property
     @abstractmethod

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, line_of, span, table
+from dynkit.core.reprs import Facts, line_of
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import Array, index_in
 from dynkit.data import store
@@ -176,23 +176,19 @@ class Sweep(Result):
         first, last = float(self.values[0]), float(self.values[-1])
         return f"<Sweep: {len(self)} values of {self.parameter} from {first:g} to {last:g}>"
 
-    def _repr_html_(self) -> str:
-        early = int((self.counts < self.keep).sum())
-        facts: Facts = [
-            ("system", line_of(self._plan.system, self._plan.kind, [self.parameter])),
-            (self.parameter, f"{len(self)} values, {span(self.values)}"),
-            ("states at each", f"{self.keep} kept after {self.transient}"),
-            ("observables", ", ".join(self.observables)),
-            ("motions that ended early", early),
-            ("displaced from unstable orbits", int(self.displaced.sum())),
-        ]
+    def _facts(self) -> Facts:
         names = [str(label) for label in self._labels.values()]  # those that were decided
-        if names:
-            counts = [f"{name} {names.count(name)}" for name in dict.fromkeys(names)]
-            facts.append((f"labels, {len(names)} decided", ", ".join(counts)))
-        if "error" in vars(self):  # which simulates
-            facts.append(("error", f"up to {self.error.max():.1e}"))
-        return table("Sweep", [*facts, ("cost", costing(self.cost))])
+        counts = [f"{name} {names.count(name)}" for name in dict.fromkeys(names)]
+        return {
+            "system": line_of(self._plan.system, self._plan.kind, [self.parameter]),
+            self.parameter: self.values,
+            "states at each": f"{self.keep} kept after {self.transient}",
+            "observables": self.observables,
+            "motions that ended early": int((self.counts < self.keep).sum()),
+            "displaced from unstable orbits": int(self.displaced.sum()),
+            f"labels, {len(names)} decided": ", ".join(counts) or None,
+            "cost": self.cost,
+        }
 
     def observable(self, name: str) -> Array:
         """Return an observable at the kept states, (k, keep), read-only.

@@ -89,7 +89,8 @@ class ImpactAttractor(Attractor):
         return len(self.record)
 
     def _facts(self) -> Facts:
-        return [("contacts", len(self.record.sticking)), ("ending", self.ending.value)]
+        contacts = len(self.record.sticking)
+        return {**super()._facts(), "contacts": contacts, "ending": self.ending.value}
 
     def observable(self, name: str) -> Array:
         """Return one of the system's `observables` at the kept impacts, (n,)."""

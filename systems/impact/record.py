@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, span, table, told
+from dynkit.core.reprs import Facts, largest, told
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
@@ -136,18 +136,15 @@ class ImpactRecord(Result):
         events = f"{len(self)} impacts, {len(self.sticking)} contacts"
         return f"<ImpactRecord: {events}; {self.ending.value}>"
 
-    def _repr_html_(self) -> str:
-        facts: Facts = [
-            ("system", told(self.system, 6)),
-            ("impacts", len(self)),
-            ("contacts", len(self.sticking)),
-            ("ending", self.ending.value),
-            ("times of impacts", span(self.time)),
-            ("chatter error", f"{self.chatter_error:.1e}"),
-        ]
-        if "error" in vars(self):  # which simulates
-            facts.append(("error", f"up to {self.error.max(initial=0.0):.1e}"))
-        return table("ImpactRecord", [*facts, ("cost", costing(self.cost))])
+    def _facts(self) -> Facts:
+        return {
+            "system": told(self.system, 6),
+            "contacts": len(self.sticking),
+            "ending": self.ending.value,
+            "times of impacts": self.time,
+            "chatter error": largest(self.chatter_error),
+            "cost": self.cost,
+        }
 
     @property
     def time(self) -> Array:

@@ -147,17 +147,17 @@ class LagrangianStructure(Shown, ABC):
 
     def _facts(self) -> Facts:
         n = self.degrees_of_freedom
-        facts: Facts = [*super()._facts(), ("degrees of freedom", n)]
+        facts: Facts = {**super()._facts(), "degrees of freedom": n}
         if n > _MASSES and "_derivation" not in vars(self):
             return facts
         try:
             modes = self.modes
         except ValueError as refusal:
-            return [*facts, ("modes", refusal)]
+            return {**facts, "modes": refusal}
         found = zip(modes.frequencies[:_MODES], modes.decay, strict=False)
         for k, (frequency, decay) in enumerate(found, start=1):
             ratio = f", damping ratio {decay / frequency:.4g}" if frequency else ", a rigid body"
-            facts.append((f"mode {k}", f"natural frequency {frequency:.6g}{ratio}"))
+            facts[f"mode {k}"] = f"natural frequency {frequency:.6g}{ratio}"
         return facts
 
     def __getstate__(self) -> dict[str, object]:

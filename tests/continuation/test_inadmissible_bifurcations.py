@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from dynkit import Branch, continue_orbit
 from dynkit.continuation.network_drawing import draw_branches
-from dynkit.continuation.tables import bifurcation_table, branch_table
 from dynkit.systems import ImpactChain
 
 
@@ -43,8 +42,8 @@ def test_text_names_what_is_inadmissible(chain: Branch) -> None:
         assert ("inadmissible" in repr(found)) is not found.admissible
     (virtual, *_) = (b for b in chain.bifurcations if not b.admissible)
     assert f"{virtual.kind} {virtual.value:.6g} (inadmissible)" in repr(chain)
-    assert ">no<" in bifurcation_table(virtual)
-    assert branch_table(chain).count(">no<") == sum(not b.admissible for b in chain.bifurcations)
+    assert ">no<" in virtual._repr_html_()
+    assert chain._repr_html_().count(">no<") == sum(not b.admissible for b in chain.bifurcations)
 
 
 def test_the_dataset_says_what_is_admissible(chain: Branch) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dynkit import ParameterMap, Sweep, basins, parameter_map, sweep
-from dynkit.analysis import BifurcationDiagram
+from dynkit.analysis import BifurcationDiagram, ChatterRatios, LyapunovSpectrum, TimeSeries
 from dynkit.core.reprs import table
 from dynkit.systems import ImpactChain, Logistic, Lorenz
 from dynkit.systems.impact import record as records
@@ -166,7 +166,7 @@ def test_errors_and_labels_are_shown_once_they_are_known() -> None:
 def test_a_branch_shows_its_ends_and_bifurcations() -> None:
     branch = RESULTS["Branch"]()
     found = shown(branch)
-    assert found.facts["a"] == "0.1 to 0.5"
+    assert found.facts["a"] == f"{len(branch)} values, 0.1 to 0.5"
     assert found.facts["system"] == "Henon()"
     assert found.facts["ends where"] == str(branch.endings[1])
     (doubling,) = branch.bifurcations
@@ -191,6 +191,33 @@ def test_basins_show_their_fractions() -> None:
     found = basins(Logistic(rate=3.2), [[-0.1], [0.3], [0.5], [0.7]], progress=False)
     assert shown(found).rows[-1][:4] == ["0", "P(2)", "3", "0.75"]
     assert shown(found).facts["runs away"] == "1"
+
+
+def test_measures_show_what_they_hold() -> None:
+    facts = shown(TimeSeries([0.5, -0.25], [0.0, 2.0])).facts
+    assert facts["times"] == "2 values, 0 to 2"
+    assert facts["values"] == "2 values, -0.25 to 0.5"
+    assert facts["cost"].endswith(" s, 2 samples")
+    assert shown(ChatterRatios(np.array([2.0, 1.0, 0.5]))).rows[-1][:2] == ["2", "0.5"]
+
+
+def test_measures_show_their_numbers_once_they_are_known() -> None:
+    spectrum = LyapunovSpectrum(RESULTS["MapAttractor"](), iterations=128)
+    page = spectrum._repr_html_()
+    assert "when asked for" in page
+    assert not Reader(page).rows
+    assert "_run" not in vars(spectrum)
+    (value,), (error,) = spectrum.exponents, spectrum.error
+    heads, row = shown(spectrum).rows
+    assert heads == ["exponent", "value", "error"]
+    assert row == ["1", f"{value:.6g}", f"{error:.6g}"]
+
+
+@pytest.mark.usefixtures("_nothing_is_simulated")
+def test_errors_of_measures_that_must_be_simulated_are_not_shown() -> None:
+    chain = ImpactChain(masses=2, frequency=0.9)
+    series = TimeSeries(chain.attractor(transient=5, impacts=60), [0.0, 1.0])
+    assert {"error", "impacts"}.isdisjoint(shown(series).facts)
 
 
 def test_sweeps_maps_and_basins_name_their_system() -> None:

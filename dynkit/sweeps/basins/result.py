@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, table, told
+from dynkit.core.reprs import Facts, largest, table, told
 from dynkit.core.validation import Array, index_in
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved, read_result, write_result
@@ -83,20 +83,19 @@ class Basins(Saved):
         sizes = " x ".join(map(str, self.numbers.shape))
         return f"<Basins: {sizes} starts; {', '.join(shown)}>"
 
-    def _repr_html_(self) -> str:
-        facts: Facts = [
-            *([("system", told(self._look.system, 6))] if self._look else []),
-            ("starts", " x ".join(map(str, self.numbers.shape))),
-        ]
-        facts += [
-            (text, int((self.numbers == number).sum()))
-            for number, text in OTHER_ENDS.items()
-            if (self.numbers == number).any()
-        ]
-        rows = [(b.number, b.label, b.count, b.fraction, f"{b.error:.1e}") for b in self.basins]
-        shown = table("Basins", [*facts, ("cost", costing(self.cost))])
+    def _facts(self) -> Facts:
+        counts = {text: int((self.numbers == n).sum()) for n, text in OTHER_ENDS.items()}
+        return {
+            "system": self._look and told(self._look.system, 6),
+            "starts": " x ".join(map(str, self.numbers.shape)),
+            **{text: count or None for text, count in counts.items()},
+            "cost": self.cost,
+        }
+
+    def _tables(self) -> list[str]:
+        rows = [(b.number, b.label, b.count, b.fraction, largest(b.error)) for b in self.basins]
         heads = ("attractor", "label", "starts", "fraction", "error")
-        return shown + (table("Attractors", rows, heads) if rows else "")
+        return [table("Attractors", rows, heads)] if rows else []
 
     def outcome(self, *place: int) -> str:
         """Return what became of one start, in words.

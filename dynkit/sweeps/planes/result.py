@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, costing, line_of, span, table
+from dynkit.core.reprs import Facts, line_of, table
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import Array, index_in
 from dynkit.data import store
@@ -248,21 +248,18 @@ class ParameterMap(Result):
             f"{', '.join(shown)}>"
         )
 
-    def _repr_html_(self) -> str:
-        facts: Facts = [
-            ("system", line_of(self._plan.family, self._plan.kind, self.parameters)),
-            *(
-                (name, f"{len(values)} values, {span(values)}")
-                for name, values in self.values.items()
-            ),
-        ]
-        facts += [
-            ("states at each", f"{self.keep} kept after {self.transient}"),
-            ("observables", ", ".join(self.observables)),
-            ("cost", costing(self.cost)),
-        ]
+    def _facts(self) -> Facts:
+        return {
+            "system": line_of(self._plan.family, self._plan.kind, self.parameters),
+            **self.values,
+            "states at each": f"{self.keep} kept after {self.transient}",
+            "observables": self.observables,
+            "cost": self.cost,
+        }
+
+    def _tables(self) -> list[str]:
         found = Counter(self.names.ravel().tolist()).most_common()
-        return table("ParameterMap", facts) + table("Motions", found, ("label", "pairs"))
+        return [table("Motions", found, ("label", "pairs"))]
 
     # --- single points ----------------------------------------------------------------------------
 

@@ -51,7 +51,7 @@ class DrivenOrbit(PeriodicOrbit):
         return f"<{self.label} of {told(self.system, 6)}: {kind}, multipliers up to {largest:.4g}>"
 
     def _facts(self) -> Facts:
-        return [("period", self.period), ("states", len(self.states))]
+        return {**super()._facts(), "period": self.period, "states": len(self.states)}
 
     @property
     def system(self) -> ImpactMap:
