@@ -50,7 +50,8 @@ class Sensitivity(Saved):
     >>> from dynkit.systems import Logistic
     >>> for rate in (3.2, 4.0):
     ...     attractor = MapAttractor(Logistic(rate), [0.3], transient=200, iterations=1)
-    ...     print(Sensitivity(attractor).distances[-1] > 1e-3)
+    ...     parting = Sensitivity(attractor)
+    ...     print(parting.distances[-1] > 1e-3)
     False
     True
     """

@@ -66,7 +66,8 @@ class SpaceTime(Saved):
     Examples
     --------
     >>> from dynkit.systems import ImpactChain
-    >>> SpaceTime(ImpactChain(frequency=0.87).attractor()).displacements.shape
+    >>> surface = SpaceTime(ImpactChain(frequency=0.87).attractor())
+    >>> surface.displacements.shape
     (1200, 10)
     """
 

@@ -13,7 +13,10 @@ import dynkit
 from dynkit.cli import COMMANDS, main
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE / "_extensions"))
+sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent)]
+
+from reference import analysis_page  # noqa: E402
+
 # Sphinx takes sources from one folder only, and follows no links.
 shutil.copytree(
     HERE.parent / "tutorials",
@@ -84,6 +87,7 @@ pages = ["# The `dynkit` command", help_of()]
 for command in COMMANDS:
     pages += [f"## `dynkit {command}`", help_of(command)]
 (HERE / "api" / "command.md").write_text("\n\n".join(pages) + "\n", encoding="utf-8")
+(HERE / "api" / "analysis.md").write_text(analysis_page(), encoding="utf-8")
 
 
 def keep_values(_app: Sphinx, _what: str, _name: str, member: object, *_: object) -> bool | None:

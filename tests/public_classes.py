@@ -3,18 +3,48 @@
 from __future__ import annotations
 
 import ast
+import doctest
 import inspect
+import sys
 from collections.abc import Iterator
 from functools import cache, cached_property
 from importlib import import_module
 from types import FunctionType, ModuleType
+from typing import Any
+
+import dynkit.analysis
+from dynkit.data.result import Result
 
 PACKAGES = ("dynkit", "dynkit.systems", "dynkit.analysis")
 
 
-@cache
+def measures() -> dict[str, type[Result]]:
+    """The results among the public names of `dynkit.analysis`."""
+    members = [getattr(dynkit.analysis, name) for name in dynkit.analysis.__all__]
+    kinds = [kind for kind in members if inspect.isclass(kind) and issubclass(kind, Result)]
+    return {kind.__name__: kind for kind in kinds}
+
+
+def example(kind: type) -> Any:
+    """The first of a class that the example of its docstring makes."""
+    text, known = inspect.getdoc(kind) or "", dict(vars(import_module(kind.__module__)))
+    test = doctest.DocTestParser().get_doctest(text, known, kind.__name__, None, None)
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    failed, _ = doctest.DocTestRunner(optionflags=options).run(
+        test, out=sys.stdout.write, clear_globs=False
+    )
+    assert not failed, kind
+    return next(value for value in test.globs.values() if isinstance(value, kind))
+
+
 def public_classes() -> dict[type, str]:
     """Classes, and where each was found, but for enumerations and exceptions."""
+    return {kind: place for kind, place in classes_met().items() if not _only_named(kind)}
+
+
+@cache
+def classes_met() -> dict[type, str]:
+    """All classes, and where each was found."""
     found: dict[type, str] = {}
     waiting = list(_public_names())
     while waiting:
@@ -22,7 +52,7 @@ def public_classes() -> dict[type, str]:
         if kind not in found:
             found[kind] = place
             waiting += [(other, f"{kind.__name__}.{name}") for name, other in _given(kind)]
-    return {kind: place for kind, place in found.items() if not _only_named(kind)}
+    return found
 
 
 def _only_named(kind: type) -> bool:

@@ -17,20 +17,19 @@ from dynkit import analysis
 from dynkit.analysis import (
     POD,
     BifurcationDiagram,
-    ChatterRatios,
     CorrelationDimension,
-    ImpactSection,
     LyapunovSpectrum,
     PowerSpectrum,
-    Sensitivity,
     SpaceTime,
-    StroboscopicSection,
     TimeSeries,
 )
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset
 from dynkit.data.result import Result, Saved
 from dynkit.systems import Henon, ImpactChain, Logistic
+from tests.public_classes import example, measures
+
+MEASURES = {name: kind for name, kind in measures().items() if issubclass(kind, Saved)}
 
 
 @pytest.fixture(scope="module")
@@ -48,20 +47,13 @@ def results() -> dict[str, Any]:
     sweep = dynkit.sweep(Logistic(rate=3.5), "rate", [3.1, 3.5, 3.9], **short)
     plane = {"a": [0.2, 0.3], "b": [0.1, 0.3]}
     return {
-        "POD": POD(motion),
+        **{name: example(kind) for name, kind in MEASURES.items()},
+        "POD of a motion": POD(motion),
         "POD of samples": POD(states, about="mean"),
-        "PowerSpectrum": PowerSpectrum(motion, samples=2048),
-        "PowerSpectrum of an array": PowerSpectrum(states[:, 0], interval=0.5),
-        "LyapunovSpectrum": LyapunovSpectrum(henon, iterations=600),
+        "PowerSpectrum of a motion": PowerSpectrum(motion, samples=2048),
         "LyapunovSpectrum of a motion": LyapunovSpectrum(motion, iterations=200),
-        "CorrelationDimension": CorrelationDimension(henon),
-        "TimeSeries": TimeSeries(motion),
+        "CorrelationDimension of a motion": CorrelationDimension(henon),
         "TimeSeries of an array": TimeSeries([0.0, 1.0], [0.0, 0.5]),
-        "StroboscopicSection": StroboscopicSection(motion),
-        "ImpactSection": ImpactSection(motion),
-        "SpaceTime": SpaceTime(motion),
-        "Sensitivity": Sensitivity(henon),
-        "ChatterRatios": ChatterRatios(np.array([1.0, 2.0, 1.0, 0.5, 0.25])),
         "Branch": branch,
         "BifurcationCurve": dynkit.continue_curve(doubling, ("a", "b"), bounds=bounds, points=5),
         "Network": dynkit.explore(
@@ -74,10 +66,9 @@ def results() -> dict[str, Any]:
 
 
 NAMES = (
-    *("POD", "POD of samples", "PowerSpectrum", "PowerSpectrum of an array", "LyapunovSpectrum"),
-    *("LyapunovSpectrum of a motion", "CorrelationDimension", "TimeSeries"),
-    *("TimeSeries of an array", "StroboscopicSection", "ImpactSection", "SpaceTime", "Sensitivity"),
-    *("ChatterRatios", "Branch", "BifurcationCurve", "Network", "Sweep", "ParameterMap", "Basins"),
+    *(*MEASURES, "POD of a motion", "POD of samples", "PowerSpectrum of a motion"),
+    *("LyapunovSpectrum of a motion", "CorrelationDimension of a motion", "TimeSeries of an array"),
+    *("Branch", "BifurcationCurve", "Network", "Sweep", "ParameterMap", "Basins"),
 )
 EACH = pytest.mark.parametrize("name", NAMES)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,23 +25,13 @@ from dynkit import (
     sweep,
 )
 from dynkit.analysis import (
-    POD,
     BifurcationDiagram,
-    ChatterRatios,
     CorrelationDimension,
-    ExactImpacts,
-    ImpactSection,
     LyapunovSpectrum,
     PowerSpectrum,
-    Sensitivity,
-    SpaceTime,
-    StroboscopicSection,
-    TimeSeries,
-    WorkPrecision,
-    impact_methods,
 )
 from dynkit.systems import Henon, ImpactChain, Logistic, SingleImpactOscillator
-from tests.public_classes import public_classes
+from tests.public_classes import example, measures, public_classes
 
 SYSTEM = "a system: a call is as wrong as its `accuracy`, a motion as its record or attractor says"
 OPTION = "an option: what the user says"
@@ -121,15 +111,8 @@ def branch() -> Any:
     return continue_orbit(orbit, "a", bounds=(0.1, 0.5))
 
 
-def exact_impacts() -> ExactImpacts:
-    return ExactImpacts(
-        system=ImpactChain(masses=1, damping=0.0, amplitude=0.0, frequency=1.0),
-        position=[1.0], velocity=[0.0], until=2.0,
-        times=[np.pi / 2], positions=[[0.0]], velocities=[[0.85]],
-    )  # fmt: skip
-
-
 RESULTS: dict[str, Callable[[], Any]] = {
+    **{name: partial(example, kind) for name, kind in measures().items()},
     "Basins": lambda: basins(Logistic(rate=3.2), [[-0.1], [0.3], [0.5]], progress=False),
     "Bifurcation": lambda: branch().bifurcations[0],
     "BifurcationCurve": lambda: continue_curve(
@@ -137,16 +120,13 @@ RESULTS: dict[str, Callable[[], Any]] = {
     ),
     "BifurcationDiagram": lambda: BifurcationDiagram.of(RESULTS["Sweep"]()),
     "Branch": branch,
-    "ChatterRatios": lambda: ChatterRatios(0.85 ** np.arange(40.0)),
-    "CorrelationDimension": lambda: CorrelationDimension(
-        np.random.default_rng(0).uniform(size=(2000, 1))
+    "CorrelationSums": lambda: (
+        CorrelationDimension(np.random.default_rng(0).uniform(size=(2000, 1))).sums
     ),
-    "CorrelationSums": lambda: RESULTS["CorrelationDimension"]().sums,
     "Harmonics": lambda: PowerSpectrum(attractor()).lines,
     "ImpactAttractor": attractor,
     "ImpactOrbit": lambda: attractor().periodic_orbit(),
     "ImpactRecord": lambda: attractor().record,
-    "ImpactSection": lambda: ImpactSection(attractor()),
     "LyapunovSpectrum": lambda: LyapunovSpectrum(attractor(), iterations=1000),
     "MapAttractor": lambda: logistic(3.2),
     "MapOrbit": lambda: periodic_orbit(Logistic(rate=3.9), [0.1], period=3),
@@ -159,23 +139,16 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "ParameterMap": lambda: parameter_map(
         Henon(), {"a": [0.2, 1.2], "b": [0.0, 0.3]}, start=[0.1, 0.1], exponents=99, progress=False
     ),
-    "POD": lambda: POD(attractor()),
-    "PowerSpectrum": lambda: PowerSpectrum(attractor(), samples=512),
     "Root": lambda: ExponentialSum([1.0], [0.0], [1.0], [0.0]).first_root(),
     "SecondMoments": lambda: attractor().second_moments(),
-    "Sensitivity": lambda: Sensitivity(logistic(4.0), 1e-9, 10),
-    "SpaceTime": lambda: SpaceTime(attractor()),
     "StickingOrbit": lambda: ImpactChain(masses=1, frequency=0.408, restitution=0.3).periodic_orbit(
         sticking=True
     ),
-    "StroboscopicSection": lambda: StroboscopicSection(attractor()),
     "Sweep": lambda: sweep(
         SingleImpactOscillator(frequency=2.6, stop=0.1), "frequency", [2.5, 2.6], progress=False
     ),
-    "TimeSeries": lambda: TimeSeries(attractor()),
-    "WorkPrecision": lambda: WorkPrecision({"exact": exact_impacts()}, impact_methods(["dynkit"])),
 }
-"""How to make one of each."""
+"""How to make one of each: of measures as the example of the class does."""
 
 ABSTRACT = {"Attractor", "PeriodicOrbit"}
 """Results that others are made of: what is abstract cannot be made."""
