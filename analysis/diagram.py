@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from types import MappingProxyType
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, boolean, finite_array, unmasked
 from dynkit.data.dataset import Dataset, described
-from dynkit.data.result import Result
+from dynkit.data.result import Saved
 from dynkit.plotting.figures import print_style
 from dynkit.plotting.points import dots, draw_diagram
 from dynkit.sweeps import Sweep
@@ -46,7 +46,7 @@ class LabelInterval:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class BifurcationDiagram(Result):
+class BifurcationDiagram(Saved):
     r"""What orbits show, against the parameter that was swept.
 
     Parameters
@@ -58,7 +58,7 @@ class BifurcationDiagram(Result):
     observables : mapping of str to (k, n) array_like
         For each observable the numbers found at each value; NaN where there are fewer than n.
     labels : sequence of str or OrbitLabel, optional
-        One for each value; none when empty.
+        One for each value, kept as texts; none when empty.
     symbols : mapping of str to str, optional
         How the parameter and the observables are written beside their names on the axes, in
         matplotlib's mathematical notation without the dollar signs.
@@ -83,10 +83,13 @@ class BifurcationDiagram(Result):
     'relative velocity $u$'
     """
 
+    _stored: ClassVar = (
+        *("parameter", "values", "observables", "labels", "symbols", "cost", "error"),
+    )
     parameter: str
     values: Array
     observables: Mapping[str, Array]
-    labels: Sequence[object] = ()
+    labels: Sequence[str] = ()
     symbols: Mapping[str, str] = field(default_factory=dict)
     _sweep: Sweep | None = field(default=None, repr=False)
 
@@ -104,6 +107,7 @@ class BifurcationDiagram(Result):
             )
         for array in (values, *observables.values()):
             array.setflags(write=False)
+        object.__setattr__(self, "labels", tuple(str(label) for label in self.labels))
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "observables", MappingProxyType(observables))
         object.__setattr__(self, "symbols", MappingProxyType(dict(self.symbols)))
@@ -129,7 +133,7 @@ class BifurcationDiagram(Result):
             sweep.parameter,
             sweep.values,
             {name: sweep.observable(name) for name in sweep.observables},
-            labels=sweep.labels if with_labels else (),
+            labels=[str(label) for label in sweep.labels] if with_labels else (),
             symbols=symbols or {},
             _sweep=sweep,
         )
@@ -152,28 +156,29 @@ class BifurcationDiagram(Result):
         heads = ("label", "from", "to", "values")
         return [table("Intervals of labels", rows, heads)] if rows else []
 
-    @property
+    @cached_property
     def error(self) -> Array:
         """How wrong the states behind the dots may be at each value, (k,): `Sweep.error`.
 
-        It is simulated when it is asked for. Of numbers that were given as they are it is zero:
-        nothing is added to them. A change of label lies between two values, no nearer.
+        It is simulated when it is asked for, and when the diagram is saved. Of numbers that were
+        given as they are it is zero: nothing is added to them. A change of label lies between two
+        values, no nearer.
         """
         return np.zeros(len(self.values)) if self._sweep is None else self._sweep.error
 
-    @property
+    @cached_property
     def cost(self) -> Cost:
         """What the sweep cost; nothing where numbers were given as they are."""
         return Cost(0.0) if self._sweep is None else self._sweep.cost
 
     def dataset(self) -> Dataset:
         """Return the observables as a dataset over the parameter and ``state``."""
-        over, labels = self.parameter, [str(label) for label in self.labels]
+        over = self.parameter
         return Dataset(
             {over: (over, self.values)},
             {
                 **{name: ((over, f"state of {name}"), x) for name, x in self.observables.items()},
-                **({"label": (over, labels)} if labels else {}),
+                **({"label": (over, list(self.labels))} if self.labels else {}),
             },
             described("Bifurcation diagram", cost=self.cost, error="see Sweep.error"),
         )
@@ -181,9 +186,8 @@ class BifurcationDiagram(Result):
     @cached_property
     def intervals(self) -> tuple[LabelInterval, ...]:
         """Intervals of constant label, in the order of the sweep; none without labels."""
-        names = [str(label) for label in self.labels]
         found = []
-        for name, group in groupby(range(len(names)), key=names.__getitem__):
+        for name, group in groupby(range(len(self.labels)), key=self.labels.__getitem__):
             members = self.values[list(group)]
             found.append(
                 LabelInterval(name, float(members.min()), float(members.max()), len(members))

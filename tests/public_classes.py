@@ -12,7 +12,8 @@ from importlib import import_module
 from types import FunctionType, ModuleType
 from typing import Any
 
-import dynkit.analysis
+import matplotlib.pyplot as plt
+
 from dynkit.data.result import Result
 
 PACKAGES = ("dynkit", "dynkit.systems", "dynkit.analysis")
@@ -20,7 +21,8 @@ PACKAGES = ("dynkit", "dynkit.systems", "dynkit.analysis")
 
 def measures() -> dict[str, type[Result]]:
     """The results among the public names of `dynkit.analysis`."""
-    members = [getattr(dynkit.analysis, name) for name in dynkit.analysis.__all__]
+    package = import_module("dynkit.analysis")
+    members = [getattr(package, name) for name in package.__all__]
     kinds = [kind for kind in members if inspect.isclass(kind) and issubclass(kind, Result)]
     return {kind.__name__: kind for kind in kinds}
 
@@ -33,6 +35,7 @@ def example(kind: type) -> Any:
     failed, _ = doctest.DocTestRunner(optionflags=options).run(
         test, out=sys.stdout.write, clear_globs=False
     )
+    plt.close("all")
     assert not failed, kind
     return next(value for value in test.globs.values() if isinstance(value, kind))
 

@@ -6,9 +6,10 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
+from functools import cached_property
 from time import perf_counter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
@@ -23,15 +24,24 @@ from dynkit.core.cost import Cost
 from dynkit.core.reprs import line_of
 from dynkit.core.validation import boolean
 from dynkit.data.dataset import Dataset, described
-from dynkit.data.result import Result
+from dynkit.data.result import Saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
+class _Job(NamedTuple):
+    """What is said of a job besides its measurements."""
+
+    name: str
+    starts: int
+    floor: float
+    error: float
+
+
 @final
-class WorkPrecision(Result):
+class WorkPrecision(Saved):
     """Error against run time of methods that simulate impacts, each over its own tolerance.
 
     All is measured when it is first asked for, and once. Before the time is taken each method may
@@ -71,6 +81,10 @@ class WorkPrecision(Result):
     ('dynkit', True, 0, 0)
     """
 
+    _stored: ClassVar = ("measurements", "cost", "_jobs", "_names")
+    _jobs: tuple[_Job, ...]
+    _names: tuple[str, ...]
+
     def __init__(
         self,
         jobs: Mapping[str, ExactImpacts | Sequence[ExactImpacts]],
@@ -89,6 +103,16 @@ class WorkPrecision(Result):
         for method in self.methods:
             if not isinstance(method, ImpactMethod):
                 raise ValueError(f"methods must be ImpactMethods; got {method!r}")
+        self._jobs = tuple(
+            _Job(
+                name,
+                len(starts),
+                2.0**-53 * max(exact.conditioning for exact in starts),
+                max(exact.error for exact in starts),
+            )
+            for name, starts in self.jobs.items()
+        )
+        self._names = tuple(method.name for method in self.methods)
         self._progress = boolean("progress", progress)
         self._measured: list[Measurement] = []
         self._seconds = 0.0
@@ -147,6 +171,9 @@ class WorkPrecision(Result):
 
     def __iter__(self) -> Iterator[Measurement]:
         """Give the measurements one by one, as soon as they are made."""
+        if "measurements" in vars(self):
+            yield from self.measurements
+            return
         i = 0
         while True:
             if i == len(self._measured):
@@ -158,10 +185,10 @@ class WorkPrecision(Result):
             i += 1
 
     def __repr__(self) -> str:
-        methods = ", ".join(method.name for method in self.methods)
-        return f"<WorkPrecision: {', '.join(self.jobs)}; {methods}>"
+        jobs = ", ".join(job.name for job in self._jobs)
+        return f"<WorkPrecision: {jobs}; {', '.join(self._names)}>"
 
-    @property
+    @cached_property
     def measurements(self) -> tuple[Measurement, ...]:
         """All measurements, job by job, method by method, from coarse to fine."""
         return tuple(self)
@@ -169,20 +196,18 @@ class WorkPrecision(Result):
     @property
     def floors(self) -> Mapping[str, float]:
         """What rounding the start costs, job by job: conditioning times 2^-53; NaN if unknown."""
-        return {
-            name: 2.0**-53 * max(exact.conditioning for exact in starts)
-            for name, starts in self.jobs.items()
-        }
+        return {job.name: job.floor for job in self._jobs}
 
     @property
     def error(self) -> float:
         """Error of the exact impacts themselves: no measured error is more certain than this."""
-        return max(exact.error for starts in self.jobs.values() for exact in starts)
+        return max(job.error for job in self._jobs)
 
-    @property
+    @cached_property
     def cost(self) -> Cost:
         """Seconds of all runs, preparations and repetitions among them; the measurements."""
-        return Cost(self._seconds, {"measurements": len(self.measurements)})
+        count = len(self.measurements)  # which measures
+        return Cost(self._seconds, {"measurements": count})
 
     def table(self) -> str:
         """Return the measurements as a table in Markdown, one line each."""
@@ -190,7 +215,7 @@ class WorkPrecision(Result):
 
     def lines(self) -> Iterator[str]:
         """Give the lines of `table` one by one, as soon as they are measured."""
-        return table_lines(list(self.jobs), [method.name for method in self.methods], self)
+        return table_lines([job.name for job in self._jobs], self._names, self)
 
     def plot(self, ax: Axes | None = None, *, job: str | None = None) -> Axes:
         """Draw error against seconds for one job, both logarithmic; each method has its line.
@@ -210,10 +235,11 @@ class WorkPrecision(Result):
         ValueError
             When there is no such job.
         """
-        name = next(iter(self.jobs)) if job is None else job
-        if name not in self.jobs:
-            raise ValueError(f"job must be one of: {', '.join(self.jobs)}; got {name!r}")
-        return draw_job(self._panel(name), ax)
+        jobs = {each.name: each for each in self._jobs}
+        name = next(iter(jobs)) if job is None else job
+        if name not in jobs:
+            raise ValueError(f"job must be one of: {', '.join(jobs)}; got {name!r}")
+        return draw_job(self._panel(jobs[name]), ax)
 
     def dataset(self) -> Dataset:
         """Return what every measurement holds as a dataset over ``measurement``."""
@@ -236,17 +262,15 @@ class WorkPrecision(Result):
 
     def figure(self) -> Figure:
         """Return a new figure with a panel for each job, as `plot` draws them."""
-        return draw_all([self._panel(name) for name in self.jobs])
+        return draw_all([self._panel(job) for job in self._jobs])
 
-    def _panel(self, job: str) -> Panel:
+    def _panel(self, job: _Job) -> Panel:
         """What is drawn of a job."""
         lines = {
-            k: [each for each in self if (each.job, each.method) == (job, method.name)]
-            for k, method in enumerate(self.methods)
+            k: [each for each in self if (each.job, each.method) == (job.name, name)]
+            for k, name in enumerate(self._names)
         }
-        starts = self.jobs[job]
-        error = max(exact.error for exact in starts)
-        return Panel(job, len(starts), lines, self.floors[job], error)
+        return Panel(job.name, job.starts, lines, job.floor, job.error)
 
     def _run(self) -> Iterator[Measurement]:
         from tqdm import tqdm

@@ -71,9 +71,10 @@ def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]])
             raise ValueError(f"{name} is {array.dtype} {array.shape}")
         array.setflags(write=False)
         return array
-    if origin is tuple:
+    if origin in (tuple, Sequence):
         rows = _is(list, name, tree)
-        hints = [parts[0]] * len(rows) if parts[1:] == (...,) else parts
+        alike = origin is Sequence or parts[1:] == (...,)
+        hints = [parts[0]] * len(rows) if alike else parts
         each = enumerate(zip(hints, rows, strict=True))
         return tuple(decoded(of, f"{name}/{i}", row, arrays) for i, (of, row) in each)
     if isinstance(origin, type) and issubclass(origin, Mapping):

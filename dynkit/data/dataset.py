@@ -154,7 +154,8 @@ class Dataset:
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file: .csv, .npz or .h5; the file is the new one, or the old one.
 
-        .csv holds the table of `columns`, the others all arrays, and the attributes.
+        .csv holds the table of `columns`, the others all arrays, and the attributes. A table has no
+        place for attributes: most readers take lines of comments above it for the names of columns.
 
         Raises
         ------

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from decimal import Decimal
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -214,6 +215,22 @@ def test_cost_counts_measurements_and_the_error_is_that_of_the_reference() -> No
     measured = WorkPrecision({"clock": three()}, [Shifted()])
     assert measured.cost.counts == {"measurements": 2}
     assert measured.error == 2.0**-53
+
+
+def test_the_cost_counts_the_seconds_of_the_runs_that_it_asks_for() -> None:
+    assert WorkPrecision({"clock": three()}, [Shifted()]).cost.seconds > 0.0
+
+
+def test_what_was_measured_is_the_same_when_loaded(tmp_path: Path) -> None:
+    measured = WorkPrecision({"clock": three(conditioning=64.0)}, [Shifted(), Absent()])
+    measured.save(tmp_path / "x.h5")
+    loaded = WorkPrecision.load(tmp_path / "x.h5")
+    assert repr(loaded.measurements) == repr(measured.measurements) == repr(tuple(loaded))
+    assert loaded.table() == measured.table()
+    assert (loaded.floors, loaded.error) == (measured.floors, measured.error)
+    lines = [each.figure().axes[0].get_lines() for each in (measured, loaded)]
+    for line, again in zip(*lines, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), again.get_xydata())
 
 
 def test_the_floor_is_what_rounding_the_start_costs() -> None:
