@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.analysis.averages import LEAST, TimeAverages
+from dynkit.analysis.kaplan_yorke import kaplan_yorke
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.core.cost import Cost
@@ -391,27 +392,3 @@ class LyapunovSpectrum(Saved):
         axes.set_xlabel("iterates $n$")
         axes.set_ylabel(r"Lyapunov exponents $\lambda_i$")
         return axes
-
-
-def kaplan_yorke(exponents: Array) -> float:
-    """Return Kaplan and Yorke's dimension for exponents (d,) in falling order.
-
-    j + (lambda_1 + ... + lambda_j) / |lambda_{j+1}|, for the largest j with a sum that is not
-    negative; d where no sum is negative, and NaN where an exponent that is NaN decides.
-
-    Examples
-    --------
-    >>> kaplan_yorke(np.array([0.5, 0.0, -2.0]))
-    2.25
-    >>> kaplan_yorke(np.array([-0.1, -np.inf])), kaplan_yorke(np.array([0.1, -np.inf]))
-    (0.0, 1.0)
-    """
-    total = 0.0
-    exponent: float
-    for j, exponent in enumerate(exponents.tolist()):
-        if np.isnan(exponent):
-            return np.nan
-        if total + exponent < 0.0:
-            return j - total / exponent
-        total += exponent
-    return float(len(exponents))

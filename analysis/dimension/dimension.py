@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil, inf, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, final, get_args
@@ -15,7 +14,6 @@ import numpy as np
 from dynkit.analysis.dimension.coordinates import angles_of, correlation_time, extents_of
 from dynkit.analysis.dimension.counting import BLOCKS
 from dynkit.analysis.dimension.scaling import (
-    STEPS,
     Estimate,
     LocalSlopes,
     Outcome,
@@ -25,6 +23,7 @@ from dynkit.analysis.dimension.scaling import (
     local_slopes,
     takens,
 )
+from dynkit.analysis.dimension.search import search_scaling
 from dynkit.analysis.dimension.sums import (
     CorrelationSums,
     Norm,
@@ -44,12 +43,7 @@ from dynkit.dynamics.attractor import Attractor
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Of the diameter: the largest radii that are tried. Up to 0.3 some sets of many dimensions, whose
-# sums bend everywhere, have a range that looks straight.
-_PARTS = 0.1, 0.2
 _WINDOW = 100  # costs nothing, and takes care of chatter, which autocorrelations do not see
-_ROUNDING = 2.0**-42  # of the largest coordinate: smaller distances are rounding, not motion
-_LEAST_SPAN = 128.0  # of the radii, also when all states are one point
 
 
 @final
@@ -189,45 +183,11 @@ class CorrelationDimension(Saved):
 
     @cached_property
     def _found(self) -> tuple[CorrelationSums, Scaling, Cost]:
-        """Sums up to the first largest radius below which a range scales, and the cost of all.
-
-        Up to the first of all where none does.
-        """
-        tried: list[tuple[CorrelationSums, Scaling]] = []
-        cost = Cost(0.0)
-        for top in self._largest():
-            sums = self._sums_to(top)
-            began = time.perf_counter()
-            tried.append((sums, find_scaling(sums, self.states, self.least_ratio)))
-            cost = cost + sums.cost + Cost(time.perf_counter() - began)
-            if tried[-1][1].region is not None:
-                return *tried[-1], cost
-        return *tried[0], cost
-
-    def _finest(self) -> float:
-        return max(_ROUNDING * float(abs(self.states).max()), 1e-140)
-
-    def _largest(self) -> list[float]:
-        """The largest radii to try, one after the other."""
-        least = _LEAST_SPAN * self._finest()
-        if self.largest is None:
-            return list(dict.fromkeys(max(part * self.diameter, least) for part in _PARTS))
-        if self.largest < least:
-            raise ValueError(
-                f"largest must not be less than {least:.3g}, near the rounding of the states; "
-                f"got {self.largest!r}"
-            )
-        return [float(self.largest)]
-
-    def _sums_to(self, top: float) -> CorrelationSums:
-        count = ceil(STEPS * np.log2(top / self._finest()))
-        return correlation_sums(
-            self.states,
-            top * 2.0 ** (np.arange(-count, 1) / STEPS),
-            norm=self.norm,
-            theiler=self.window,
-            angles=self.turns,
+        """Sums up to a largest radius, what they scale like, and the cost of all that was tried."""
+        sums_at = partial(
+            correlation_sums, self.states, norm=self.norm, theiler=self.window, angles=self.turns
         )
+        return search_scaling(sums_at, self.states, self.diameter, self.largest, self.least_ratio)
 
     @cached_property
     def local_slopes(self) -> LocalSlopes:

@@ -20,14 +20,8 @@ from dynkit.core.validation import (
     within_memory,
 )
 from dynkit.dynamics.attractor import Attractor
-from dynkit.labels.label import (
-    OrbitKind,
-    OrbitLabel,
-    Window,
-    label_orbit,
-    settled_label,
-    with_multiplier,
-)
+from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -130,8 +124,8 @@ class MapAttractor(Attractor):
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
         """Return the label of what the motion settles on, chaos before that included.
 
-        See `dynkit.labels.label.settled_label`; at most so many states are looked at besides those
-        kept.
+        See `dynkit.labels.labelling.settled_label`; at most so many states are looked at besides
+        those kept.
         """
         orbit = _MapOrbit(self._system, self._states)
         return orbit.judged(settled_label(orbit, kept=len(self._states), budget=budget))

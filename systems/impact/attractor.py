@@ -14,7 +14,8 @@ from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.attractor import Attractor
-from dynkit.labels.label import OrbitLabel, Window, label_orbit, settled_label, with_multiplier
+from dynkit.labels.label import OrbitLabel
+from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
 from dynkit.orbits.harmonics import harmonics_needed
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
 from dynkit.systems.impact.record import ImpactRecord, batch_size, twin_errors
@@ -145,8 +146,8 @@ class ImpactAttractor(Attractor):
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
         """Return the label of what the motion settles on, chaos before that included.
 
-        See `dynkit.labels.label.settled_label`; at most so many impacts are looked at besides those
-        kept.
+        See `dynkit.labels.labelling.settled_label`; at most so many impacts are looked at besides
+        those kept.
 
         Examples
         --------

@@ -10,7 +10,8 @@ import pytest
 from scipy import integrate
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap
-from dynkit.analysis.lyapunov import LyapunovSpectrum, kaplan_yorke
+from dynkit.analysis.kaplan_yorke import kaplan_yorke
+from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.systems import (

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.labels.label import OrbitKind, OrbitLabel, Window, label_orbit
+from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.labels.labelling import Window, label_orbit
 
 Numbers = NDArray[np.int64]
 StateAt = Callable[[Numbers], Array]

@@ -1,0 +1,76 @@
+"""Correlation sums up to the largest radius below which a range scales."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from math import ceil
+
+import numpy as np
+
+from dynkit.analysis.dimension.scaling import STEPS, Scaling, find_scaling
+from dynkit.analysis.dimension.sums import CorrelationSums
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+
+# Of the diameter: the largest radii that are tried. Up to 0.3 some sets of many dimensions, whose
+# sums bend everywhere, have a range that looks straight.
+_PARTS = 0.1, 0.2
+_ROUNDING = 2.0**-42  # of the largest coordinate: smaller distances are rounding, not motion
+_LEAST_SPAN = 128.0  # of the radii, also when all states are one point
+
+
+def search_scaling(
+    sums_at: Callable[[Array], CorrelationSums],
+    states: Array,
+    diameter: float,
+    largest: float | None,
+    least_ratio: float,
+) -> tuple[CorrelationSums, Scaling, Cost]:
+    """Return the sums of states (n, d), what they scale like, and the cost of all that was tried.
+
+    Sums are taken up to the first largest radius below which a range scales; up to the first of all
+    where none does.
+
+    Parameters
+    ----------
+    sums_at : callable
+        Return the correlation sums at radii, (k,).
+    states : (n, d) array
+    diameter : float
+        Largest distance of two states.
+    largest : float, optional
+        Largest radius, where it is given.
+    least_ratio : float
+        As for `find_scaling`.
+
+    Raises
+    ------
+    ValueError
+        When the largest radius is near the rounding of the states.
+    """
+    tried: list[tuple[CorrelationSums, Scaling]] = []
+    cost = Cost(0.0)
+    for radii in _ladders(states, diameter, largest):
+        sums = sums_at(radii)
+        began = time.perf_counter()
+        tried.append((sums, find_scaling(sums, states, least_ratio)))
+        cost = cost + sums.cost + Cost(time.perf_counter() - began)
+        if tried[-1][1].region is not None:
+            return *tried[-1], cost
+    return *tried[0], cost
+
+
+def _ladders(states: Array, diameter: float, largest: float | None) -> Iterator[Array]:
+    """Radii down to the rounding of the states, from each largest one that is tried."""
+    finest = max(_ROUNDING * float(abs(states).max()), 1e-140)
+    least = _LEAST_SPAN * finest
+    if largest is not None and largest < least:
+        raise ValueError(
+            f"largest must not be less than {least:.3g}, near the rounding of the states; "
+            f"got {largest!r}"
+        )
+    tops = [max(part * diameter, least) for part in _PARTS] if largest is None else [float(largest)]
+    for top in dict.fromkeys(tops):
+        count = ceil(STEPS * np.log2(top / finest))
+        yield top * 2.0 ** (np.arange(-count, 1) / STEPS)
