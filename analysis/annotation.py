@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -22,26 +23,27 @@ _BAR, _FOOT = (1.01, 1.03), 1.08
 _NARROWEST = 0.006
 
 
-class Interval(Protocol):
-    """A label and where it holds."""
+@final
+@dataclass(frozen=True)
+class LabelInterval:
+    """Successive values of a sweep whose orbits have one label.
 
-    @property
-    def label(self) -> str:
-        """What to write."""
-        ...
+    Parameters
+    ----------
+    label : str
+    low, high : float
+        Smallest and largest of the values.
+    count : int
+        How many values.
+    """
 
-    @property
-    def low(self) -> float:
-        """Where it begins to hold."""
-        ...
-
-    @property
-    def high(self) -> float:
-        """Where it ceases to hold."""
-        ...
+    label: str
+    low: float
+    high: float
+    count: int
 
 
-def write_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
+def write_intervals(axes: Axes, intervals: Sequence[LabelInterval]) -> None:
     """Write a bar of intervals above the axes, and the labels of those wide enough.
 
     The widest intervals are labelled, as many as there is room for. Labels that would touch are
@@ -133,7 +135,7 @@ def _write(
         )
 
 
-def _edges(ordered: Sequence[Interval], low: float, high: float) -> Array:
+def _edges(ordered: Sequence[LabelInterval], low: float, high: float) -> Array:
     """Edges of the intervals, (k + 1,): half-way between one and the next."""
     inner = [0.5 * (left.high + right.low) for left, right in pairwise(ordered)]
     return np.asarray(np.clip([low, *inner, high], low, high))

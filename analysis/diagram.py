@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
+from dynkit.analysis.annotation import LabelInterval, write_intervals
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, boolean, finite_array, unmasked
@@ -22,26 +23,6 @@ from dynkit.sweeps import Sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-@final
-@dataclass(frozen=True)
-class LabelInterval:
-    """Successive values of a sweep whose orbits have one label.
-
-    Parameters
-    ----------
-    label : str
-    low, high : float
-        Smallest and largest of the values.
-    count : int
-        How many values.
-    """
-
-    label: str
-    low: float
-    high: float
-    count: int
 
 
 @final
@@ -237,8 +218,6 @@ class BifurcationDiagram(Saved):
         titles = self._title(self.parameter), self._title(name)
         axes = draw_diagram(ax, self.values, self.observables[name], titles, size)
         if self.intervals:
-            from dynkit.analysis.annotation import write_intervals
-
             write_intervals(axes, self.intervals)
         return axes
 

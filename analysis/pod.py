@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, ClassVar, Literal, final
 
 import numpy as np
 
 from dynkit.analysis.averages import amplitudes, standard_errors
-from dynkit.analysis.pod_averages import (
-    KnowsAverages,
-    PlainAverages,
-    averages_of,
-    change_of,
-)
+from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, change_of
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, in_interval, positive, positive_integer
@@ -98,10 +94,9 @@ class POD(Saved):
         return f"<POD about the {self.about}: {share} in {rank} of {len(self.power)} modes{doubt}>"
 
     @cached_property
-    def _averages(self) -> PlainAverages:
+    def _averages(self) -> Averages:
         found = self._averages_of()
-        batches = found.products, found.sums, found.durations
-        return PlainAverages(*batches, found.error, found.mean_error, found.cost)
+        return Averages(*(getattr(found, entry.name) for entry in fields(Averages)))
 
     @cached_property
     def _products(self) -> Array:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, final, runtime_checkable
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 
@@ -19,53 +19,22 @@ BATCHES = 32
 """Into how many batches motions are divided, when they are long enough."""
 
 
-class Averages(Protocol):
-    """Integrals over time in b batches, and what is known about them."""
-
-    @property
-    def products(self) -> Array:
-        """Integrals of x x^T, (b, N, N)."""
-        ...
-
-    @property
-    def sums(self) -> Array:
-        """Integrals of x, (b, N)."""
-        ...
-
-    @property
-    def durations(self) -> Array:
-        """Durations of the batches, (b,)."""
-        ...
-
-    @property
-    def error(self) -> float:
-        """Bound of the error of any entry of the mean of x x^T."""
-        ...
-
-    @property
-    def mean_error(self) -> float:
-        """Bound of the error of any entry of the mean of x."""
-        ...
-
-    @property
-    def cost(self) -> Cost:
-        """What they cost."""
-        ...
-
-
-@runtime_checkable
-class KnowsAverages(Protocol):
-    """What knows the exact time averages of its motion."""
-
-    def second_moments(self, batches: int) -> Averages:
-        """Return them in at most so many batches."""
-        ...
-
-
 @final
 @dataclass(frozen=True, eq=False)
-class PlainAverages:
-    """`Averages` as they are stored; sums over samples, of which each lasts one without times."""
+class Averages:
+    """Integrals over time in b batches; sums over samples, of which each lasts one without times.
+
+    Parameters
+    ----------
+    products : (b, N, N) array
+        Integrals of x x^T.
+    sums : (b, N) array
+        Integrals of x.
+    durations : (b,) array
+    error, mean_error : float
+        Bounds of the errors of any entry of the means of x x^T and of x.
+    cost : Cost
+    """
 
     products: Array
     sums: Array
@@ -73,6 +42,15 @@ class PlainAverages:
     error: float
     mean_error: float
     cost: Cost
+
+
+@runtime_checkable
+class KnowsAverages(Protocol):
+    """What knows the exact time averages of its motion."""
+
+    def second_moments(self, batches: int) -> Any:
+        """Return them in at most so many batches, with the attributes of `Averages`."""
+        ...
 
 
 def change_of(source: object) -> RegimeChange | None:
@@ -83,7 +61,7 @@ def change_of(source: object) -> RegimeChange | None:
     return regime_change(np.column_stack([states, states**2]))
 
 
-def averages_of(source: object, times: object = None) -> Callable[[], Averages]:
+def averages_of(source: object, times: object = None) -> Callable[[], Any]:
     """Check an attractor, a record or samples (k, N); return what works out their averages."""
     if isinstance(source, KnowsAverages):
         if times is not None:
@@ -99,7 +77,7 @@ def averages_of(source: object, times: object = None) -> Callable[[], Averages]:
     return partial(_sums, samples, *_trapezoidal(finite_array("times", times, (len(samples),))))
 
 
-def _sums(samples: Array, weights: Array, coarse: Array | None) -> PlainAverages:
+def _sums(samples: Array, weights: Array, coarse: Array | None) -> Averages:
     """Averages of samples (k, N) with weights (k,), and with those of every second one."""
     began = time.perf_counter()
     count = min(BATCHES, len(samples))
@@ -118,7 +96,7 @@ def _sums(samples: Array, weights: Array, coarse: Array | None) -> PlainAverages
         mean_error += float(abs(half - sums.sum(axis=0) / total).max()) / 3.0
     durations = np.array([weights[b].sum() for b in batches])
     cost = Cost(time.perf_counter() - began, {"samples": len(samples)})
-    return PlainAverages(products, sums, durations, error, mean_error, cost)
+    return Averages(products, sums, durations, error, mean_error, cost)
 
 
 def _trapezoidal(times: Array) -> tuple[Array, Array]:

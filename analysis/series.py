@@ -81,16 +81,9 @@ class TimeSeries(Saved):
             self.values = states[:, self.coordinate].copy()
             self.name = coordinate_name(source, self.coordinate)
         else:
-            self.values = finite_array("source", source, (None,)).copy()
-            if times is None:
-                raise ValueError("times must be given with an array")
             if coordinate is not None:
                 raise ValueError(f"coordinate must be left out with an array; got {coordinate!r}")
-            self.times = ascending("times", times)
-            if len(self.times) != len(self.values):
-                raise ValueError(
-                    f"times must have shape {self.values.shape}; got shape {self.times.shape}"
-                )
+            self.times, self.values = given_samples(times, source, (None,))
         self.cost = Cost(time.perf_counter() - began, {"samples": len(self.times)})
         for array in (self.times, self.values):
             array.setflags(write=False)
@@ -250,6 +243,23 @@ def ascending(name: str, times: object) -> Array:
     for i in np.flatnonzero(np.diff(array) <= 0.0)[:1].tolist():
         raise ValueError(f"{name}[{i + 1}] must exceed {name}[{i}]; got {float(array[i + 1])}")
     return array
+
+
+def given_samples(times: object, source: object, shape: tuple[None, ...]) -> tuple[Array, Array]:
+    """Return times, (k,), and what was given at them, (k, ...), as new arrays.
+
+    Raises
+    ------
+    ValueError
+        When times are missing, do not ascend or are of another number.
+    """
+    values = finite_array("source", source, shape).copy()
+    if times is None:
+        raise ValueError("times must be given with an array")
+    at = ascending("times", times)
+    if len(at) != len(values):
+        raise ValueError(f"times must have shape ({len(values)},); got shape {at.shape}")
+    return at, values
 
 
 def record_until(attractor: Attractor | None, latest: float) -> Any:

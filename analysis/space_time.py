@@ -13,12 +13,13 @@ from dynkit.analysis.motions import source_of
 from dynkit.analysis.series import (
     ascending,
     default_times,
+    given_samples,
     is_impact_oscillator,
     motion_error,
 )
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
-from dynkit.core.validation import Array, finite_array
+from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -84,15 +85,7 @@ class SpaceTime(Saved):
             states = source.time_series(self.times)
             self.displacements = states[:, : system.degrees_of_freedom].copy()
         else:
-            self.displacements = finite_array("source", source, (None, None)).copy()
-            if times is None:
-                raise ValueError("times must be given with an array")
-            self.times = ascending("times", times)
-            if len(self.times) != len(self.displacements):
-                raise ValueError(
-                    f"times must have shape ({len(self.displacements)},); "
-                    f"got shape {self.times.shape}"
-                )
+            self.times, self.displacements = given_samples(times, source, (None, None))
         self.cost = Cost(time.perf_counter() - began, {"samples": len(self.times)})
         for array in (self.times, self.displacements):
             array.setflags(write=False)

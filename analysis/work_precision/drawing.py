@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -28,50 +27,49 @@ _COLORS = ("black", "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purpl
            "tab:pink", "tab:gray", "tab:olive", "tab:cyan")  # fmt: skip
 
 
-@final
-@dataclass(frozen=True)
-class Panel:
-    """What is drawn of one job.
+Lines: TypeAlias = Sequence[Sequence[Measurement]]
+"""Measurements of a job, method by method: the method's number says its marker and dashes."""
+
+
+class Job(NamedTuple):
+    """What is said of a job besides its measurements.
 
     Parameters
     ----------
-    job : str
+    name : str
     starts : int
-    lines : mapping of int to sequence of Measurement
-        By the number of the method, whose marker, dashes and colour it has.
     floor : float
         What rounding the start costs; NaN if unknown.
     error : float
         Of the exact impacts themselves.
     """
 
-    job: str
+    name: str
     starts: int
-    lines: Mapping[int, Sequence[Measurement]]
     floor: float
     error: float
 
 
 @print_style()
-def draw_job(panel: Panel, ax: Axes | None) -> Axes:
+def draw_job(job: Job, lines: Lines, ax: Axes | None) -> Axes:
     """Draw one job, with a legend."""
     axes = shown_axes(ax, _WIDTH / _COLUMNS, 3.0)
-    _draw(panel, axes)
+    _draw(job, lines, axes)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return axes
 
 
 @print_style()
-def draw_all(panels: Sequence[Panel]) -> Figure:
+def draw_all(panels: Sequence[tuple[Job, Lines]]) -> Figure:
     """Return a figure with a panel for each job, and one legend."""
     from matplotlib.figure import Figure
 
     rows = math.ceil(len(panels) / _COLUMNS)
     figure = Figure(figsize=(_WIDTH, _HEIGHT * rows + 0.5), layout="constrained")
     grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
-    for panel, axes in zip(panels, grid, strict=False):
-        _draw(panel, axes)
-        axes.set_title(panel.job)
+    for (job, lines), axes in zip(panels, grid, strict=False):
+        _draw(job, lines, axes)
+        axes.set_title(job.name)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     entries: dict[str, Any] = {}
@@ -82,16 +80,16 @@ def draw_all(panels: Sequence[Panel]) -> Figure:
     return figure
 
 
-def _draw(panel: Panel, axes: Axes) -> None:
+def _draw(job: Job, lines: Lines, axes: Axes) -> None:
     from matplotlib.ticker import NullFormatter, NullLocator
 
-    several = panel.starts > 1
+    several = job.starts > 1
     axes.set_xscale("log")
     if several:
         axes.set_yscale("symlog", linthresh=1.0)
     else:
         axes.set_yscale("log")
-    for k, measured in panel.lines.items():
+    for k, measured in enumerate(lines):
         rows = [one for one in measured if not math.isnan(one.seconds)]
         if rows:
             _line(axes, rows, k, several=several)
@@ -101,19 +99,19 @@ def _draw(panel: Panel, axes: Axes) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())
     if several:
-        axes.set_ylabel(f"starts lost, of {panel.starts}")
-        axes.set_ylim(-0.3, 1.6 * panel.starts)
-        ticks = [0, 1, 10, 100, panel.starts]
+        axes.set_ylabel(f"starts lost, of {job.starts}")
+        axes.set_ylim(-0.3, 1.6 * job.starts)
+        ticks = [0, 1, 10, 100, job.starts]
         axes.set_yticks(ticks, [str(tick) for tick in ticks])
         return
     axes.set_ylabel("error")
     axes.set_ylim(_LOWEST, 10.0 * _LOST)
     names = ["$10^{-16}$", "$10^{-12}$", "$10^{-8}$", "$10^{-4}$", "1", "lost"]
     axes.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1.0, _LOST], names)
-    if panel.error > _DOUBLE:
-        axes.axhspan(_LOWEST, panel.error, color=ink(0.88), lw=0.0, label="error of the reference")
-    if panel.floor > 0.0:
-        axes.axhline(panel.floor, color="0.6", linewidth=0.6, label="rounding of the start")
+    if job.error > _DOUBLE:
+        axes.axhspan(_LOWEST, job.error, color=ink(0.88), lw=0.0, label="error of the reference")
+    if job.floor > 0.0:
+        axes.axhline(job.floor, color="0.6", linewidth=0.6, label="rounding of the start")
 
 
 def _line(axes: Axes, rows: Sequence[Measurement], k: int, *, several: bool) -> None:

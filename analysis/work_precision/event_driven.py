@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from dynkit.analysis.work_precision.methods import FoundImpacts, GaveUp
-from dynkit.analysis.work_precision.models import ImpactModel
+from dynkit.analysis.work_precision.models import ImpactModel, first_order
 from dynkit.core.validation import Array
 
 BLIND = 1e-3
@@ -62,18 +62,14 @@ class ContactMatrices:
         self.model, self.others, self.kick = model, others, model.kick
         self.inner = np.concatenate([others, model.size + others])
         # acceleration of the contact coordinate by a unit force on it
-        self.compliance = float(np.linalg.solve(model.mass, np.eye(model.size)[c])[c])
-        inner = np.ix_(others, others)
-        inverse = np.linalg.inv(model.mass[inner])
-        self.inverse = inverse
-        n = len(others)
-        stiffness, damping = model.stiffness[inner], model.damping[inner]
-        self.matrix = np.zeros((2 * n, 2 * n))
-        self.matrix[:n, n:] = np.eye(n)
-        self.matrix[n:, :n], self.matrix[n:, n:] = -inverse @ stiffness, -inverse @ damping
+        self.compliance = float(model.response[c])
+        n, inner = len(others), np.ix_(others, others)
+        self.inverse, self.matrix = first_order(
+            model.mass[inner], model.damping[inner], model.stiffness[inner]
+        )
         # what the table does to the others: by its position, velocity and acceleration
         columns = (model.stiffness, model.damping, model.mass)
-        self.drive = -inverse @ np.stack([part[others, c] for part in columns], axis=1)
+        self.drive = -self.inverse @ np.stack([part[others, c] for part in columns], axis=1)
         # the force that the others leave to the table
         row = np.concatenate([model.stiffness[c, others], model.damping[c, others]])
         self.row = row + model.mass[c, others] @ self.matrix[n:]

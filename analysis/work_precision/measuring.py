@@ -9,11 +9,11 @@ from dataclasses import fields
 from functools import cached_property
 from time import perf_counter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.work_precision.drawing import Panel, draw_all, draw_job
+from dynkit.analysis.work_precision.drawing import Job, Lines, draw_all, draw_job
 from dynkit.analysis.work_precision.exact import ExactImpacts
 from dynkit.analysis.work_precision.measurement import Measurement, measure
 from dynkit.analysis.work_precision.methods import ImpactMethod, Unsuited
@@ -29,15 +29,6 @@ from dynkit.data.result import Saved
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-class _Job(NamedTuple):
-    """What is said of a job besides its measurements."""
-
-    name: str
-    starts: int
-    floor: float
-    error: float
 
 
 @final
@@ -82,7 +73,7 @@ class WorkPrecision(Saved):
     """
 
     _stored: ClassVar = ("measurements", "cost", "_jobs", "_names")
-    _jobs: tuple[_Job, ...]
+    _jobs: tuple[Job, ...]
     _names: tuple[str, ...]
 
     def __init__(
@@ -104,7 +95,7 @@ class WorkPrecision(Saved):
             if not isinstance(method, ImpactMethod):
                 raise ValueError(f"methods must be ImpactMethods; got {method!r}")
         self._jobs = tuple(
-            _Job(
+            Job(
                 name,
                 len(starts),
                 2.0**-53 * max(exact.conditioning for exact in starts),
@@ -239,7 +230,7 @@ class WorkPrecision(Saved):
         name = next(iter(jobs)) if job is None else job
         if name not in jobs:
             raise ValueError(f"job must be one of: {', '.join(jobs)}; got {name!r}")
-        return draw_job(self._panel(jobs[name]), ax)
+        return draw_job(jobs[name], self._lines(name), ax)
 
     def dataset(self) -> Dataset:
         """Return what every measurement holds as a dataset over ``measurement``."""
@@ -262,15 +253,13 @@ class WorkPrecision(Saved):
 
     def figure(self) -> Figure:
         """Return a new figure with a panel for each job, as `plot` draws them."""
-        return draw_all([self._panel(job) for job in self._jobs])
+        return draw_all([(job, self._lines(job.name)) for job in self._jobs])
 
-    def _panel(self, job: _Job) -> Panel:
-        """What is drawn of a job."""
-        lines = {
-            k: [each for each in self if (each.job, each.method) == (job.name, name)]
-            for k, name in enumerate(self._names)
-        }
-        return Panel(job.name, job.starts, lines, job.floor, job.error)
+    def _lines(self, job: str) -> Lines:
+        return [
+            [each for each in self if (each.job, each.method) == (job, name)]
+            for name in self._names
+        ]
 
     def _run(self) -> Iterator[Measurement]:
         from tqdm import tqdm

@@ -73,23 +73,17 @@ class ImpactModel:
                 raise Unsuited(f"not made for it: no impact oscillator, as it has no {name}")
         if system.play != math.inf:
             raise Unsuited("not made for it: a second stop")
-        n = len(exact.position)
+        n, shared = len(exact.position), ("frequency", "restitution", "amplitude", "offset")
         return cls(
-            np.array(system.mass, dtype=np.float64),
-            np.array(system.damping_matrix, dtype=np.float64),
-            np.array(system.stiffness, dtype=np.float64),
-            np.array(system.harmonic_forces or (0j,) * n, dtype=np.complex128),
-            np.array(system.constant_forces or (0.0,) * n, dtype=np.float64),
-            system.contact % n,
-            1 if system.side == "above" else -1,
-            system.frequency,
-            system.restitution,
-            system.amplitude,
-            system.offset,
-            exact.phase,
-            exact.position,
-            exact.velocity,
-            exact.until,
+            mass=np.array(system.mass, dtype=np.float64),
+            damping=np.array(system.damping_matrix, dtype=np.float64),
+            stiffness=np.array(system.stiffness, dtype=np.float64),
+            harmonic=np.array(system.harmonic_forces or (0j,) * n, dtype=np.complex128),
+            constant=np.array(system.constant_forces or (0.0,) * n, dtype=np.float64),
+            contact=system.contact % n,
+            sign=1 if system.side == "above" else -1,
+            **{name: getattr(system, name) for name in shared},
+            **{name: getattr(exact, name) for name in ("phase", "position", "velocity", "until")},
         )
 
     @property
@@ -105,8 +99,12 @@ class ImpactModel:
     @property
     def kick(self) -> Array:
         """Velocity changes (N,) of an impulse that changes the contact velocity by one."""
-        response = np.linalg.solve(self.mass, np.eye(self.size)[self.contact])
-        return np.asarray(response / response[self.contact])
+        return np.asarray(self.response / self.response[self.contact])
+
+    @cached_property
+    def response(self) -> Array:
+        """Velocity changes (N,) by a unit impulse on the contact coordinate."""
+        return np.asarray(np.linalg.solve(self.mass, np.eye(self.size)[self.contact]))
 
     def table(self, time: float) -> tuple[float, float, float]:
         """Position, velocity and acceleration of the table."""
@@ -124,3 +122,12 @@ class ImpactModel:
     def forced(self) -> bool:
         """Whether there are forces from outside."""
         return bool(self.harmonic.any() or self.constant.any())
+
+
+def first_order(mass: Array, damping: Array, stiffness: Array) -> tuple[Array, Array]:
+    """Return the inverse of the mass matrix, and the matrix (2N, 2N) of x and x' without forces."""
+    n, inverse = len(mass), np.asarray(np.linalg.inv(mass), dtype=np.float64)
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[:n, n:] = np.eye(n)
+    matrix[n:, :n], matrix[n:, n:] = -inverse @ stiffness, -inverse @ damping
+    return inverse, np.asarray(matrix)

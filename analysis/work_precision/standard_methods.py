@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import get_args
 
 from dynkit.analysis.work_precision.methods import ImpactMethod
 
@@ -32,17 +33,10 @@ def impact_methods(names: Sequence[str] | None = None) -> list[ImpactMethod]:
     ['dynkit', 'RK45']
     """
     from dynkit.analysis.work_precision.exact_maps import ExactMaps
-    from dynkit.analysis.work_precision.solve_ivp import SolveIVP
+    from dynkit.analysis.work_precision.solve_ivp import SolveIVP, Solver
 
-    known: list[ImpactMethod] = [
-        ExactMaps(),
-        SolveIVP("RK45"),
-        SolveIVP("DOP853"),
-        SolveIVP("Radau"),
-        SolveIVP("LSODA"),
-    ]
-    by_name = dict(zip(NAMES, known, strict=True))
     for name in names or ():
-        if name not in by_name:
+        if name not in NAMES:
             raise ValueError(f"methods must hold names among {', '.join(NAMES)}; got {name!r}")
-    return [by_name[name] for name in NAMES if names is None or name in names]
+    known = [ExactMaps(), *map(SolveIVP, get_args(Solver))]
+    return [each for each in known if names is None or each.name in names]

@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dynkit import sweep
-from dynkit.analysis.annotation import mark_values, spread
+from dynkit.analysis.annotation import LabelInterval, mark_values, spread
 from dynkit.analysis.chatter import ChatterRatios
-from dynkit.analysis.diagram import BifurcationDiagram, LabelInterval
+from dynkit.analysis.diagram import BifurcationDiagram
 from dynkit.core.validation import Array
 from dynkit.plotting.figures import new_figure, print_style, save_figure
 from dynkit.systems import ImpactChain
