@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, final
 
@@ -28,11 +29,32 @@ if TYPE_CHECKING:
 
 
 @final
+@dataclass(frozen=True, eq=False, repr=False)
 class Sweep(Result):
     """What a sweep found, made by `dynkit.sweep`.
 
     It holds the observables that were asked for and one state per value. What more is asked for is
-    simulated again from these states, bit for bit the same motion.
+    simulated again from these states, bit for bit the same motion. All arrays are read-only.
+
+    Parameters
+    ----------
+    parameter : str
+        Name of the parameter.
+    values : (k,) array
+        Values of the parameter.
+    transient, keep : int
+        States skipped, and states asked for, at each value.
+    observables : tuple of str
+        Names of what was kept of a state.
+    counts : (k,) array of int
+        States kept at each value: fewer than `keep` where the motion ended early.
+    displaced : (k,) array of bool
+        Where a state lay on an unstable orbit and was displaced to leave it; see `sweep`. None is
+        in sweeps of independent starts.
+    endings : tuple of str
+        Why the simulation ended at each value.
+    cost : Cost
+        Seconds of all workers, and counted work; labels are not in it.
 
     Examples
     --------
@@ -53,12 +75,18 @@ class Sweep(Result):
     P(1,3) True
     """
 
-    def __init__(self, plan: Plan, rows: Rows) -> None:
-        self._plan = plan
-        self._rows = rows
-        self._labels: dict[int, OrbitLabel] = {}
-        for array in rows.arrays.values():
-            array.setflags(write=False)
+    parameter: str
+    values: Array
+    transient: int
+    keep: int
+    observables: tuple[str, ...]
+    counts: NDArray[np.int64]
+    displaced: NDArray[np.bool_]
+    endings: tuple[str, ...]
+    cost: Cost
+    _plan: Plan
+    _rows: Rows
+    _labels: dict[int, OrbitLabel] = field(default_factory=dict, init=False)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> "Sweep":
@@ -109,7 +137,7 @@ class Sweep(Result):
                 f"store must hold a finished sweep; got {found.done.sum()} of {found.count} values "
                 f"in {file}"
             )
-        return cls(plan, found.rows())
+        return sweep_of(plan, found.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store, as ``store=`` does: `load` reads it, and `sweep` finds it done.
@@ -120,54 +148,6 @@ class Sweep(Result):
             When it cannot be written there, or the sweep was loaded without its system.
         """
         save_rows(path, Values(self._plan), self._rows)
-
-    @property
-    def parameter(self) -> str:
-        """Name of the parameter."""
-        return self._plan.parameter
-
-    @property
-    def values(self) -> Array:
-        """Values of the parameter, (k,), read-only."""
-        return self._plan.values
-
-    @property
-    def transient(self) -> int:
-        """States skipped at each value."""
-        return self._plan.transient
-
-    @property
-    def keep(self) -> int:
-        """States asked for at each value."""
-        return self._plan.keep
-
-    @property
-    def observables(self) -> tuple[str, ...]:
-        """Names of what was kept of a state."""
-        return self._plan.observables
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """States kept at each value, (k,): fewer than `keep` where the motion ended early."""
-        return np.asarray(self._rows.arrays["count"])
-
-    @property
-    def displaced(self) -> NDArray[np.bool_]:
-        """Where a state lay on an unstable orbit and was displaced to leave it, (k,); see `sweep`.
-
-        None is in sweeps of independent starts.
-        """
-        return np.asarray(self._rows.arrays["displaced"])
-
-    @cached_property
-    def endings(self) -> tuple[str, ...]:
-        """Why the simulation ended at each value, k texts."""
-        return tuple(self._rows.texts["ending"])
-
-    @property
-    def cost(self) -> Cost:
-        """Seconds of all workers, and counted work; labels are not in it."""
-        return self._rows.cost
 
     def __len__(self) -> int:
         return len(self.values)
@@ -301,3 +281,22 @@ class Sweep(Result):
         errors = np.array([self.attractor(place).error for place in range(len(self))])
         errors.setflags(write=False)
         return errors
+
+
+def sweep_of(plan: Plan, rows: Rows) -> Sweep:
+    """Return what was found at the values of a plan as a sweep."""
+    for array in rows.arrays.values():
+        array.setflags(write=False)
+    return Sweep(
+        plan.parameter,
+        plan.values,
+        plan.transient,
+        plan.keep,
+        plan.observables,
+        counts=np.asarray(rows.arrays["count"]),
+        displaced=np.asarray(rows.arrays["displaced"]),
+        endings=tuple(rows.texts["ending"]),
+        cost=rows.cost,
+        _plan=plan,
+        _rows=rows,
+    )

@@ -10,7 +10,7 @@ from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
 from dynkit.sweeps.planes.plan import Grid, plan_of
-from dynkit.sweeps.planes.result import ParameterMap
+from dynkit.sweeps.planes.result import ParameterMap, parameter_map_of
 
 
 def parameter_map(
@@ -90,4 +90,4 @@ def parameter_map(
         start=start,
     )
     rows = collect(Grid(plan, axes), executor=executor, store=store, progress=progress)
-    return ParameterMap(plan, axes, rows)
+    return parameter_map_of(plan, axes, rows)

@@ -7,6 +7,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, final
@@ -34,11 +35,29 @@ if TYPE_CHECKING:
 
 
 @final
+@dataclass(frozen=True, eq=False, repr=False)
 class ParameterMap(Result):
     """The kinds of motion at all pairs of values of two parameters, made by `parameter_map`.
 
-    Arrays are (k1, k2): row i belongs to value i of the first parameter, column j to value j of the
-    second one.
+    Arrays are (k1, k2), read-only: row i belongs to value i of the first parameter, column j to
+    value j of the second one.
+
+    Parameters
+    ----------
+    parameters : (str, str)
+        Names of the two parameters.
+    values : mapping of str to array
+        Values of the two parameters by name, (k1,) and (k2,).
+    transient, keep : int
+        How many states were skipped, and kept, at each pair.
+    observables : tuple of str
+        Names of the observables of which the largest values were kept.
+    iterates, periods : (k1, k2) array of int
+        The n and m of P(n,m); n of a map's P(n), and m of P(inf,m), alone. 0 where there is none.
+    endings : (k1, k2) array of str
+        Why each simulation ended.
+    cost : Cost
+        Seconds of all workers, and counted work; what labels count is not in it.
 
     Examples
     --------
@@ -57,13 +76,17 @@ class ParameterMap(Result):
     'P(1,3)'
     """
 
-    def __init__(self, plan: Plan, values: tuple[Array, Array], rows: Rows) -> None:
-        self._plan = plan
-        self._values = values
-        self._rows = rows
-        self._shape = (len(values[0]), len(values[1]))
-        for array in (*values, *rows.arrays.values()):
-            array.setflags(write=False)
+    parameters: tuple[str, str]
+    values: Mapping[str, Array]
+    transient: int
+    keep: int
+    observables: tuple[str, ...]
+    iterates: NDArray[np.int64]
+    periods: NDArray[np.int64]
+    endings: NDArray[np.str_]
+    cost: Cost
+    _plan: Plan
+    _rows: Rows
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> ParameterMap:
@@ -108,7 +131,7 @@ class ParameterMap(Result):
                 f"store must hold a finished map; got {found.done.sum()} of {found.count} points "
                 f"in {file}"
             )
-        return cls(plan, values, found.rows())
+        return parameter_map_of(plan, values, found.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store, as ``store=`` does: `load` reads it, `parameter_map` finds it done.
@@ -118,53 +141,16 @@ class ParameterMap(Result):
         ValueError
             When it cannot be written there, or the map was loaded without its system.
         """
-        save_rows(path, Grid(self._plan, self._values), self._rows)
-
-    # --- what was asked for -----------------------------------------------------------------------
-
-    @property
-    def parameters(self) -> tuple[str, str]:
-        """Names of the two parameters."""
-        return self._plan.names
+        first, second = self.values.values()
+        save_rows(path, Grid(self._plan, (first, second)), self._rows)
 
     @property
-    def values(self) -> Mapping[str, Array]:
-        """Values of the two parameters by name, (k1,) and (k2,), read-only."""
-        return MappingProxyType(dict(zip(self.parameters, self._values, strict=True)))
-
-    @property
-    def transient(self) -> int:
-        """How many states were skipped at each pair."""
-        return self._plan.transient
-
-    @property
-    def keep(self) -> int:
-        """How many states were kept at each pair."""
-        return self._plan.keep
-
-    @property
-    def observables(self) -> tuple[str, ...]:
-        """Names of the observables of which the largest values were kept."""
-        return self._plan.observables
-
-    # --- what was found ---------------------------------------------------------------------------
-
-    def _grid(self, name: str) -> NDArray[np.int64]:
-        return np.asarray(self._rows.arrays[name]).reshape(*self._shape, -1)
-
-    @property
-    def iterates(self) -> NDArray[np.int64]:
-        """The n of P(n,m), or of a map's P(n), (k1, k2); 0 where it has none."""
-        return self._grid("numbers")[..., 0]
-
-    @property
-    def periods(self) -> NDArray[np.int64]:
-        """The m of P(n,m) and P(inf,m), (k1, k2); 0 where it has none."""
-        return self._grid("numbers")[..., 1]
+    def _shape(self) -> tuple[int, ...]:
+        return self.iterates.shape
 
     def where(self, kind: OrbitKind) -> NDArray[np.bool_]:
         """Return where the motion is of a kind, (k1, k2)."""
-        return np.asarray(self._grid("kind")[..., 0] == KINDS.index(kind))
+        return np.asarray(self._rows.arrays["kind"] == KINDS.index(kind)).reshape(self._shape)
 
     @cached_property
     def names(self) -> NDArray[np.str_]:
@@ -177,13 +163,6 @@ class ParameterMap(Result):
         kinds = self._rows.arrays["kind"].tolist()
         texts = [OTHER_ENDS.get(kind) or str(self._label(i)) for i, kind in enumerate(kinds)]
         found = np.array(texts).reshape(self._shape)
-        found.setflags(write=False)
-        return found
-
-    @cached_property
-    def endings(self) -> NDArray[np.str_]:
-        """Why each simulation ended, (k1, k2)."""
-        found = np.array(self._rows.texts["ending"]).reshape(self._shape)
         found.setflags(write=False)
         return found
 
@@ -231,11 +210,6 @@ class ParameterMap(Result):
         found = np.array(errors).reshape(self._shape)
         found.setflags(write=False)
         return found
-
-    @property
-    def cost(self) -> Cost:
-        """Seconds of all workers, and counted work; what labels count is not in it."""
-        return self._rows.cost
 
     def __repr__(self) -> str:
         names, counts = np.unique(self.names, return_counts=True)
@@ -294,7 +268,7 @@ class ParameterMap(Result):
             When there is no motion at the pair.
         """
         self._place(i, j)
-        first, second = self._values
+        first, second = self.values.values()
         return self._plan.motion(float(first[i]), float(second[j]))
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -348,3 +322,25 @@ class ParameterMap(Result):
         arrays = self._rows.arrays
         kind = int(arrays["kind"][place])
         return None if kind in OTHER_ENDS else label_in(arrays, place, KINDS[kind])
+
+
+def parameter_map_of(plan: Plan, values: tuple[Array, Array], rows: Rows) -> ParameterMap:
+    """Return what was found at all pairs of values as a map of two parameters."""
+    shape = len(values[0]), len(values[1])
+    endings = np.array(rows.texts["ending"]).reshape(shape)
+    for array in (*values, *rows.arrays.values(), endings):
+        array.setflags(write=False)
+    numbers = rows.arrays["numbers"].reshape(*shape, -1)
+    return ParameterMap(
+        plan.names,
+        MappingProxyType(dict(zip(plan.names, values, strict=True))),
+        plan.transient,
+        plan.keep,
+        plan.observables,
+        iterates=numbers[..., 0],
+        periods=numbers[..., 1],
+        endings=endings,
+        cost=rows.cost,
+        _plan=plan,
+        _rows=rows,
+    )
