@@ -45,7 +45,7 @@ class Tabled:
         facts = self._facts()
         last = {"error": getattr(self, "__dict__", {}).get("error"), "cost": None}
         last |= {name: facts.pop(name) for name in last if name in facts}
-        if last["error"] is not None:
+        if isinstance(last["error"], float | np.ndarray):  # an argument of that name is a text
             last["error"] = largest(last["error"])
         rows = [(name, value) for name, value in (facts | last).items() if value is not None]
         return "".join([table(self._caption(), rows, most=40), *self._tables()])
@@ -220,15 +220,18 @@ def _counted(array: Any) -> str:
 
 
 def largest(errors: Any) -> str:
-    """Return an error, or the largest of several, with two digits.
+    """Return an error, or the largest of several that are not NaN, with two digits.
 
     Examples
     --------
-    >>> largest(2.0**-52), largest([1e-3, 2e-3])
-    ('2.2e-16', 'up to 2.0e-03')
+    >>> largest(2.0**-52), largest([1e-3, 2e-3, np.nan]), largest([np.nan])
+    ('2.2e-16', 'up to 2.0e-03', 'none')
     """
     array = np.asarray(errors)
-    return f"{'up to ' if array.ndim else ''}{array.max(initial=0.0):.1e}"
+    if not array.ndim:
+        return f"{float(array):.1e}"
+    known = array[~np.isnan(array)]
+    return f"up to {known.max():.1e}" if known.size else "none"
 
 
 def span(values: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from dynkit import ParameterMap, Sweep, basins, parameter_map, sweep
 from dynkit.analysis import BifurcationDiagram, ChatterRatios, LyapunovSpectrum, TimeSeries
 from dynkit.core.reprs import table
-from dynkit.systems import ImpactChain, Logistic, Lorenz
+from dynkit.systems import Henon, ImpactChain, Logistic, Lorenz
 from dynkit.systems.impact import record as records
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from tests.project.test_costs_and_errors import RESULTS
@@ -103,6 +104,23 @@ def test_a_chain_shows_its_parameters_and_first_modes() -> None:
     assert facts["degrees of freedom"] == "2"
     # 2 sin(pi / 10), the golden ratio's inverse; proportional damping: half of 0.1 times it
     assert facts["mode 1"] == "natural frequency 0.618034, damping ratio 0.0309"
+
+
+def test_a_parameter_may_have_the_name_of_a_row() -> None:
+    @dataclass(frozen=True)
+    class Sensed(ImpactChain):
+        error: float = 0.25
+
+    assert shown(Sensed(masses=2, frequency=0.9)).facts["error"] == "0.25"
+
+
+def test_the_error_of_a_map_leaves_out_where_there_is_no_motion() -> None:
+    start, values = [0.1, 0.1], {"a": [0.2, 9.0], "b": [0.3]}
+    found = parameter_map(Henon(), values, start=start, progress=False)
+    assert "error" not in shown(found).facts
+    known, missing = found.error[:, 0]
+    assert np.isnan(missing)
+    assert shown(found).facts["error"] == f"up to {known:.1e}"
 
 
 def test_a_free_chain_shows_a_rigid_body() -> None:
