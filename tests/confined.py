@@ -28,8 +28,8 @@ from dynkit.continuation.curves import continue_curve
 from dynkit.data.dataset import Dataset
 from dynkit.engine import collecting
 from dynkit.plotting.figures import new_figure, save_figure, write_figure
+from dynkit.systems import Logistic
 from tests.continuation.starts import henon
-from tests.example_systems import Logistic
 from tutorials.cusumano_bai_1993.page import write_text
 
 ROOM = 32 * 1024

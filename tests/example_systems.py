@@ -1,4 +1,4 @@
-"""Small systems with closed forms, for the tests of the toolkit."""
+"""Small systems with closed forms, for the tests of the toolkit; others are in `dynkit.systems`."""
 
 from dataclasses import dataclass
 
@@ -12,8 +12,41 @@ from dynkit.dynamics.section import PoincareSection
 
 
 @dataclass(frozen=True)
-class Logistic(Map):
+class DelayedLogistic(Map):
+    """x' = rate x (s - y), y' = x: an invariant circle is born (NS) at rate s = 2.
+
+    The multipliers of the fixed point s - 1/rate are the roots of mu^2 - mu + rate s - 1; their
+    angle at NS is pi/3. D. G. Aronson, M. A. Chory, G. R. Hall, R. P. McGehee, Commun. Math. Phys.
+    83 (1982) 303-354.
+    """
+
     rate: float
+    s: float = 1.0
+
+    @property
+    def dimension(self) -> int:
+        return 2
+
+    def __call__(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,))
+        return np.array([self.rate * x * (self.s - y), x])
+
+    def jacobian(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,))
+        return np.array([[self.rate * (self.s - y), -self.rate * x], [1.0, 0.0]])
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        x, y = finite_array("state", state, (2,))
+        self.value_of(name)
+        return np.array([x * (self.s - y) if name == "rate" else self.rate * x, 0.0])
+
+
+@dataclass(frozen=True)
+class Ricker(Map):
+    """x exp(growth (1 - x / capacity)): multiplier 1 - growth at x = capacity, P(2) from 2 on."""
+
+    growth: float
+    capacity: float = 1.0
 
     @property
     def dimension(self) -> int:
@@ -21,19 +54,19 @@ class Logistic(Map):
 
     def __call__(self, state: Array) -> Array:
         x = finite_array("state", state, (1,))
-        return self.rate * x * (1.0 - x)
+        return np.asarray(x * np.exp(self.growth * (1.0 - x / self.capacity)))
 
     def jacobian(self, state: Array) -> Array:
-        x = finite_array("state", state, (1,))
-        return np.array([self.rate * (1.0 - 2.0 * x)])
+        x = finite_array("state", state, (1,)) / self.capacity
+        return np.diag(np.exp(self.growth * (1.0 - x)) * (1.0 - self.growth * x))
 
 
 @dataclass(frozen=True)
-class Henon(Map):
-    """M. Henon, Commun. Math. Phys. 50 (1976) 69-77."""
+class Cubic(Map):
+    """(a x - x^3 + b y, x): symmetric; a pitchfork at a = 1 - b, where zero becomes unstable."""
 
-    a: float = 1.4
-    b: float = 0.3
+    a: float
+    b: float
 
     @property
     def dimension(self) -> int:
@@ -41,33 +74,11 @@ class Henon(Map):
 
     def __call__(self, state: Array) -> Array:
         x, y = finite_array("state", state, (2,))
-        return np.array([1.0 - self.a * x * x + y, self.b * x])
+        return np.array([self.a * x - x**3 + self.b * y, x])
 
     def jacobian(self, state: Array) -> Array:
         x, _ = finite_array("state", state, (2,))
-        return np.array([[-2.0 * self.a * x, 1.0], [self.b, 0.0]])
-
-
-@dataclass(frozen=True)
-class DelayedLogistic(Map):
-    """Its fixed point loses stability at rate 2 to an invariant circle (Neimark-Sacker).
-
-    D. G. Aronson, M. A. Chory, G. R. Hall, R. P. McGehee, Commun. Math. Phys. 83 (1982) 303-354.
-    """
-
-    rate: float
-
-    @property
-    def dimension(self) -> int:
-        return 2
-
-    def __call__(self, state: Array) -> Array:
-        x, y = finite_array("state", state, (2,))
-        return np.array([self.rate * x * (1.0 - y), x])
-
-    def jacobian(self, state: Array) -> Array:
-        x, y = finite_array("state", state, (2,))
-        return np.array([[self.rate * (1.0 - y), -self.rate * x], [1.0, 0.0]])
+        return np.array([[self.a - 3.0 * x**2, self.b], [1.0, 0.0]])
 
 
 @dataclass(frozen=True)

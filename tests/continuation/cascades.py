@@ -59,25 +59,6 @@ class Sine(MapBase):
         return np.array([[np.pi * self.p * np.cos(np.pi * x)]])
 
 
-@dataclass(frozen=True)
-class Ricker(MapBase):
-    """x' = x exp(p (1 - x)): PD of x = 1 at p = 2."""
-
-    p: float
-
-    @property
-    def dimension(self) -> int:
-        return 1
-
-    def __call__(self, state: Array) -> Array:
-        x = finite_array("state", state, (1,))
-        return np.asarray(x * np.exp(self.p * (1.0 - x)))
-
-    def jacobian(self, state: Array) -> Array:
-        (x,) = finite_array("state", state, (1,))
-        return np.array([[(1.0 - self.p * x) * np.exp(self.p * (1.0 - x))]])
-
-
 def random_hump(number: int) -> Hump:
     """A hump so near to the logistic one that its Schwarzian derivative stays negative."""
     random = Random(number)

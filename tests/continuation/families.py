@@ -15,77 +15,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Condition, Event, PeriodicOrbit, Problem
 
 
-class ToyMap(Map):
-    """A map that also knows its derivatives by the parameters."""
-
-    def slope(self, state: Array, name: str) -> Array:
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class Logistic(ToyMap):
-    """x' = r x (1 - x): PD at 3 and 1 + sqrt(6), SN of period 3 at 1 + sqrt(8)."""
-
-    r: float = 2.5
-    dimension = 1
-
-    def __call__(self, state: Array) -> Array:
-        return self.r * state * (1.0 - state)
-
-    def jacobian(self, state: Array) -> Array:
-        return np.array([[self.r * (1.0 - 2.0 * state[0])]])
-
-    def slope(self, state: Array, name: str) -> Array:
-        return np.asarray(state * (1.0 - state))
-
-
-@dataclass(frozen=True)
-class Henon(ToyMap):
-    """x' = 1 - a x^2 + y, y' = b x: SN at a = -(1 - b)^2 / 4, PD at a = 3 (1 - b)^2 / 4."""
-
-    a: float = 0.1
-    b: float = 0.3
-    dimension = 2
-
-    def __call__(self, state: Array) -> Array:
-        x, y = state
-        return np.array([1.0 - self.a * x * x + y, self.b * x])
-
-    def jacobian(self, state: Array) -> Array:
-        return np.array([[-2.0 * self.a * state[0], 1.0], [self.b, 0.0]])
-
-    def slope(self, state: Array, name: str) -> Array:
-        x = state[0]
-        return np.array([-x * x, 0.0]) if name == "a" else np.array([0.0, x])
-
-
-@dataclass(frozen=True)
-class DelayedLogistic(ToyMap):
-    """x' = r x (1 - y), y' = x: NS of x = 1 - 1/r at r = 2, theta = pi/3.
-
-    Its characteristic equation is mu^2 - mu + r - 1 = 0. The factor s of x is a second parameter
-    that moves the bifurcation: with x' = r x (s - y) the fixed point is s - 1/r, the equation
-    mu^2 - mu + r s - 1 = 0, and NS is at r s = 2.
-    """
-
-    r: float = 1.8
-    s: float = 1.0
-    dimension = 2
-
-    def __call__(self, state: Array) -> Array:
-        x, y = state
-        return np.array([self.r * x * (self.s - y), x])
-
-    def jacobian(self, state: Array) -> Array:
-        x, y = state
-        return np.array([[self.r * (self.s - y), -self.r * x], [1.0, 0.0]])
-
-    def slope(self, state: Array, name: str) -> Array:
-        x, y = state
-        return np.array([x * (self.s - y) if name == "r" else self.r * x, 0.0])
-
-
-class LinearMap(ToyMap):
+class LinearMap(Map):
     """x' = A x."""
 
     def __call__(self, state: Array) -> Array:
@@ -103,7 +33,7 @@ class Rotation(LinearMap):
     def jacobian(self, state: Array) -> Array:
         return np.array([[0.0, 1.0], [-self.d, self.t]])
 
-    def slope(self, state: Array, name: str) -> Array:
+    def parameter_derivative(self, state: Array, name: str) -> Array:
         return np.array([0.0, -state[0] if name == "d" else state[1]])
 
 
@@ -120,7 +50,7 @@ class Edge(LinearMap):
             raise NoSolution("e must be at most 1")
         return np.array([[0.0, 1.0], [-(self.d + 1.0 - self.e), 0.5]])
 
-    def slope(self, state: Array, name: str) -> Array:
+    def parameter_derivative(self, state: Array, name: str) -> Array:
         return np.array([0.0, -state[0] if name == "d" else state[0]])
 
 
@@ -136,13 +66,13 @@ class Exchange(LinearMap):
         last = self.d - 2.0 - self.e
         return np.array([[0.0, 1.0, 0.0], [-self.d, 0.5, 0.0], [0.0, 0.0, last]])
 
-    def slope(self, state: Array, name: str) -> Array:
+    def parameter_derivative(self, state: Array, name: str) -> Array:
         x, _, z = state
         return np.array([0.0, -x, z] if name == "d" else [0.0, 0.0, -z])
 
 
 @dataclass(frozen=True)
-class Flat(ToyMap):
+class Flat(Map):
     """x' = x + f(x, p, q): fixed points are the zeros of f, a curve in the plane of x and p.
 
     ``circle``: f = -(x^2 + p^2 - q), closed, folds at p = ±sqrt(q). ``pitchfork``: f = (p - q) x -
@@ -179,7 +109,7 @@ class Flat(ToyMap):
     def jacobian(self, state: Array) -> Array:
         return np.array([[1.0 + self.parts(float(state[0]))[1]]])
 
-    def slope(self, state: Array, name: str) -> Array:
+    def parameter_derivative(self, state: Array, name: str) -> Array:
         return np.array([self.parts(float(state[0]))[2 if name == "p" else 3]])
 
 
@@ -187,7 +117,7 @@ class Flat(ToyMap):
 class Cycle(PeriodicOrbit):
     """An orbit of a toy map; it grazes where its first coordinate comes down to the border."""
 
-    map: ToyMap
+    map: Map
     x: Array
     past: tuple[float, ...] = ()
     border: float | None = None
@@ -259,7 +189,7 @@ class AtBorder(Condition):
 class CycleProblem(Problem):
     """Orbits of a toy map of one period: all states are unknowns."""
 
-    map: ToyMap
+    map: Map
     period: int
     free_names: tuple[str, ...]
     border: float | None = None
@@ -306,7 +236,10 @@ class CycleProblem(Problem):
     def parameter_derivative(self, x: Array, p: Array) -> Array:
         f = self._at(p)
         states = x.reshape(self.period, -1)
-        columns = [np.concatenate([f.slope(s, name) for s in states]) for name in self.free_names]
+        columns = [
+            np.concatenate([f.parameter_derivative(s, name) for s in states])
+            for name in self.free_names
+        ]
         return np.column_stack(columns)
 
     def multipliers(self, x: Array, p: Array) -> Any:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.continuation.families import Cycle, DelayedLogistic, Flat, Henon, Logistic, ToyMap
+from dynkit.dynamics.map import Map
+from dynkit.systems import Henon, Logistic
+from tests.continuation.families import Cycle, Flat
+from tests.example_systems import DelayedLogistic
 
 
-def iterated(system: ToyMap, state: list[float], period: int) -> Cycle:
+def iterated(system: Map, state: list[float], period: int) -> Cycle:
     """Return the stable orbit that a state tends to."""
     start = system.iterate(np.array(state), 4000)[-1]
     return Cycle(system, system.iterate(start, period - 1).ravel())

@@ -12,7 +12,8 @@ from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.initial_tangents import start_points
 from dynkit.continuation.termination import Bound
-from tests.continuation.families import BEHIND, Cycle, Flat, Logistic, VeiledOrbit
+from dynkit.systems import Logistic
+from tests.continuation.families import BEHIND, Cycle, Flat, VeiledOrbit
 from tests.continuation.starts import flat, henon, logistic
 
 
@@ -96,7 +97,7 @@ def test_branches_say_what_they_are(circle: Branch, cusp: Branch) -> None:
 
 def test_steps_can_be_refined() -> None:
     coarse, fine = (
-        continue_orbit(logistic(), "r", bounds=(0.5, 4.0), largest_step=h) for h in (0.5, 0.002)
+        continue_orbit(logistic(), "rate", bounds=(0.5, 4.0), largest_step=h) for h in (0.5, 0.002)
     )
     assert 10 * len(coarse) < len(fine)
     for a, b in zip(coarse.bifurcations, fine.bifurcations, strict=True):
@@ -131,7 +132,7 @@ def test_a_branch_starts_at_a_branch_point() -> None:
 def test_a_permuted_orbit_is_the_same_orbit() -> None:
     # an isolated closed branch of period 1 looked at as period 2: its points come back as others
     start = Cycle(Logistic(3.2), np.array([0.5130445095326298, 0.7994554904673701]))
-    branch = continue_orbit(start, "r", bounds=(2.9, 3.3))
+    branch = continue_orbit(start, "rate", bounds=(2.9, 3.3))
     assert branch.endings[0].reason.name == "RETRACED"
     assert branch.parameter.max() == 3.3
     assert abs(branch.parameter.min() - 3.0) < 1e-3
@@ -177,10 +178,10 @@ def test_a_branch_does_not_step_over_to_one_near_by(gap: float, largest_step: fl
 
 def test_points_come_one_by_one() -> None:
     orbit = logistic(2.5)
-    problem = orbit.problem("r")
+    problem = orbit.problem("rate")
     equations = OrbitEquations(problem, 1.0)
     (start,) = start_points(equations, np.append(orbit.unknowns, 2.5))
-    bounds = (Bound(1, "r", 2.0, 3.0),)
+    bounds = (Bound(1, "rate", 2.0, 3.0),)
     follower = Follower(
         equations, start, bounds, Steps(), np.subtract, lambda a, b: True, lambda y: np.inf
     )

@@ -14,7 +14,8 @@ import pytest
 from dynkit import Branch, Map, continue_orbit, explore, periodic_orbit
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import Henon, ImpactChain, Logistic
-from tests.continuation.cascades import Hump, Ricker, Sine, cascade, random_hump
+from tests.continuation.cascades import Hump, Sine, cascade, random_hump
+from tests.example_systems import Ricker
 
 MORE = int(os.environ.get("CASES", "1"))
 
@@ -85,7 +86,7 @@ def test_the_cascade_of_the_logistic_map_is_that_of_the_literature() -> None:
     [
         (Henon(a=0.2, b=0.3), [0.8, 0.2], "a", (0.1, 1.2)),
         (Sine(0.6), [0.6], "p", (0.55, 0.9)),
-        (Ricker(1.8), [1.0], "p", (1.5, 2.75)),
+        (Ricker(1.8), [1.0], "growth", (1.5, 2.75)),
     ],
 )
 def test_distances_of_doublings_tend_to_the_ratio_of_feigenbaum(

@@ -34,8 +34,8 @@ def test_curves_of_henon(kind: str, factor: float) -> None:
 
 
 def test_a_torus_curve() -> None:
-    start = first(delayed_logistic(), "r", (1.5, 2.5), "NS")
-    curve = continue_curve(start, ("r", "s"), bounds=((0.5, 4.0), (0.5, 4.0)))
+    start = first(delayed_logistic(), "rate", (1.5, 2.5), "NS")
+    curve = continue_curve(start, ("rate", "s"), bounds=((0.5, 4.0), (0.5, 4.0)))
     assert abs(curve.parameters.prod(axis=1) - 2.0).max() < ROUNDING
     assert abs(curve.own - np.pi / 3.0).max() < ROUNDING
 

@@ -11,8 +11,8 @@ import pytest
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.orbits.newton import NoConvergence, solve
 from dynkit.orbits.problem import PeriodicOrbit
-from dynkit.systems import ImpactChain
-from tests.continuation.families import Cycle, CycleProblem, Flat, Logistic
+from dynkit.systems import ImpactChain, Logistic
+from tests.continuation.families import Cycle, CycleProblem, Flat
 from tests.continuation.starts import flat, logistic
 
 
@@ -21,21 +21,21 @@ def reasons(orbit: PeriodicOrbit, name: str, **options: Any) -> list[str]:
 
 
 def test_the_last_point_is_on_the_bound() -> None:
-    branch = continue_orbit(logistic(), "r", bounds=(2.1, 3.7))
+    branch = continue_orbit(logistic(), "rate", bounds=(2.1, 3.7))
     assert list(branch.parameter[[0, -1]]) == [2.1, 3.7]
     assert [str(e) for e in branch.endings] == [
-        "the bound was reached: r 2.1",
-        "the bound was reached: r 3.7",
+        "the bound was reached: rate 2.1",
+        "the bound was reached: rate 3.7",
     ]
 
 
 def test_an_orbit_on_the_bound_goes_one_way() -> None:
-    branch = continue_orbit(logistic(2.5), "r", bounds=(2.5, 3.7))
+    branch = continue_orbit(logistic(2.5), "rate", bounds=(2.5, 3.7))
     assert list(branch.parameter[[0, -1]]) == [2.5, 3.7]
 
 
 def test_the_number_of_points_is_a_limit() -> None:
-    branch = continue_orbit(logistic(2.5), "r", bounds=(0.5, 4.0), points=5)
+    branch = continue_orbit(logistic(2.5), "rate", bounds=(0.5, 4.0), points=5)
     assert len(branch) == 9
     assert [ending.reason.name for ending in branch.endings] == ["LIMIT", "LIMIT"]
     assert str(branch.endings[1]).startswith("the number of points was reached: 5, at r 2.")
@@ -68,7 +68,7 @@ def test_a_circle_cut_by_its_bounds_is_not_closed() -> None:
     ("options", "message"),
     [
         ({"bounds": (3.0, 2.0)}, r"bounds must be \(low, high\) with low < high; got \(3.0, 2.0\)"),
-        ({"bounds": (2.6, 3.0)}, r"r must lie in \[2.6, 3.0\]; got 2.5"),
+        ({"bounds": (2.6, 3.0)}, r"rate must lie in \[2.6, 3.0\]; got 2.5"),
         ({"bounds": (2.0, np.nan)}, r"bounds\[1\] must be a finite number; got nan"),
         ({"bounds": (2.0, "3")}, r"bounds\[1\] must be a finite number; got '3'"),
         ({"bounds": 3.0}, "bounds must be two numbers; got 3.0"),
@@ -79,23 +79,23 @@ def test_a_circle_cut_by_its_bounds_is_not_closed() -> None:
 )
 def test_bad_options_are_refused(options: Any, message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}$"):
-        continue_orbit(logistic(2.5), "r", **options)
+        continue_orbit(logistic(2.5), "rate", **options)
 
 
 def test_a_parameter_that_the_system_lacks_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^parameter must be one of: r; got 'speed'$"):
+    with pytest.raises(ValueError, match=r"^parameter must be one of: rate; got 'speed'$"):
         continue_orbit(logistic(), "speed", bounds=(0.0, 1.0))
 
 
 def test_what_is_no_orbit_is_refused() -> None:
     system: Any = Logistic(2.5)
     with pytest.raises(ValueError, match=r"^orbit must be a PeriodicOrbit; got Logistic"):
-        continue_orbit(system, "r", bounds=(2.0, 3.0))
+        continue_orbit(system, "rate", bounds=(2.0, 3.0))
     attractor: Any = ImpactChain(masses=1, frequency=0.9).attractor(transient=5, impacts=5)
     with pytest.raises(ValueError, match=r">, whose periodic_orbit\(\) gives one$"):
         continue_orbit(attractor, "frequency", bounds=(0.8, 1.0))
     with pytest.raises(ValueError, match=r"^orbit must solve its equations; got a residual of "):
-        continue_orbit(Cycle(Logistic(2.5), np.array([0.5])), "r", bounds=(2.0, 3.0))
+        continue_orbit(Cycle(Logistic(2.5), np.array([0.5])), "rate", bounds=(2.0, 3.0))
 
 
 def test_an_inadmissible_start_is_refused_where_none_is_wanted() -> None:

@@ -11,7 +11,8 @@ from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.defining_systems import null_vector
-from tests.continuation.families import Cycle, Exchange, Flat, Logistic, PoleOrbit, Rotation
+from dynkit.systems import Logistic
+from tests.continuation.families import Cycle, Exchange, Flat, PoleOrbit, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon, iterated, logistic
 
 TEN_DIGITS = 1e-10
@@ -24,13 +25,13 @@ def only(branch: Branch, kind: str) -> Bifurcation:
 
 @pytest.fixture(scope="module")
 def quadratic() -> Branch:
-    return continue_orbit(logistic(), "r", bounds=(2.0, 4.0))
+    return continue_orbit(logistic(), "rate", bounds=(2.0, 4.0))
 
 
 @pytest.fixture(scope="module")
 def twofold(quadratic: Branch) -> Branch:
     (orbit,) = only(quadratic, "PD").switch()
-    return continue_orbit(orbit, "r", bounds=(2.0, 4.0))
+    return continue_orbit(orbit, "rate", bounds=(2.0, 4.0))
 
 
 # The logistic map: R. M. May, Simple mathematical models with very complicated dynamics, Nature 261
@@ -62,10 +63,10 @@ def test_orbits_of_the_doubled_branch_are_the_known_ones(twofold: Branch) -> Non
 
 
 def test_period_three_is_born_at_one_plus_root_eight() -> None:
-    branch = continue_orbit(iterated(Logistic(3.835), [0.5], 3), "r", bounds=(3.8, 3.9))
+    branch = continue_orbit(iterated(Logistic(3.835), [0.5], 3), "rate", bounds=(3.8, 3.9))
     fold = only(branch, "SN")
     assert abs(fold.value - (1.0 + np.sqrt(8.0))) < TEN_DIGITS
-    assert [str(ending) for ending in branch.endings] == ["the bound was reached: r 3.9"] * 2
+    assert [str(ending) for ending in branch.endings] == ["the bound was reached: rate 3.9"] * 2
 
 
 # Henon's map: its fixed points and multipliers are roots of quadratics.
@@ -86,7 +87,7 @@ def test_the_fixed_point_of_henon_doubles() -> None:
 
 
 def test_the_delayed_logistic_map_has_its_torus_at_two() -> None:
-    branch = continue_orbit(delayed_logistic(), "r", bounds=(1.5, 2.5))
+    branch = continue_orbit(delayed_logistic(), "rate", bounds=(1.5, 2.5))
     torus = only(branch, "NS")
     assert abs(torus.value - 2.0) < TEN_DIGITS
     assert torus.multiplier is not None
@@ -155,10 +156,15 @@ def test_a_multiplier_that_passes_infinity_is_no_bifurcation() -> None:
 
 def exact_values() -> list[tuple[str, Bifurcation, float]]:
     known: dict[str, tuple[Any, str, tuple[float, float], dict[str, Any]]] = {
-        "logistic": (logistic(), "r", (0.5, 4.0), {"BP": 1.0, "PD": 3.0}),
-        "period three": (iterated(Logistic(3.835), [0.5], 3), "r", (3.8, 3.84), {"SN": 8**0.5 + 1}),
+        "logistic": (logistic(), "rate", (0.5, 4.0), {"BP": 1.0, "PD": 3.0}),
+        "period three": (
+            iterated(Logistic(3.835), [0.5], 3),
+            "rate",
+            (3.8, 3.84),
+            {"SN": 8**0.5 + 1},
+        ),
         "henon": (henon(), "a", (-0.2, 1.4), {"SN": -0.1225, "PD": 0.3675}),
-        "delayed logistic": (delayed_logistic(), "r", (0.5, 2.5), {"BP": 1.0, "NS": 2.0}),
+        "delayed logistic": (delayed_logistic(), "rate", (0.5, 2.5), {"BP": 1.0, "NS": 2.0}),
         "pitchfork": (flat("pitchfork", 0.0, 0.3, 0.1), "p", (-1.0, 1.0), {"BP": 0.1}),
         "circle": (flat("circle", 0.0, 0.7, 0.49), "p", (-2.0, 0.7), {"SN": (-0.7, 0.7)}),
     }

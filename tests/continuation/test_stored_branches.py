@@ -11,7 +11,8 @@ import pytest
 from dynkit import sweep
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
-from tests.continuation.families import Cycle, Henon
+from dynkit.systems import Henon
+from tests.continuation.families import Cycle
 from tests.continuation.starts import flat, henon, iterated, logistic
 
 

@@ -10,7 +10,8 @@ import pytest
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import BifurcationCurve, continue_curve
-from tests.continuation.families import Cycle, Henon
+from dynkit.systems import Henon
+from tests.continuation.families import Cycle
 from tests.continuation.starts import delayed_logistic, flat, henon, logistic
 
 BOUNDS = ((-2.0, 3.0), (-0.9, 0.9))
@@ -47,7 +48,7 @@ def test_a_loaded_curve_has_the_same_bits(curve: BifurcationCurve, stored: Path)
 @pytest.mark.parametrize("kind", ["NS", "GR", "SN"])
 def test_curves_of_every_kind_are_stored(kind: str, tmp_path: Path) -> None:
     start, name, names, bounds = {
-        "NS": (delayed_logistic(), "r", ("r", "s"), ((0.5, 4.0), (0.5, 4.0))),
+        "NS": (delayed_logistic(), "rate", ("rate", "s"), ((0.5, 4.0), (0.5, 4.0))),
         "GR": (
             flat("cusp", 1.2, 1.2**3 - 1.2, 1.0, border=1.05),
             "p",

@@ -17,7 +17,7 @@ def at(branch: Branch, kind: str) -> Bifurcation:
 
 
 def test_a_doubled_orbit_is_no_orbit_run_through_twice() -> None:
-    branch = continue_orbit(logistic(), "r", bounds=(2.0, 3.5))
+    branch = continue_orbit(logistic(), "rate", bounds=(2.0, 3.5))
     (orbit,) = at(branch, "PD").switch()
     assert orbit.label == "P(2)"
     assert np.ptp(orbit.states) > 1e-4
@@ -30,12 +30,12 @@ def test_doublings_of_the_logistic_map_accumulate() -> None:
     # places are those of K. M. Briggs, A precise calculation of the Feigenbaum constants, Math.
     # Comp. 57 (1991) 435-439, of x' = 1 - a x^2, with a = r (r - 2) / 4.
     orbit, values = logistic(), []
-    branch = continue_orbit(orbit, "r", bounds=(2.0, 3.6))
+    branch = continue_orbit(orbit, "rate", bounds=(2.0, 3.6))
     for _ in range(4):
         doubling = at(branch, "PD")
         values.append(doubling.value)
         (start,) = doubling.switch()
-        branch = continue_orbit(start, "r", bounds=(2.0, 3.6), largest_step=0.01)
+        branch = continue_orbit(start, "rate", bounds=(2.0, 3.6), largest_step=0.01)
     a = [r * (r - 2.0) / 4.0 for r in values]
     known = [0.75, 1.25, 1.3680989394, 1.3940461566]
     assert np.allclose(a, known, rtol=0.0, atol=1e-10)
@@ -57,7 +57,7 @@ def test_the_critical_direction_is_the_null_vector() -> None:
     doubling = at(continue_orbit(henon(), "a", bounds=(0.05, 0.6)), "PD")
     jacobian = doubling.orbit.system.jacobian(doubling.orbit.states[0])
     assert abs(jacobian @ doubling.direction + doubling.direction).max() < 1e-12
-    torus = at(continue_orbit(delayed_logistic(), "r", bounds=(1.5, 2.5)), "NS")
+    torus = at(continue_orbit(delayed_logistic(), "rate", bounds=(1.5, 2.5)), "NS")
     jacobian = torus.orbit.system.jacobian(torus.orbit.states[0])
     assert abs(jacobian @ torus.direction - torus.multiplier * torus.direction).max() < 1e-12
 
@@ -90,7 +90,7 @@ def test_from_the_crossing_branch_one_comes_back() -> None:
 
 def test_nothing_leaves_a_fold_or_a_torus() -> None:
     fold = continue_orbit(flat("circle", 1.0, 0.0, 1.0), "p", bounds=(-2.0, 2.0)).bifurcations[0]
-    torus = at(continue_orbit(delayed_logistic(), "r", bounds=(1.5, 2.5)), "NS")
+    torus = at(continue_orbit(delayed_logistic(), "rate", bounds=(1.5, 2.5)), "NS")
     assert fold.switch() == torus.switch() == []
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from dynkit import sweep
+from dynkit.systems import Logistic
 from tests.confined import RATES
-from tests.example_systems import Logistic
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAIN = ["sweep.h5", "branch.h5", "curve.h5", "table.csv", "arrays.npz", "arrays.h5"]

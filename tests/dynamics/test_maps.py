@@ -3,7 +3,8 @@ import pytest
 
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
-from tests.example_systems import CircleRotation, Henon, Logistic
+from dynkit.systems import Henon, Logistic
+from tests.example_systems import CircleRotation
 
 
 def test_iterate_begins_with_the_state() -> None:

@@ -1,6 +1,6 @@
 """Planes of two parameters and basins name the unstable orbits that their states lie on."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,30 +10,12 @@ import pytest
 from matplotlib.axes import Axes
 
 from dynkit import Basins, ParameterMap, basins, parameter_map
-from dynkit.core.validation import Array
 from dynkit.data import store
-from dynkit.dynamics.map import Map
-from tests.sweeps.test_leaving import Cubic
+from tests.example_systems import Cubic, Ricker
 
 BRIEF: dict[str, Any] = {"transient": 40, "keep": 20, "progress": False}
 
 GROWTH = np.linspace(1.5, 2.45, 20)
-
-
-@dataclass(frozen=True)
-class Ricker(Map):
-    """x exp(growth (1 - x / capacity)): multiplier 1 - growth at x = capacity, P(2) from 2 on."""
-
-    growth: float
-    capacity: float
-    dimension = 1
-
-    def __call__(self, state: Array) -> Array:
-        return np.asarray(state * np.exp(self.growth * (1.0 - state / self.capacity)))
-
-    def jacobian(self, state: Array) -> Array:
-        x = state / self.capacity
-        return np.diag(np.exp(self.growth * (1.0 - x)) * (1.0 - self.growth * x))
 
 
 def plane(**more: Any) -> ParameterMap:

@@ -8,8 +8,7 @@ import numpy as np
 
 from dynkit import Sweep, sweep
 from dynkit.core.validation import Array
-from dynkit.systems import ImpactChain
-from tests.example_systems import Logistic
+from dynkit.systems import ImpactChain, Logistic
 
 CHAIN = ImpactChain(masses=3, frequency=0.9)
 FREQUENCIES = np.linspace(0.5, 1.5, 12)

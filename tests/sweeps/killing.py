@@ -19,7 +19,7 @@ import numpy as np
 import dynkit.data.store
 from dynkit import Sweep, sweep
 from dynkit.engine import collecting
-from tests.example_systems import Logistic
+from dynkit.systems import Logistic
 
 KILLS, ROUNDS, WRITERS = 200, 10, 4
 RATES = np.linspace(3.4, 3.9, 12)

@@ -1,7 +1,7 @@
 import numpy as np
 
 from dynkit import sweep
-from tests.example_systems import Henon
+from dynkit.systems import Henon
 from tests.sweeps.cases import (
     CHAIN,
     FREQUENCIES,

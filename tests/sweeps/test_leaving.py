@@ -14,39 +14,10 @@ from dynkit.dynamics.map import Map
 from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane
 from dynkit.systems import Henon, ImpactChain, IntegratedFlow, Logistic, PlayOscillator
+from tests.example_systems import Cubic, Ricker
 from tests.sweeps.cases import CHAIN, FREQUENCIES, SHORT, assert_same_bits
 
 BRIEF: dict[str, Any] = {"transient": 200, "keep": 40, "progress": False}
-
-
-@dataclass(frozen=True)
-class Ricker(Map):
-    """x exp(growth (1 - x)): multiplier 1 - growth at the fixed point 1, which doubles at 2."""
-
-    growth: float
-    dimension = 1
-
-    def __call__(self, state: Array) -> Array:
-        return np.asarray(state * np.exp(self.growth * (1.0 - state)))
-
-    def jacobian(self, state: Array) -> Array:
-        return np.diag(np.exp(self.growth * (1.0 - state)) * (1.0 - self.growth * state))
-
-
-@dataclass(frozen=True)
-class Cubic(Map):
-    """(a x - x^3 + b y, x): symmetric; a pitchfork at a = 1 - b, where zero becomes unstable."""
-
-    a: float
-    b: float
-    dimension = 2
-
-    def __call__(self, state: Array) -> Array:
-        x, y = state
-        return np.array([self.a * x - x**3 + self.b * y, x])
-
-    def jacobian(self, state: Array) -> Array:
-        return np.array([[self.a - 3.0 * state[0] ** 2, self.b], [1.0, 0.0]])
 
 
 PLAY = PlayOscillator(

@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from dynkit import sweep
-from tests.example_systems import Logistic
+from dynkit.systems import Logistic
 from tests.sweeps.cases import (
     RATES,
     START,
@@ -42,7 +42,7 @@ def test_libraries_are_imported_only_when_used() -> None:
     code = """
 import sys
 from dynkit import sweep
-from tests.example_systems import Logistic
+from dynkit.systems import Logistic
 sweep(Logistic(3.0), "rate", [3.2], start=[0.3], progress=False)
 print(sorted({"h5py", "tqdm"} & set(sys.modules)))
 """

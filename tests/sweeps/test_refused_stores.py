@@ -9,7 +9,7 @@ import pytest
 import dynkit.data.store
 from dynkit import sweep
 from dynkit.engine import collecting
-from tests.example_systems import Logistic
+from dynkit.systems import Logistic
 from tests.sweeps.cases import (
     CHAIN,
     FREQUENCIES,

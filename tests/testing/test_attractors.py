@@ -14,7 +14,7 @@ from dynkit.dynamics.map import Map
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitLabel
-from tests.example_systems import Henon, Logistic
+from dynkit.systems import Henon, Logistic
 
 
 @pytest.mark.parametrize("check", testing.attractor_checks, ids=testing.check_name)

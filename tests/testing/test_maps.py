@@ -9,7 +9,8 @@ from dynkit import testing
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.poincare_map import PoincareMap
-from tests.example_systems import CircleRotation, DampedRotation, Henon, Logistic
+from dynkit.systems import Henon, Logistic
+from tests.example_systems import CircleRotation, DampedRotation
 from tests.testing.cases import PLANE, POINTS, STATES
 
 
