@@ -38,7 +38,7 @@ def test_the_number_of_points_is_a_limit() -> None:
     branch = continue_orbit(logistic(2.5), "rate", bounds=(0.5, 4.0), points=5)
     assert len(branch) == 9
     assert [ending.reason.name for ending in branch.endings] == ["LIMIT", "LIMIT"]
-    assert str(branch.endings[1]).startswith("the number of points was reached: 5, at r 2.")
+    assert str(branch.endings[1]).startswith("the number of points was reached: 5, at rate 2.")
 
 
 def test_a_branch_ends_where_the_equations_do() -> None:

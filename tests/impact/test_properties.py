@@ -1,59 +1,29 @@
-"""What holds for every motion of every small chain."""
+"""What holds for every motion of a chain, a single mass, a ball, or a mass with play."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, strategies as st
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.state import ImpactState, Motion
+from dynkit.systems.impact.matrices import MatrixOscillator
+from dynkit.systems.impact.record import Ending, ImpactRecord
+from dynkit.systems.impact.state import Motion
+from tests.effort import shorter_searches
+from tests.impact.any_oscillator import Begin, balls, begins, chains, plays, singles, table_at
 
-SIZES = st.floats(0.2, 5.0)
-
-
-@dataclass(frozen=True)
-class Begin:
-    """A chain, and a state to start from."""
-
-    chain: ImpactChain
-    state: ImpactState
-
-    def simulate(self, impacts: int) -> ImpactRecord:
-        return self.chain.simulate(impacts=impacts, start=self.state)
+ONE_MASS = singles() | balls() | plays()
+BEGINS = chains() | ONE_MASS
 
 
-@st.composite
-def begins(draw: st.DrawFn) -> Begin:
-    n = draw(st.integers(1, 4))
-    elements = st.lists(SIZES, min_size=n, max_size=n).map(tuple)
-    dashpots = st.lists(st.floats(0.0, 2.0), min_size=n, max_size=n).map(tuple)
-    chain = ImpactChain(
-        masses=draw(st.just(n) | elements),
-        springs=draw(st.just(1.0) | elements),
-        damping=draw(st.floats(0.0, 8.0) | st.sampled_from([0.0, 0.1]) | dashpots),
-        restitution=draw(st.floats(0.0, 1.0) | st.sampled_from([0.0, 1.0])),
-        amplitude=draw(st.floats(0.01, 1.0)),
-        offset=draw(st.floats(-1.0, 1.0)),
-        frequency=draw(st.floats(0.1, 5.0)),
-        chatter_tolerance=draw(st.sampled_from([1e-16, 1e-12, 1e-8])),
-    )
-    coordinates = st.lists(st.floats(-1.0, 1.0), min_size=n, max_size=n)
-    position, velocity = np.array(draw(coordinates)), np.array(draw(coordinates))
-    phase = draw(st.floats(0.0, 6.28))
-    table = chain.amplitude * math.sin(phase) + chain.offset
-    position[-1] = table + draw(st.floats(1e-9, 2.0))
-    try:
-        state = chain.state(position, velocity, phase)
-        chain.simulate(impacts=1, start=state)
-    except ValueError as refusal:  # nearly defective dashpots, resonance without damping
-        assume("must not" not in str(refusal))
-        raise
-    return Begin(chain, state)
+@pytest.fixture(autouse=True, scope="module")
+def searches() -> Iterator[None]:
+    with shorter_searches(50_000):
+        yield
 
 
 def without_touches(record: ImpactRecord) -> ImpactRecord:
@@ -64,109 +34,158 @@ def without_touches(record: ImpactRecord) -> ImpactRecord:
 
 def rounding(record: ImpactRecord) -> Array:
     """What rounding may do to positions at the impacts, (n,); more where modes nearly agree."""
-    chain = record.system
     size = 1.0 + abs(record.position).max(initial=0.0) + abs(record.velocity).max(initial=0.0)
-    return np.asarray(1e-14 * size * (1.0 + chain.frequency * record.time) + record.error)
+    return np.asarray(1e-14 * size * (1.0 + record.system.frequency * record.time) + record.error)
 
 
-@given(begins())
-def test_relative_velocities_are_not_negative(begin: Begin) -> None:
-    assert (begin.simulate(60).relative_velocity >= 0.0).all()
-
-
-@given(begins())
+@given(BEGINS)
 def test_times_increase_and_fall_never(begin: Begin) -> None:
     assert (np.diff(begin.simulate(60).time, prepend=0.0) >= 0.0).all()
 
 
-@given(begins())
+@given(chains() | singles() | balls())
+def test_relative_velocities_are_not_negative_at_one_stop(begin: Begin) -> None:
+    assert (begin.simulate(60).relative_velocity >= 0.0).all()
+
+
+@given(chains())
 def test_the_contact_mass_is_on_the_table_at_impacts(begin: Begin) -> None:
     record = begin.simulate(60)
-    table = begin.chain.amplitude * np.sin(record.phase) + begin.chain.offset
+    table, _, _ = table_at(begin.system, record.phase)
     assert (abs(record.position[:, -1] - table) <= rounding(record)).all()
 
 
-@given(begins())
+@given(chains())
 def test_the_contact_mass_leaves_the_table_with_its_relative_velocity(begin: Begin) -> None:
     record = without_touches(begin.simulate(60))
-    table = begin.chain.amplitude * begin.chain.frequency * np.cos(record.phase)
+    _, table, _ = table_at(begin.system, record.phase)
     off = record.velocity[:, -1] - table - record.relative_velocity
-    assert (abs(off) <= (1.0 + begin.chain.frequency) * rounding(record)).all()
+    assert (abs(off) <= (1.0 + begin.system.frequency) * rounding(record)).all()
 
 
-@given(begins())
+def at_its_stop(record: ImpactRecord) -> bool:
+    """Whether the mass has the place and the velocity of the stop that u tells, and u."""
+    system, u = record.system, record.relative_velocity
+    sign = 1.0 if system.side == "above" else -1.0
+    far = np.signbit(u)
+    place = np.where(far, system.offset + sign * system.play, system.offset)
+    place += system.amplitude * np.sin(record.phase)
+    speed = np.where(far, -sign, sign) * abs(u)
+    speed += system.amplitude * system.frequency * np.cos(record.phase)
+    # Of the phase, of its sine, and of the sum: 8.5 in all, at most.
+    rounding = 2.0**-53 * 9.0
+    near = abs(record.position[:, 0] - place) <= rounding * (system.amplitude + abs(place))
+    largest = system.amplitude * system.frequency + abs(u)
+    return bool((near & (abs(record.velocity[:, 0] - speed) <= rounding * largest)).all())
+
+
+@given(ONE_MASS)
+def test_the_mass_is_at_the_stop_that_its_relative_velocity_tells(begin: Begin) -> None:
+    assert at_its_stop(begin.simulate(60))
+
+
+@pytest.mark.parametrize("play", [math.inf, 0.25])
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_the_mass_is_at_its_stop_however_far_its_spring_would_pull_it(
+    play: float, side: str
+) -> None:
+    # By 2e7: that many digits less has any difference from where the spring rests.
+    system = MatrixOscillator(
+        M=[[1.0]],
+        C=[[0.0]],
+        K=[[1e-8]],
+        frequency=1.3,
+        restitution=0.9,
+        offset=0.03,
+        side=side,
+        play=play,
+        constant_forces=(-0.2 if side == "above" else 0.2,),
+    )
+    middle = 0.05 if side == "above" else -0.05
+    record = system.simulate(impacts=40, start=system.state([middle + 0.03], [2.0], 0.5))
+    assert len(record) == 40
+    assert np.signbit(record.relative_velocity).any() == (play < math.inf)
+    assert at_its_stop(record)
+    assert record.final.position[0] == record.position[-1, 0]
+    assert record.final.velocity[0] == record.velocity[-1, 0]
+
+
+@given(BEGINS)
 def test_phases_are_those_of_the_times(begin: Begin) -> None:
-    record = begin.simulate(60)
-    turns = (record.phase - begin.state.phase - begin.chain.frequency * record.time) / math.tau
+    record, w = begin.simulate(60), begin.system.frequency
+    turns = (record.phase - begin.state.phase - w * record.time) / math.tau
     off = math.tau * abs(turns - np.rint(turns))
-    assert (off <= 1e-14 * (1.0 + begin.chain.frequency * record.time)).all()
+    assert (off <= 1e-14 * (1.0 + w * record.time)).all()
 
 
-@given(begins())
+@given(BEGINS)
 def test_no_impact_is_missed(begin: Begin) -> None:
-    record = begin.simulate(30)
+    record, system = begin.simulate(30), begin.system
     assume(len(record) > 0)
     edges = np.append(0.0, record.time)
     part = np.linspace(0.0, 1.0, 42)[1:-1]
     times = (edges[:-1, None] + np.diff(edges)[:, None] * part).ravel()
-    phase = begin.state.phase + begin.chain.frequency * times
-    table = begin.chain.amplitude * np.sin(phase) + begin.chain.offset
+    table, _, _ = table_at(system, begin.state.phase + system.frequency * times)
+    sign = 1.0 if system.side == "above" else -1.0
+    gap = sign * (record.sample(times)[0][:, system.contact] - table)
     allowed = np.repeat(rounding(record), len(part))
-    assert (record.sample(times)[0][:, -1] - table >= -allowed).all()
+    assert (gap >= -allowed).all()
+    assert (gap <= system.play + allowed).all()
 
 
-@given(begins())
+@given(BEGINS)
 def test_impacts_obey_the_law_of_restitution(begin: Begin) -> None:
-    record = without_touches(begin.simulate(30))
-    chain = begin.chain
+    record, system = without_touches(begin.simulate(30)), begin.system
     before = np.nextafter(record.time, 0.0)
     clear = np.diff(record.time, prepend=0.0) > 1e-3
-    _, v = record.sample(before[clear])
-    phase = begin.state.phase + chain.frequency * before[clear]
-    closing = chain.amplitude * chain.frequency * np.cos(phase) - v[:, -1]
-    lightest = np.diag(chain.mass).min()
-    forces = abs(chain.stiffness).max() * abs(record.position).max(initial=1.0)
-    forces += abs(chain.damping_matrix).max() * abs(record.velocity).max(initial=1.0)
-    acceleration = float(forces / lightest) + chain.amplitude * chain.frequency**2
+    v = record.sample(before[clear])[1][:, system.contact]
+    _, table, _ = table_at(system, begin.state.phase + system.frequency * before[clear])
+    closing = (table - v) * (1.0 if system.side == "above" else -1.0)
+    forces = abs(system.stiffness).max() * abs(record.position).max(initial=1.0)
+    forces += abs(system.damping_matrix).max() * abs(record.velocity).max(initial=1.0)
+    forces += sum(map(abs, system.harmonic_forces)) + sum(map(abs, system.constant_forces))
+    acceleration = float(forces / np.diag(system.mass).min())
+    acceleration += system.amplitude * system.frequency**2
     allowed = 1e-13 + record.error[clear] + 4.0 * acceleration * np.spacing(record.time[clear])
-    off = record.relative_velocity[clear] - chain.restitution * closing
+    off = record.relative_velocity[clear] - system.restitution * closing
     assert (abs(off) <= allowed).all()
 
 
-@given(begins())
+@given(BEGINS)
 def test_section_states_make_the_states_they_are_of(begin: Begin) -> None:
-    record = begin.simulate(10)
+    record, system = begin.simulate(10), begin.system
     for row in record.states:
-        again = begin.chain.section_state(begin.chain.impact_state(row))
-        assert abs(begin.chain.difference(again, row)).max() <= 1e-13 * (1.0 + abs(row).max())
+        again = system.section_state(system.impact_state(row))
+        assert abs(system.difference(again, row)).max() <= 1e-13 * (1.0 + abs(row).max())
         assert again[-2] == row[-2]
 
 
-@given(begins())
+@given(BEGINS)
 def test_packed_states_are_unpacked_to_the_bit(begin: Begin) -> None:
     final = begin.simulate(10).final
-    copy = begin.chain.unpack_state(begin.chain.pack_state(final))
+    copy = begin.system.unpack_state(begin.system.pack_state(final))
     assert copy.motion is final.motion
     assert copy.relative_velocity == final.relative_velocity
     assert copy.position.tobytes() == final.position.tobytes()
     assert copy.velocity.tobytes() == final.velocity.tobytes()
 
 
-@given(begins(), st.integers(1, 29))
+@given(begins() | BEGINS, st.integers(1, 29))
 def test_any_two_runs_are_one(begin: Begin, first: int) -> None:
-    whole = begin.simulate(30)
-    part = begin.simulate(first)
-    rest = begin.chain.simulate(impacts=30, start=part.final)
+    whole, part = begin.simulate(30), begin.simulate(first)
+    rest = begin.system.simulate(impacts=30, start=part.final)
     states = np.concatenate([part.states, rest.states])[: len(whole)]
     assert states.tobytes() == whole.states.tobytes()
+    if whole.ending is not Ending.COUNT_REACHED:
+        assert rest.ending is whole.ending
 
 
-@given(begins())
+@given(chains())
 def test_the_energy_is_never_negative(begin: Begin) -> None:
     assert (begin.simulate(30).energy >= 0.0).all()
 
 
-@given(begins())
+@given(BEGINS)
 def test_contacts_follow_one_another(begin: Begin) -> None:
     record = begin.simulate(60)
     events = record.sticking.ravel()
@@ -174,8 +193,13 @@ def test_contacts_follow_one_another(begin: Begin) -> None:
     assert np.isfinite(record.sticking[:-1]).all()
 
 
-@given(begins())
+@given(chains())
 def test_runs_of_a_count_end_on_the_table(begin: Begin) -> None:
     record = begin.simulate(5)
     if len(record) == 5:
         assert record.final.motion is Motion.TABLE
+
+
+@given(balls())
+def test_a_ball_never_leaves_for_ever(begin: Begin) -> None:
+    assert begin.simulate(60).ending.name != "NO_FURTHER_CONTACT"
