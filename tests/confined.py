@@ -1,7 +1,7 @@
 """Writing where there is no room, or no right to: what is said, and what is left.
 
-Run as a program of its own, which confines itself: ``python -m tests.confined CONFINEMENT FOLDER``
-writes what happened as JSON.
+Run as a program of its own, whose descendants confine themselves: ``python -m tests.confined DISK
+LIMIT FORBIDDEN``, with three folders, writes what happened in each as JSON.
 """
 
 import contextlib
@@ -217,10 +217,28 @@ def _checked(path: Path) -> None:
     output_file("out", str(path))
 
 
+def apart(confined: Callable[[Path], dict[str, Any]], folder: Path) -> Any:
+    """What happens in a process of its own, which inherits what was computed before."""
+    told, tell = os.pipe()
+    number = os.fork()
+    if number == 0:
+        with os.fdopen(tell, "w") as stream:
+            json.dump(confined(folder), stream)
+            stream.flush()
+        os._exit(0)
+    os.close(tell)
+    with os.fdopen(told, "r") as stream:
+        said = json.load(stream)
+    os.waitpid(number, 0)
+    return said
+
+
 if __name__ == "__main__":
+    followed()
     confinements: dict[str, Callable[[Path], dict[str, Any]]] = {
         "disk": partial(full, confine=small_disk, writing=writers),
         "limit": partial(full, confine=limited, writing=plain_writers),
         "forbidden": forbidden,
     }
-    json.dump(confinements[sys.argv[1]](Path(sys.argv[2])), sys.stdout)
+    named = zip(confinements.items(), map(Path, sys.argv[1:]), strict=True)
+    json.dump({name: apart(confined, folder) for (name, confined), folder in named}, sys.stdout)

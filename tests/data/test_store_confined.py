@@ -1,9 +1,5 @@
 """Full disks, limits of files' sizes, and folders that must not be written: all that writes."""
 
-import json
-import os
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,8 +10,8 @@ import pytest
 from dynkit import sweep
 from dynkit.systems import Logistic
 from tests.confined import RATES
+from tests.programs import said_by_program
 
-ROOT = Path(__file__).resolve().parents[2]
 PLAIN = ["sweep.h5", "branch.h5", "curve.h5", "table.csv", "arrays.npz", "arrays.h5"]
 COMMAND = ["command.csv", "command.h5"]
 FILES = [*PLAIN, "picture.png", "picture.svg", "figure.png", "report.md", *COMMAND]
@@ -23,31 +19,35 @@ STORES = {"sweep.h5", "command.h5"}
 WORDS = {"disk": "No space left on device", "limit": "File too large"}
 
 
-def confined(confinement: str, folder: Path) -> dict[str, Any]:
-    found = subprocess.run(
-        [sys.executable, "-m", "tests.confined", confinement, str(folder)],
-        cwd=ROOT,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    outcome: dict[str, Any] = json.loads(found.stdout)
-    return outcome
+@pytest.fixture(scope="module")
+def all_confined(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """What happened in each confinement, and in which folder."""
+    # not pytest's own folder: who is not root may not enter that
+    with tempfile.TemporaryDirectory() as parent:
+        Path(parent).chmod(0o755)
+        folders = {name: tmp_path_factory.mktemp(name) for name in ("disk", "limit")}
+        folders["forbidden"] = Path(parent, "folder")
+        folders["forbidden"].mkdir()
+        told = said_by_program("tests.confined", *map(str, folders.values()))
+        yield {name: {**told[name], "folder": folders[name]} for name in folders}
+        folders["forbidden"].chmod(0o755)
 
 
 @pytest.fixture(scope="module")
-def disk(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def disk(all_confined: dict[str, Any]) -> Any:
     """A disk of its own where that is allowed, otherwise the limit too."""
-    folder = tmp_path_factory.mktemp("disk")
-    return {**confined("disk", folder), "folder": folder}
+    return all_confined["disk"]
 
 
 @pytest.fixture(scope="module")
-def limit(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def limit(all_confined: dict[str, Any]) -> Any:
     """A limit of files' sizes, as a quota sets it."""
-    folder = tmp_path_factory.mktemp("limit")
-    return {**confined("limit", folder), "folder": folder}
+    return all_confined["limit"]
+
+
+@pytest.fixture(scope="module")
+def forbidden(all_confined: dict[str, Any]) -> Any:
+    return all_confined["forbidden"]
 
 
 @pytest.fixture(params=[*(("disk", name) for name in FILES), *(("limit", name) for name in PLAIN)])
@@ -93,17 +93,6 @@ def test_with_room_again_the_sweep_goes_on_to_the_same_bits(
     resumed = sweep(Logistic(3.5), "rate", RATES, store=store, **arguments)
     whole = sweep(Logistic(3.5), "rate", RATES, **arguments)
     assert resumed.observable("state[0]").tobytes() == whole.observable("state[0]").tobytes()
-
-
-@pytest.fixture(scope="module")
-def forbidden() -> Iterator[Any]:
-    # not pytest's own folder: who is not root may not enter that
-    with tempfile.TemporaryDirectory() as parent:
-        Path(parent).chmod(0o755)
-        folder = Path(parent, "folder")
-        folder.mkdir()
-        yield confined("forbidden", folder)
-        folder.chmod(0o755)
 
 
 @pytest.mark.parametrize("name", [*FILES, "new.csv"])

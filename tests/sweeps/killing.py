@@ -9,6 +9,7 @@ import os
 import random
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,8 +21,17 @@ import dynkit.data.store
 from dynkit import Sweep, sweep
 from dynkit.engine import collecting
 from dynkit.systems import Logistic
+from tests.sweeps.cases import CHAIN, FREQUENCIES, SHORT
 
 KILLS, ROUNDS, WRITERS = 200, 10, 4
+MOMENTS: list[tuple[str, float]] = [
+    ("fsync", 1),  # the first file is written, but not yet in its place
+    ("replace", 9),
+    ("fsync", 16),  # in its place, the folder not yet flushed
+    *(("any", delay) for delay in np.random.default_rng(1).uniform(0.0, 0.03, 5).tolist()),
+]
+"""When sweeps of a chain die: at a call of the system, or so many seconds after the first write."""
+
 RATES = np.linspace(3.4, 3.9, 12)
 
 
@@ -144,6 +154,46 @@ def _die_at(draw: random.Random) -> None:
         setattr(os, name, dying(name))
 
 
+def moments(folder: Path, seed: int) -> list[int]:
+    """Kill sweeps of a chain, each with a store of its own: how many values survived."""
+    collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
+    sweep(CHAIN, "frequency", FREQUENCIES, store=folder / "warm.h5", **SHORT)
+    survived = []
+    for place, (moment, number) in enumerate(MOMENTS):
+        store = folder / f"{place}.h5"
+        _, status = os.waitpid(forked(_sweep_until, store, moment, number), 0)
+        assert os.WIFSIGNALED(status)
+        assert os.WTERMSIG(status) == signal.SIGKILL
+        survived.append(len(rows_of(store)["done"]) if store.exists() else 0)
+    return survived
+
+
+def _sweep_until(store: Path, moment: str, number: float) -> None:
+    if moment == "any":
+        threading.Thread(target=_die_after, args=(store, number), daemon=True).start()
+    else:
+        call, count = getattr(os, moment), 0
+
+        def counted(*arguments: Any) -> Any:
+            nonlocal count
+            count += 1
+            return os.kill(os.getpid(), signal.SIGKILL) if count == number else call(*arguments)
+
+        setattr(os, moment, counted)
+    sweep(CHAIN, "frequency", FREQUENCIES, store=store, **SHORT)
+    time.sleep(60)
+
+
+def _die_after(store: Path, delay: float) -> None:
+    while not store.exists():
+        time.sleep(0.0001)
+    empty = store.stat().st_mtime_ns
+    while store.stat().st_mtime_ns == empty:
+        time.sleep(0.0001)
+    time.sleep(delay)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def race(folder: Path, seed: int) -> dict[str, Any]:
     """Start writers of one store all at once, again and again: what each of them found."""
     expected = swept(None).observable("state[0]").tolist()
@@ -179,5 +229,5 @@ def _compete(store: Path, expected: Any, gate: tuple[int, int], tell: int) -> No
 
 
 if __name__ == "__main__":
-    campaigns = {"kill": kill, "race": race}
+    campaigns: dict[str, Callable[..., Any]] = {"kill": kill, "moments": moments, "race": race}
     json.dump(campaigns[sys.argv[1]](Path(sys.argv[2]), int(sys.argv[3])), sys.stdout)

@@ -1,32 +1,41 @@
 """Sweeps that are killed at any moment, and writers that start at once: nothing is lost."""
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.sweeps.killing import KILLS, RATES, ROUNDS, WRITERS
+from dynkit import Sweep, sweep
+from tests.programs import said_by_program
+from tests.sweeps.cases import CHAIN, FREQUENCIES, SHORT, assert_same_bits
+from tests.sweeps.killing import KILLS, MOMENTS, RATES, ROUNDS, WRITERS
 
-ROOT = Path(__file__).resolve().parents[2]
 LOCK, NEW, STORE = ".x.h5.lock", ".x.h5.new", "x.h5"
 
 
-def campaign(name: str, folder: Path) -> dict[str, Any]:
+def campaign(name: str, folder: Path) -> Any:
     """What happened in processes that descend from one with a single thread, which may fork."""
-    found = subprocess.run(
-        [sys.executable, "-m", "tests.sweeps.killing", name, str(folder), "20261122"],
-        cwd=ROOT,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    outcome: dict[str, Any] = json.loads(found.stdout)
-    return outcome
+    return said_by_program("tests.sweeps.killing", name, str(folder), "20261122")
+
+
+@pytest.fixture(scope="module")
+def moments(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[int], Sweep]:
+    """Where the stores are, how many values of each survived, and what nobody killed."""
+    folder = tmp_path_factory.mktemp("moments")
+    whole = sweep(CHAIN, "frequency", FREQUENCIES, **SHORT)
+    return folder, campaign("moments", folder), whole
+
+
+@pytest.mark.parametrize("place", range(len(MOMENTS)), ids=str)
+def test_a_killed_sweep_goes_on_where_it_was(
+    moments: tuple[Path, list[int], Sweep], place: int
+) -> None:
+    folder, survived, whole = moments
+    exact = [0, 7, 7]
+    assert place >= len(exact) or survived[place] == exact[place]
+    store = folder / f"{place}.h5"
+    assert_same_bits(sweep(CHAIN, "frequency", FREQUENCIES, store=store, **SHORT), whole)
+    assert [file.name for file in folder.iterdir() if store.name in file.name] == [store.name]
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,5 @@
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import dynkit.data.store
@@ -44,73 +40,6 @@ def test_an_interrupted_sweep_goes_on_where_it_was(
     resumed = sweep_rates(store)
     assert Counted.calls == 69 * (len(RATES) - (call - 1) // 69)
     assert_same_bits(resumed, sweep_rates())
-
-
-CHILD = """
-import os, signal, sys, threading, time
-import numpy as np
-from dynkit import sweep
-from dynkit.engine import collecting
-from dynkit.systems import ImpactChain
-
-collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
-
-def die():
-    os.kill(os.getpid(), signal.SIGKILL)
-
-store, moment, number = sys.argv[1], sys.argv[2], float(sys.argv[3])
-def die_later():
-    while not os.path.exists(store):
-        time.sleep(0.0001)
-    empty = os.stat(store).st_mtime_ns
-    while os.stat(store).st_mtime_ns == empty:
-        time.sleep(0.0001)
-    time.sleep(number)
-    die()
-
-if moment == "any":
-    threading.Thread(target=die_later, daemon=True).start()
-else:
-    call, count = getattr(os, moment), 0
-    def counted(*arguments):
-        global count
-        count += 1
-        return die() if count == number else call(*arguments)
-    setattr(os, moment, counted)
-sweep(ImpactChain(masses=3, frequency=0.9), "frequency", np.linspace(0.5, 1.5, 12),
-      transient=30, keep=20, progress=False, store=store)
-time.sleep(60)
-"""
-
-
-def killed(store: Path, moment: str, number: float) -> int:
-    """Sweep in a process that kills itself, and return how many values survived."""
-    command = [sys.executable, "-c", CHILD, str(store), moment, str(number)]
-    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
-    return len(dynkit.data.store.read(store).arrays["done"]) if store.exists() else 0
-
-
-@pytest.mark.parametrize(
-    ("moment", "number", "survive"),
-    [
-        ("fsync", 1, 0),  # the first file is written, but not yet in its place
-        ("replace", 9, 7),
-        ("fsync", 16, 7),  # in its place, the folder not yet flushed
-        *(
-            ("any", delay, None)
-            for delay in np.random.default_rng(1).uniform(0.0, 0.03, 5).tolist()
-        ),
-    ],
-)
-def test_a_killed_sweep_goes_on_where_it_was(
-    tmp_path: Path, moment: str, number: float, survive: int | None
-) -> None:
-    store = tmp_path / "x.h5"
-    survived = killed(store, moment, number)
-    assert survive is None or survived == survive
-    resumed = sweep(CHAIN, "frequency", FREQUENCIES, store=store, **SHORT)
-    assert_same_bits(resumed, sweep(CHAIN, "frequency", FREQUENCIES, **SHORT))
-    assert [file.name for file in tmp_path.iterdir()] == ["x.h5"]
 
 
 def test_a_loaded_sweep_is_the_one_that_was_stored(tmp_path: Path) -> None:
