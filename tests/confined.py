@@ -11,6 +11,7 @@ import json
 import os
 import resource
 import sys
+import tempfile
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -37,7 +38,7 @@ ROOM = 32 * 1024
 
 RATES = np.linspace(3.4, 3.9, 60)
 SIMULATE = ["simulate", "--masses", "2", "--frequency", "0.9", "--impacts", "3000"]
-FREQUENCIES = ",".join(map(str, np.linspace(0.8, 1.0, 200)))
+FREQUENCIES = ",".join(map(str, np.linspace(0.8, 1.0, 100)))
 SWEEP = ["sweep", "--masses", "2", "--values", FREQUENCIES, "--transient", "0", "--keep", "50"]
 SWEEP += ["--no-labels", "--no-progress"]
 
@@ -234,7 +235,11 @@ def apart(confined: Callable[[Path], dict[str, Any]], folder: Path) -> Any:
 
 
 if __name__ == "__main__":
-    followed()
+    with (
+        tempfile.TemporaryDirectory() as unconfined
+    ):  # what has to be made ready is for all of them
+        for work in writers(Path(unconfined)).values():
+            work()
     confinements: dict[str, Callable[[Path], dict[str, Any]]] = {
         "disk": partial(full, confine=small_disk, writing=writers),
         "limit": partial(full, confine=limited, writing=plain_writers),

@@ -156,7 +156,7 @@ def test_the_dimension_of_lorenz() -> None:
 
 
 def test_a_section_has_the_flow_s_exponents_but_the_zero() -> None:
-    flow = Lorenz(tolerance=1e-9)
+    flow = Lorenz(tolerance=1e-7)
     plane = Hyperplane(np.array([0.0, 0.0, 1.0]), offset=27.0, direction=-1)
     section = PoincareMap(flow, plane, time_limit=10.0)
     attractor = MapAttractor(section, np.array([2.0, 2.0]), transient=20, iterations=1)

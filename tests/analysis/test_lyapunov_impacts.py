@@ -23,6 +23,11 @@ def chain(frequency: float, transient: int = 1000) -> Attractor:
     return ImpactChain(frequency=frequency).attractor(transient=transient)
 
 
+@cache
+def spectrum_of(frequency: float, iterations: int) -> LyapunovSpectrum:
+    return LyapunovSpectrum(chain(frequency), iterations)
+
+
 def test_exponents_of_p13_are_logarithms_of_its_multipliers() -> None:
     attractor = chain(0.87, 5000)
     spectrum = LyapunovSpectrum(attractor, 20_000)
@@ -134,7 +139,7 @@ CONTACTS = [(0.40816, 1000), (1.916, 5000), (1.346, 12_000)]
 
 @pytest.mark.parametrize(("frequency", "iterations"), CONTACTS)
 def test_one_contact_takes_two_directions_for_good(frequency: float, iterations: int) -> None:
-    spectrum = LyapunovSpectrum(chain(frequency), iterations)
+    spectrum = spectrum_of(frequency, iterations)
     assert np.isneginf(spectrum.exponents).tolist() == 18 * [False] + 2 * [True]
     assert (spectrum.error[-2:] == 0.0).all()
     assert (spectrum.sum, spectrum.sum_error) == (-np.inf, 0.0)
@@ -142,7 +147,7 @@ def test_one_contact_takes_two_directions_for_good(frequency: float, iterations:
 
 @pytest.mark.parametrize(("frequency", "iterations"), CONTACTS)
 def test_nothing_is_no_number_where_directions_are_lost(frequency: float, iterations: int) -> None:
-    spectrum = LyapunovSpectrum(chain(frequency), iterations)
+    spectrum = spectrum_of(frequency, iterations)
     shown = [spectrum.exponents, spectrum.per_time, spectrum.error, spectrum.per_time_error]
     numbers = [spectrum.sum, spectrum.sum_error, spectrum.dimension, spectrum.dimension_error]
     assert not np.isnan(np.concatenate([*shown, numbers])).any()
@@ -155,14 +160,13 @@ def test_finite_exponents_are_drawn_where_directions_are_lost(
     frequency: float, iterations: int
 ) -> None:
     _, (axes,) = new_figure()
-    LyapunovSpectrum(chain(frequency), iterations).plot(axes)
+    spectrum_of(frequency, iterations).plot(axes)
     assert len(axes.lines) == 18
 
 
 def test_exponents_that_contact_does_not_take_are_those_without_it() -> None:
     # Every third run of a thousand impacts or so is without contact.
-    attractor = chain(1.346)
-    whole = LyapunovSpectrum(attractor, 12_000)
+    attractor, whole = chain(1.346), spectrum_of(1.346, 12_000)
     runs = (
         LyapunovSpectrum.of_map(attractor.system, start, iterations=1000)
         for start in attractor.states

@@ -329,6 +329,14 @@ def doubling() -> Bifurcation:
     return found
 
 
+@cache
+def doubled() -> StickingOrbit:
+    """What branches off there."""
+    (found,) = doubling().switch()
+    assert isinstance(found, StickingOrbit)
+    return found
+
+
 def test_a_multiplier_of_simulations_is_minus_one_where_the_period_doubles() -> None:
     assert abs(crossing(lambda d: lowest_multiplier(near(doubling(), d)), 2e-6)) < 1e-9
     assert (
@@ -337,26 +345,22 @@ def test_a_multiplier_of_simulations_is_minus_one_where_the_period_doubles() -> 
 
 
 def test_where_the_period_doubles_there_is_an_orbit_of_twice_the_period() -> None:
-    (doubled,) = doubling().switch()
-    assert isinstance(doubled, StickingOrbit)
-    assert doubled.label == "P(inf,2)"
-    _, places, _ = releases_of(doubled)
-    assert abs(returned(doubled, places) - places).max() < 1e-10
+    assert doubled().label == "P(inf,2)"
+    _, places, _ = releases_of(doubled())
+    assert abs(returned(doubled(), places) - places).max() < 1e-10
     # Its two releases are not the same.
-    assert abs(np.diff(doubled.states[:, :-2], axis=0)).max() > 1e-5
+    assert abs(np.diff(doubled().states[:, :-2], axis=0)).max() > 1e-5
 
 
 def test_a_doubled_orbit_that_sticks_is_near_where_its_branch_begins() -> None:
-    (doubled,) = doubling().switch()
-    assert abs(doubled.system.value_of("damping") - doubling().value) < 1e-3
+    assert abs(doubled().system.value_of("damping") - doubling().value) < 1e-3
     # where a branch of doubled orbits begins, a multiplier of theirs is one
-    assert abs(doubled.multipliers - 1.0).min() < 0.25
+    assert abs(doubled().multipliers - 1.0).min() < 0.25
 
 
 def test_all_points_of_a_doubled_branch_that_sticks_have_twice_the_period() -> None:
-    (doubled,) = doubling().switch()
     _, _, name, bounds = BRANCHES["doubling"]
-    branch = continue_orbit(doubled, name, bounds=bounds, points=40)
+    branch = continue_orbit(doubled(), name, bounds=bounds, points=20)
     assert branch.label == "P(inf,2)"
     assert len(branch) >= 10
     meetings = [b.value for b in branch.bifurcations if b.kind == "BP"]
