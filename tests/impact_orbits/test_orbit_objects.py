@@ -6,6 +6,7 @@ import copy
 import math
 import pickle
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
+from dynkit.systems.impact.sticking.orbit import StickingOrbit
+from tests.impact_orbits import sticking_cases
 from tests.impact_orbits.structures import SYSTEMS
 from tests.impact_orbits.test_many_impacts import FREQUENCIES, SEARCHED, searched, settled
 
@@ -46,6 +49,16 @@ ORBITS: dict[str, Callable[[], ImpactOrbit]] = {
 }
 
 
+STICKING: dict[str, Callable[[], StickingOrbit]] = {
+    f"sticking: {name}": partial(sticking_cases.orbit_of, name) for name in sticking_cases.SYSTEMS
+}
+ANY: dict[str, Callable[[], ImpactOrbit | StickingOrbit]] = {**ORBITS, **STICKING}
+FEW = pytest.mark.parametrize(
+    "orbit_of", [partial(settled, 0.33), STICKING["sticking: chain of 3, 0.3"]], ids=["P", "P(inf)"]
+)
+"""One orbit of each kind, for what is refused alike."""
+
+
 # --- samples --------------------------------------------------------------------------------------
 
 
@@ -68,16 +81,16 @@ def test_samples_are_those_of_a_simulation(name: str) -> None:
         assert abs(found - wanted).max() <= bound < 1e-5
 
 
-@pytest.mark.parametrize("name", ORBITS)
+@pytest.mark.parametrize("name", ANY)
 def test_samples_repeat_themselves(name: str) -> None:
-    orbit = ORBITS[name]()
+    orbit = ANY[name]()
     times = np.linspace(0.0, orbit.period, 50, endpoint=False) + 1e-3
     first = orbit.sample(times)
     for turns in (-3, 1, 1000):
         again = orbit.sample(times + turns * orbit.period)
         for a, b in zip(first, again, strict=True):
             # Times are rounded to an ulp of themselves.
-            assert abs(a - b).max() <= 1e-11
+            assert abs(a - b).max() <= (1e-10 if name in STICKING else 1e-11)
 
 
 @pytest.mark.parametrize("name", ORBITS)
@@ -94,22 +107,32 @@ def test_samples_are_finite_and_of_the_shape_that_was_asked_for() -> None:
     position, velocity = orbit.sample([0.0, 1e6, -1e6])
     assert position.shape == velocity.shape == (3, 10)
     assert np.isfinite(position).all()
-    assert orbit.sample([])[0].shape == (0, 10)
 
 
-@pytest.mark.parametrize("times", [[math.nan], [math.inf], 1.0, [[1.0]]])
-def test_times_that_are_no_times_are_refused(times: object) -> None:
-    with pytest.raises(ValueError, match=r"times.* must"):
-        settled(0.28).sample(times)
+@FEW
+def test_no_times_give_no_samples(orbit_of: Callable[[], Any]) -> None:
+    position, velocity = orbit_of().sample([])
+    assert position.shape == velocity.shape == (0, orbit_of().system.degrees_of_freedom)
+
+
+@FEW
+@pytest.mark.parametrize("times", [math.nan, [math.nan], [math.inf], 1.0, [[1.0]], "now"])
+def test_times_that_are_no_times_are_refused(orbit_of: Callable[[], Any], times: object) -> None:
+    with pytest.raises(ValueError, match=r"^times.* must") as refused:
+        orbit_of().sample(times)
+    assert "\n" not in str(refused.value)
 
 
 # --- arrays ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ORBITS)
+@pytest.mark.parametrize("name", ANY)
 def test_arrays_cannot_be_changed(name: str) -> None:
-    orbit = ORBITS[name]()
-    for array in (orbit.states, orbit.phases, orbit.impulses, orbit.unknowns, orbit.multipliers):
+    orbit = ANY[name]()
+    arrays = [orbit.states, orbit.unknowns, orbit.multipliers]
+    if isinstance(orbit, ImpactOrbit):
+        arrays += [orbit.phases, orbit.impulses]
+    for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
 
@@ -133,14 +156,19 @@ def test_observables_are_those_of_a_diagram() -> None:
     assert np.array_equal(orbit.observable("time"), orbit.time)
 
 
-def test_an_unknown_observable_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"name must be .*; got 'colour'"):
-        settled(0.33).observable("colour")
+@FEW
+@pytest.mark.parametrize("name", ["colour", "x", "energy", ""])
+def test_an_unknown_observable_is_refused(orbit_of: Callable[[], Any], name: str) -> None:
+    message = rf"^name must be relative_velocity, phase or time; got '{name}'$"
+    with pytest.raises(ValueError, match=message):
+        orbit_of().observable(name)
 
 
-def test_an_unknown_parameter_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"parameter must be one of: .*; got 'colour'"):
-        settled(0.33).problem("frequency", "colour")
+@FEW
+@pytest.mark.parametrize("name", ["colour", "nonsense", "", "masses", "contact"])
+def test_an_unknown_parameter_is_refused(orbit_of: Callable[[], Any], name: str) -> None:
+    with pytest.raises(ValueError, match=rf"^parameter must be one of: .*; got '{name}'$"):
+        orbit_of().problem("frequency", name)
 
 
 def test_equations_can_have_any_parameters_free() -> None:
@@ -165,25 +193,24 @@ def test_a_problem_makes_the_orbit_again(name: str) -> None:
 @pytest.mark.parametrize(
     "again", [copy.copy, copy.deepcopy, lambda o: pickle.loads(pickle.dumps(o))]
 )
-@pytest.mark.parametrize("name", ORBITS)
-def test_copies_are_the_same_orbit(name: str, again: Callable[[ImpactOrbit], ImpactOrbit]) -> None:
-    orbit = ORBITS[name]()
+@pytest.mark.parametrize("name", ANY)
+def test_copies_are_the_same_orbit(name: str, again: Callable[[Any], Any]) -> None:
+    orbit = ANY[name]()
     twin = again(orbit)
-    assert twin.system == orbit.system
-    assert twin.label == orbit.label
-    assert twin.history == orbit.history
-    assert np.array_equal(twin.states, orbit.states)
-    assert np.array_equal(twin.multipliers, orbit.multipliers)
+    assert (twin.system, twin.label, twin.history) == (orbit.system, orbit.label, orbit.history)
+    assert twin.states.tobytes() == orbit.states.tobytes()
+    assert twin.multipliers.tobytes() == orbit.multipliers.tobytes()
     with pytest.raises(ValueError, match="read-only"):
         twin.unknowns[0] = 0.0
 
 
-@pytest.mark.parametrize("name", ORBITS)
+@pytest.mark.parametrize("name", ANY)
 def test_an_orbit_is_shown_in_one_line(name: str) -> None:
-    orbit = ORBITS[name]()
+    orbit = ANY[name]()
     shown = repr(orbit)
     assert "\n" not in shown
-    assert shown.startswith(f"<{orbit.label} ")
+    assert shown.startswith(f"<{orbit.label} of {type(orbit.system).__name__}(")
+    assert name in ORBITS or len(shown) < 200
     assert ("unstable" in shown) != orbit.stable
     assert ("inadmissible" in shown) != orbit.admissible
     assert isinstance(orbit, PeriodicOrbit)
@@ -276,10 +303,15 @@ def test_structures_that_nothing_holds_are_refused(name: str) -> None:
             FREE[name].periodic_orbit(**arguments)
 
 
-def test_a_system_that_nothing_drives_is_refused() -> None:
+@pytest.mark.parametrize("sticking", [False, True])
+@pytest.mark.parametrize("search", [ImpactChain.periodic_orbit, ImpactChain.periodic_orbits])
+def test_a_system_that_nothing_drives_is_refused(
+    search: Callable[..., object], *, sticking: bool
+) -> None:
     quiet = ImpactChain(masses=2, frequency=0.87, amplitude=0.0, constant_forces=(0.0, -1.0))
-    with pytest.raises(ValueError, match="system must be driven"):
-        quiet.periodic_orbit()
+    message = "^system must be driven: amplitude and harmonic_forces are zero$"
+    with pytest.raises(ValueError, match=message):
+        search(quiet, sticking=sticking)
 
 
 def test_forces_at_resonance_without_damping_have_no_steady_response() -> None:
@@ -300,6 +332,5 @@ def test_where_there_is_no_orbit_an_error_says_so() -> None:
 
 
 def test_an_attractor_that_is_no_orbit_is_refused() -> None:
-    attractor = ImpactChain(frequency=1.346).attractor()
-    with pytest.raises(ValueError, match=r"attractor must be P\(n,m\) or P.* it is chaotic"):
-        attractor.periodic_orbit()
+    with pytest.raises(ValueError, match=r"^attractor must be P\(n,m\) or P\(inf,m\); it is chao"):
+        ImpactChain(frequency=1.346).attractor().periodic_orbit()
