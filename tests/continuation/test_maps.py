@@ -17,14 +17,6 @@ def henon() -> Branch:
     return continue_orbit(orbit, "a", bounds=(-0.2, 1.4), points=300)
 
 
-def test_the_fixed_points_of_henon_fold_and_double(henon: Branch) -> None:
-    # M. Henon, Commun. Math. Phys. 50 (1976) 69-77
-    fold, doubling = henon.bifurcations
-    assert (fold.kind, doubling.kind) == ("SN", "PD")
-    assert abs(fold.value + 0.7**2 / 4.0) < 1e-10
-    assert abs(doubling.value - 3.0 * 0.7**2 / 4.0) < 1e-10
-
-
 def test_orbits_of_henon_double_again_and_again(henon: Branch) -> None:
     branch = henon
     for period in (2, 4, 8):
@@ -56,13 +48,6 @@ def test_a_branch_of_a_map_is_stored(henon: Branch, tmp_path: Path) -> None:
     again = continue_orbit(loaded.bifurcations[1].orbit, "a", bounds=(0.3, 0.4))
     first = continue_orbit(henon.bifurcations[1].orbit, "a", bounds=(0.3, 0.4))
     assert again.unknowns.tobytes() == first.unknowns.tobytes()
-
-
-def test_period_three_of_the_logistic_map() -> None:
-    orbit = periodic_orbit(Logistic(rate=3.835), np.array([0.15]), period=3)
-    branch = continue_orbit(orbit, "rate", bounds=(3.8, 3.9))
-    (fold,) = (b for b in branch.bifurcations if b.kind == "SN")
-    assert abs(fold.value - (1.0 + 8.0**0.5)) < 1e-10
 
 
 def test_from_a_doubled_branch_one_comes_back_to_the_single_orbit() -> None:

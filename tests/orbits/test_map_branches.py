@@ -75,6 +75,8 @@ def henon() -> Branch:
 
 
 def test_henons_map(henon: Branch) -> None:
+    # M. Henon, Commun. Math. Phys. 50 (1976) 69-77
+    assert [b.kind for b in henon.bifurcations] == ["SN", "PD"]
     assert abs(only(henon, "SN").value + 0.7**2 / 4.0) < TEN_DIGITS
     doubling = only(henon, "PD")
     assert abs(doubling.value - 3.0 * 0.7**2 / 4.0) < TEN_DIGITS

@@ -248,27 +248,6 @@ def test_the_same_call_resumes_a_store(tmp_path: Path) -> None:
         basins(Henon(a=1.0), STARTS[::-1], **SHORT, store=tmp_path / "x.h5")
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"starts": [0.0, 0.0]}, r"starts must have shape \(k, 2\) or \(k1, k2, 2\)"),
-        ({"starts": np.zeros((0, 2))}, r"starts must have shape .* and hold one or more"),
-        ({"starts": [[0.0]]}, r"starts must have shape \(1, 2\); got shape \(1, 1\)"),
-        ({"starts": [[0.0, np.nan]]}, r"starts\[0, 1\] must be a finite number; got nan"),
-        ({"keep": 0}, "keep must be a positive integer; got 0"),
-        ({"transient": -1}, "transient must be zero or a positive integer; got -1"),
-        ({"system": "map"}, "system must be a Map; got 'map'"),
-    ],
-)
-def test_bad_input_is_refused_by_name_and_nothing_is_written(
-    tmp_path: Path, changed: dict[str, Any], message: str
-) -> None:
-    usual: dict[str, Any] = {"system": Henon(), "starts": STARTS, **SHORT}
-    with pytest.raises(ValueError, match=message):
-        basins(**{**usual, **changed}, store=tmp_path / "x.h5")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_starts_of_which_none_is_a_state_are_refused() -> None:
     chain = ImpactChain(masses=1, frequency=1.0, offset=0.2)
     with pytest.raises(ValueError, match="starts must hold a state of the system; got none"):

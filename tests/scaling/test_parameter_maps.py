@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -85,37 +84,6 @@ def test_a_map_loaded_without_its_system_says_so(tmp_path: Path) -> None:
     assert str(loaded.label(0, 0)) == loaded.names[0, 0]
     with pytest.raises(ValueError, match="system must be given to load a map"):
         loaded.attractor(0, 0)
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"values": {"a": [1.0]}}, "values must hold the values of two parameters by name; got"),
-        ({"values": [1.0, 2.0]}, "values must hold the values of two parameters by name; got"),
-        ({"values": {"a": [1.0], "c": [1.0]}}, "values must be of parameters among a, b; got 'c'"),
-        ({"values": {"a": [1.0], "b": []}}, r"values\['b'\] must hold at least one number; got"),
-        ({"values": {"a": [1.0], "b": [np.nan]}}, r"values\['b'\]\[0\] must be a finite number"),
-        ({"start": None}, r"start must be a state of the map, \(2,\); got None"),
-        ({"start": [1.0]}, r"start must have shape \(2,\); got shape \(1,\)"),
-        ({"keep": 0}, "keep must be a positive integer; got 0"),
-        ({"transient": -1}, "transient must be zero or a positive integer; got -1"),
-        ({"exponents": -1}, "exponents must be zero or a positive integer; got -1"),
-        ({"observables": ["energy"]}, r"observables must be among state\[0\], state\[1\]; got"),
-        ({"system": "map"}, "system must be a Map; got 'map'"),
-    ],
-)
-def test_bad_input_is_refused_by_name_and_nothing_is_written(
-    tmp_path: Path, changed: dict[str, Any], message: str
-) -> None:
-    usual: dict[str, Any] = {"system": Henon(), "values": VALUES, "start": START, **SHORT}
-    with pytest.raises(ValueError, match=message):
-        parameter_map(**{**usual, **changed}, store=tmp_path / "x.h5")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_values_that_the_system_refuses_are_named() -> None:
-    with pytest.raises(ValueError, match=r"must be positive; got 0\.0 in values\['frequency'\]\[1"):
-        parameter_map(CHAIN, {"frequency": [0.5, 0.0], "damping": [0.1]}, progress=False)
 
 
 @pytest.mark.parametrize(("i", "j"), [(-1, 0), (7, 0), (0, 6)])

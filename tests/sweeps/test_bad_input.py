@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -5,51 +6,88 @@ import numpy as np
 import pytest
 
 import dynkit.data.store
-from dynkit import sweep
+from dynkit import basins, parameter_map, sweep
 from dynkit.core.no_motion import Diverged
-from dynkit.systems import Logistic
+from dynkit.systems import Henon, Logistic
+from tests.scaling.cases import STARTS, VALUES
 from tests.sweeps.cases import (
     CHAIN,
     FREQUENCIES,
-    SHORT,
     START,
     sweep_rates,
 )
 
+SWEEP: dict[str, Any] = {"system": CHAIN, "parameter": "frequency", "values": FREQUENCIES}
+PLANE: dict[str, Any] = {"system": Henon(), "values": VALUES, "start": [0.0, 0.0]}
+BASINS: dict[str, Any] = {"system": Henon(), "starts": STARTS}
+MADE = {sweep: SWEEP, parameter_map: PLANE, basins: BASINS}
+EACH = [
+    ({"keep": 0}, "keep must be a positive integer; got 0"),
+    ({"keep": "100"}, "keep must be a positive integer; got '100'"),
+    ({"transient": -1}, "transient must be zero or a positive integer; got -1"),
+    ({"transient": 7.0}, r"transient must be zero or a positive integer; got 7\.0"),
+    ({"system": "chain"}, "system must be a Map; got 'chain'"),
+]
+REFUSED: list[tuple[Callable[..., object], dict[str, Any], str]] = [
+    *((make, changed, message) for make in MADE for changed, message in EACH),
+    (sweep, {"values": []}, "values must hold at least one number; got none"),
+    (sweep, {"values": [0.5, np.nan]}, r"values\[1\] must be a finite number; got nan"),
+    (sweep, {"values": [np.inf]}, r"values\[0\] must be a finite number; got inf"),
+    (sweep, {"values": [[0.5]]}, r"values must have shape \(any,\); got shape \(1, 1\)"),
+    (sweep, {"values": 0.5}, r"values must have shape \(any,\); got shape \(\)"),
+    (sweep, {"values": ["0.5"]}, "values must be an array of real numbers"),
+    (sweep, {"values": [0.5, 0.0]}, r"frequency must be positive; got 0\.0 in values\[1\]"),
+    (sweep, {"parameter": "speed"}, r"parameter must be one of: frequency, .*; got 'speed'"),
+    (sweep, {"parameter": "masses"}, r"parameter must be one of: .*; got 'masses'"),
+    (sweep, {"observables": ["speed"]}, "observables must be among .*, time; got 'speed'"),
+    (sweep, {"observables": "energy"}, "observables must be a sequence of names; got 'energy'"),
+    (sweep, {"observables": []}, r"observables must be a sequence of names; got \[\]"),
+    (sweep, {"start": [1.0, 2.0]}, r"start must be an ImpactState; got \[1\.0, 2\.0\]"),
+    (sweep, {"start": CHAIN.replace(masses=4).state()}, "start must have 3 masses; got 4"),
+    (parameter_map, {"values": {"a": [1.0]}}, "values must hold the values of two parameters by"),
+    (parameter_map, {"values": [1.0, 2.0]}, "values must hold the values of two parameters by"),
+    (
+        parameter_map,
+        {"values": {"a": [1.0], "c": [1.0]}},
+        "values must be of parameters among a, b; got 'c'",
+    ),
+    (
+        parameter_map,
+        {"values": {"a": [1.0], "b": []}},
+        r"values\['b'\] must hold at least one number; got",
+    ),
+    (
+        parameter_map,
+        {"values": {"a": [1.0], "b": [np.nan]}},
+        r"values\['b'\]\[0\] must be a finite number",
+    ),
+    (
+        parameter_map,
+        {"system": CHAIN, "values": {"frequency": [0.5, 0.0], "damping": [0.1]}, "start": None},
+        r"must be positive; got 0\.0 in values\['frequency'\]\[1",
+    ),
+    (parameter_map, {"start": None}, r"start must be a state of the map, \(2,\); got None"),
+    (parameter_map, {"start": [1.0]}, r"start must have shape \(2,\); got shape \(1,\)"),
+    (parameter_map, {"exponents": -1}, "exponents must be zero or a positive integer; got -1"),
+    (
+        parameter_map,
+        {"observables": ["energy"]},
+        r"observables must be among state\[0\], state\[1\]; got",
+    ),
+    (basins, {"starts": [0.0, 0.0]}, r"starts must have shape \(k, 2\) or \(k1, k2, 2\)"),
+    (basins, {"starts": np.zeros((0, 2))}, r"starts must have shape .* and hold one or more"),
+    (basins, {"starts": [[0.0]]}, r"starts must have shape \(1, 2\); got shape \(1, 1\)"),
+    (basins, {"starts": [[0.0, np.nan]]}, r"starts\[0, 1\] must be a finite number; got nan"),
+]
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"values": []}, "values must hold at least one number; got none"),
-        ({"values": [0.5, np.nan]}, r"values\[1\] must be a finite number; got nan"),
-        ({"values": [np.inf]}, r"values\[0\] must be a finite number; got inf"),
-        ({"values": [[0.5]]}, r"values must have shape \(any,\); got shape \(1, 1\)"),
-        ({"values": 0.5}, r"values must have shape \(any,\); got shape \(\)"),
-        ({"values": ["0.5"]}, "values must be an array of real numbers"),
-        ({"values": [0.5, 0.0]}, r"frequency must be positive; got 0\.0 in values\[1\]"),
-        ({"parameter": "speed"}, r"parameter must be one of: frequency, .*; got 'speed'"),
-        ({"parameter": "masses"}, r"parameter must be one of: .*; got 'masses'"),
-        ({"transient": -1}, "transient must be zero or a positive integer; got -1"),
-        ({"transient": 7.0}, r"transient must be zero or a positive integer; got 7\.0"),
-        ({"keep": 0}, "keep must be a positive integer; got 0"),
-        ({"keep": "100"}, "keep must be a positive integer; got '100'"),
-        (
-            {"observables": ["speed"]},
-            "observables must be among .*, time; got 'speed'",
-        ),
-        ({"observables": "energy"}, "observables must be a sequence of names; got 'energy'"),
-        ({"observables": []}, r"observables must be a sequence of names; got \[\]"),
-        ({"start": [1.0, 2.0]}, r"start must be an ImpactState; got \[1\.0, 2\.0\]"),
-        ({"start": CHAIN.replace(masses=4).state()}, "start must have 3 masses; got 4"),
-        ({"system": "chain"}, "system must be a Map; got 'chain'"),
-    ],
-)
+
+@pytest.mark.parametrize(("make", "changed", "message"), REFUSED)
 def test_bad_input_is_refused_by_name_and_nothing_is_written(
-    tmp_path: Path, changed: dict[str, Any], message: str
+    tmp_path: Path, make: Callable[..., object], changed: dict[str, Any], message: str
 ) -> None:
-    usual: dict[str, Any] = {"system": CHAIN, "parameter": "frequency", "values": FREQUENCIES}
+    options: dict[str, Any] = {"transient": 30, "keep": 20, "progress": False}
     with pytest.raises(ValueError, match=message):
-        sweep(**{**usual, **SHORT, **changed}, store=tmp_path / "x.h5")
+        make(**{**MADE[make], **options, **changed}, store=tmp_path / "x.h5")
     assert list(tmp_path.iterdir()) == []
 
 
