@@ -2,6 +2,7 @@
 
 import csv
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ def table_of(text: str) -> list[list[str]]:
     return [line.split() for line in lines[start + 1 :] if re.match(r"[A-Z]{2} ", line)]
 
 
+@cache
 def expected() -> Branch:
     chain = ImpactChain(frequency=0.87)
     return continue_orbit(chain.periodic_orbit(periods=3), "frequency", bounds=(0.7, 1.1))

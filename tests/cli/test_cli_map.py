@@ -1,7 +1,6 @@
 """`dynkit map`."""
 
 import csv
-import re
 from pathlib import Path
 
 import h5py
@@ -43,27 +42,3 @@ def test_workers_and_a_store_give_the_same_map() -> None:
         assert sorted(one) == sorted(two)
         for name in one:
             assert one[name][()].tolist() == two[name][()].tolist()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (["--x", "speed,1,2,3"], "x must be one of: frequency, .*; got 'speed'"),
-        (["--x", "frequency,1,2"], r"x must be NAME,FROM,TO,COUNT; got \['frequency', 1, 2\]"),
-        (["--x", "1,2,3,4"], "x must be NAME,FROM,TO,COUNT; got"),
-        (["--x", "frequency,1,two,4"], "x must be a finite number; got 'two'"),
-        (["--x", "frequency,1,2,2.5"], "COUNT of x must be a positive integer; got 2.5"),
-        (["--y", "frequency,1,2,3"], "y must be of another parameter than x"),
-        (["--damping", "0.1"], "damping must not be given when it changes; got 0.1"),
-        (["--workers", "0"], "workers must be a positive integer; got 0"),
-        (["--out", "map.gif"], "out must end in .csv, .npz, .h5, .png, .svg, .pdf; got 'map.gif'"),
-        (["--store", "a.h5", "--out", "a.h5"], "out must be another file than store; got 'a.h5'"),
-    ],
-)
-def test_bad_input_is_refused_on_one_line_and_nothing_is_written(
-    arguments: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*SMALL, *arguments]) == 2
-    shown = capsys.readouterr().err
-    assert re.fullmatch(f"dynkit map: error: {line}.*\n", shown)
-    assert list(tmp_path.iterdir()) == []

@@ -104,12 +104,15 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
 @pytest.mark.parametrize(
     "page",
     [
-        "README.md",
         "docs/index.md",
         *(f"{HOW_TO}{name}.md" for name in ("keep-results", "make-a-structure")),
     ],
 )
 def test_code_prints_what_its_page_shows(page: str) -> None:
+    assert_prints_what_is_shown(page)
+
+
+def assert_prints_what_is_shown(page: str) -> None:
     for shown, printed, _ in run(page):
         assert len(shown) == len(printed), (shown, printed)
         assert all(map(agrees, shown, printed)), (shown, printed)
@@ -143,9 +146,8 @@ def test_commands_draw_what_their_page_says(folder: Path) -> None:
         (folder / file).unlink()
 
 
-def test_the_command_of_the_readme_draws_what_its_code_draws(folder: Path) -> None:
-    for _ in run("README.md"):
-        pass
+def test_the_readme_prints_what_it_shows_and_its_command_draws_the_same(folder: Path) -> None:
+    assert_prints_what_is_shown("README.md")
     _, by_code = shows(folder / "diagram.png").split(": ")
     (folder / "diagram.png").unlink()
     for arguments in commands("README.md"):
