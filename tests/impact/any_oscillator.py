@@ -33,10 +33,12 @@ class Begin:
 
     @property
     def state(self) -> ImpactState:
-        return self.system.state(self.position, self.velocity, self.phase)
+        state: ImpactState = self.system.state(self.position, self.velocity, self.phase)
+        return state
 
     def simulate(self, impacts: int) -> ImpactRecord:
-        return self.system.simulate(impacts=impacts, start=self.state)
+        record: ImpactRecord = self.system.simulate(impacts=impacts, start=self.state)
+        return record
 
     def changed(self, **arguments: Any) -> Begin:
         """The same start of an oscillator with other arguments."""

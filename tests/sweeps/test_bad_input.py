@@ -20,8 +20,12 @@ from tests.sweeps.cases import (
 SWEEP: dict[str, Any] = {"system": CHAIN, "parameter": "frequency", "values": FREQUENCIES}
 PLANE: dict[str, Any] = {"system": Henon(), "values": VALUES, "start": [0.0, 0.0]}
 BASINS: dict[str, Any] = {"system": Henon(), "starts": STARTS}
-MADE = {sweep: SWEEP, parameter_map: PLANE, basins: BASINS}
-EACH = [
+MADE: dict[Callable[..., object], dict[str, Any]] = {
+    sweep: SWEEP,
+    parameter_map: PLANE,
+    basins: BASINS,
+}
+EACH: list[tuple[dict[str, Any], str]] = [
     ({"keep": 0}, "keep must be a positive integer; got 0"),
     ({"keep": "100"}, "keep must be a positive integer; got '100'"),
     ({"transient": -1}, "transient must be zero or a positive integer; got -1"),

@@ -40,7 +40,8 @@ def test_a_killed_sweep_goes_on_where_it_was(
 
 @pytest.fixture(scope="module")
 def kills(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return campaign("kill", tmp_path_factory.mktemp("kills"))
+    found: dict[str, Any] = campaign("kill", tmp_path_factory.mktemp("kills"))
+    return found
 
 
 def test_two_hundred_were_killed_before_and_while_they_wrote(kills: dict[str, Any]) -> None:
