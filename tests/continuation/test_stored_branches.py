@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynkit import sweep
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.systems import Henon
@@ -93,26 +91,6 @@ def test_another_kind_of_orbit_is_refused(stored: Path) -> None:
 def test_a_system_without_the_parameter_is_refused(stored: Path) -> None:
     with pytest.raises(ValueError, match=r"was made with parameter a; got a system without it$"):
         Branch.load(stored, logistic())
-
-
-def test_a_store_of_something_else_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "sweep.h5"
-    sweep(replace(Henon(), a=0.2), "a", [0.2], transient=1, keep=1, start=np.zeros(2), store=path)
-    with pytest.raises(ValueError, match=r"^store must hold a Branch; got "):
-        Branch.load(path)
-
-
-def test_a_damaged_store_is_refused(stored: Path) -> None:
-    data = bytearray(stored.read_bytes())
-    data[-100] ^= 1
-    stored.write_bytes(data)
-    with pytest.raises(ValueError, match=r"^store must be whole; got .*, which is truncated"):
-        Branch.load(stored)
-
-
-def test_a_folder_that_is_missing_is_refused(branch: Branch, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"^store must be in a folder that exists; got "):
-        branch.save(tmp_path / "no" / "branch.h5")
 
 
 def test_a_stored_branch_of_a_cycle_is_loaded_with_any_orbit_of_its_kind(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import BifurcationCurve, continue_curve
 from dynkit.systems import Henon
@@ -101,14 +100,3 @@ def test_another_kind_of_orbit_is_refused(stored: Path) -> None:
 def test_a_system_without_the_parameter_is_refused(stored: Path) -> None:
     with pytest.raises(ValueError, match=r"was made with parameter a; got a system without it$"):
         BifurcationCurve.load(stored, logistic())
-
-
-def test_the_store_of_a_branch_is_refused(tmp_path: Path) -> None:
-    continue_orbit(henon(), "a", bounds=(-0.2, 1.4), points=20).save(tmp_path / "branch.h5")
-    with pytest.raises(ValueError, match=r"^store must hold a BifurcationCurve; got "):
-        BifurcationCurve.load(tmp_path / "branch.h5")
-
-
-def test_the_store_of_a_curve_is_no_branch(stored: Path) -> None:
-    with pytest.raises(ValueError, match=r"^store must hold a Branch; got "):
-        Branch.load(stored)

@@ -92,19 +92,6 @@ def test_any_byte_that_flips_a_bit_is_refused(stored: Path) -> None:
     assert accepted == []
 
 
-def test_another_hdf5_file_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "foreign.h5"
-    with h5py.File(path, "w") as file:
-        file["values"] = [1.0]
-    assert_refused_untouched(path, r"store must be a store of dynkit, as .*; got .*foreign\.h5")
-
-
-def test_a_file_of_text_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "thesis.txt"
-    path.write_text("All that I have.\n" * 100)
-    assert_refused_untouched(path, r"store must be a store of dynkit, as .*; got .*thesis\.txt")
-
-
 def test_another_format_is_refused_by_number(stored: Path) -> None:
     stored.write_bytes(stored.read_bytes().replace(b"format 1\n", b"format 0\n", 1))
     assert_refused_untouched(stored, r"store must have format 1; got format 0 of .*x\.h5")
@@ -113,11 +100,6 @@ def test_another_format_is_refused_by_number(stored: Path) -> None:
 def test_a_missing_store_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"can be read; got .*x\.h5 \(No such file"):
         read(tmp_path / "x.h5")
-
-
-def test_a_folder_is_no_store(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="store must be a file; got"):
-        place(tmp_path)
 
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ Each byte and each length of one store are tried in tests/data/test_store.py; he
 
 import json
 import os
+import re
 import socket
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 import dynkit
-from dynkit import BifurcationCurve, Branch, Network, Sweep
+from dynkit import Basins, BifurcationCurve, Branch, Network, ParameterMap, Sweep
 from dynkit.data import store
 from dynkit.data.store import Archive
 from dynkit.systems import Henon, Logistic
@@ -31,13 +32,38 @@ def resumed(path: Path | None, **changed: Any) -> Sweep:
     return dynkit.sweep(Logistic(rate=3.5), "rate", RATES, store=path, **arguments, **changed)
 
 
-KINDS = ("sweep", "independent", "branch", "curve", "network")
+def mapped(path: Path) -> ParameterMap:
+    values = {"a": [0.2, 1.0], "b": [0.2, 0.3]}
+    arguments: dict[str, Any] = {"start": [0.1, 0.1], "transient": 5, "keep": 4, "progress": False}
+    return dynkit.parameter_map(Henon(), values, store=path, **arguments)
+
+
+def attracted(path: Path) -> Basins:
+    starts, arguments = [[0.1, 0.1], [0.2, 0.1]], {"transient": 5, "keep": 9, "progress": False}
+    return dynkit.basins(Henon(a=1.0), starts, store=path, **arguments)
+
+
+HELD = {
+    "sweep": "a sweep",
+    "independent": "a sweep",
+    "plane": "a map of two parameters",
+    "basins": "a (basins of attraction|Basins)",
+    "branch": "a Branch",
+    "curve": "a BifurcationCurve",
+    "network": "a Network",
+}
+"""What a refusal says that a store of each kind must hold."""
+
 READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "sweep": ("sweep", resumed),
     "Sweep.load": ("sweep", Sweep.load),
     "Sweep.load, system": ("sweep", partial(Sweep.load, system=Logistic(rate=1.0))),
     "independent sweep": ("independent", partial(resumed, follow=False)),
     "Sweep.load of it": ("independent", Sweep.load),
+    "plane": ("plane", mapped),
+    "ParameterMap.load": ("plane", ParameterMap.load),
+    "basins": ("basins", attracted),
+    "Basins.load": ("basins", Basins.load),
     "Branch.load": ("branch", Branch.load),
     "Branch.load, orbit": ("branch", partial(Branch.load, orbit=ORBIT)),
     "BifurcationCurve.load": ("curve", BifurcationCurve.load),
@@ -65,6 +91,8 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Archive]:
     folder = tmp_path_factory.mktemp("stores")
     resumed(folder / "sweep")
     resumed(folder / "independent", follow=False)
+    mapped(folder / "plane")
+    attracted(folder / "basins")
     branch = dynkit.continue_orbit(ORBIT, "a", bounds=(0.1, 1.4))
     branch.save(folder / "branch")
     names, bounds = ("a", "b"), ((0.0, 3.0), (-0.9, 0.9))
@@ -73,7 +101,7 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Archive]:
     dynkit.explore(
         Logistic(rate=2.9), "rate", (2.0, 3.3), iterates=1, seeds=[first.orbit(0)], values=2
     ).save(folder / "network")
-    return {kind: store.read(folder / kind) for kind in KINDS}
+    return {kind: store.read(folder / kind) for kind in HELD}
 
 
 def refusal(reader: str, path: Path) -> str:
@@ -152,7 +180,8 @@ def test_a_store_of_another_kind_is_refused(
         # a sweep that does not follow has the same form as one that does
         if archive.entries["kind"] != archives[READERS[reader][0]].entries["kind"]:
             store.write(place, archive)
-            assert "store must hold a" in refusal(reader, place)
+            held = HELD[READERS[reader][0]]
+            assert re.search(f"store must hold {held}; got ", refusal(reader, place))
 
 
 def used(reader: str, path: Path) -> bool:

@@ -11,7 +11,6 @@ from hypothesis import assume, given, strategies as st
 
 from dynkit import NoConvergence, Sweep, continue_orbit, sweep
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.single import SingleImpactOscillator
 from tests.effort import share
@@ -87,10 +86,6 @@ def orbit_of(begin: Begin) -> ImpactOrbit:
     assert isinstance(orbit, ImpactOrbit)
     assume(orbit.relative_velocity.min() > 1e-3)
     return orbit
-
-
-def sorted_by_size(values: Array) -> Array:
-    return np.asarray(sorted(values, key=lambda z: (-abs(z).round(9), -z.real.round(9), z.imag)))
 
 
 @share(0.1)

@@ -235,12 +235,6 @@ def test_a_store_that_lacks_a_part_is_refused(tmp_path: Path) -> None:
         mapped(store=store)
 
 
-def test_a_store_of_something_else_is_refused(tmp_path: Path) -> None:
-    swept(store=tmp_path / "x.h5")
-    with pytest.raises(ValueError, match="store must hold a map of two parameters; got"):
-        mapped(store=tmp_path / "x.h5")
-
-
 def test_a_sweep_of_independent_starts_is_loaded_as_it_was_stored(tmp_path: Path) -> None:
     found = swept(store=tmp_path / "x.h5")
     loaded = Sweep.load(tmp_path / "x.h5", Henon())

@@ -74,34 +74,6 @@ def test_the_swept_parameter_of_the_system_has_no_effect(tmp_path: Path) -> None
     assert_same_bits(first, again)
 
 
-@pytest.mark.parametrize("content", [b"", b"All that I have.\n" * 100, b"\x89HDF\r\n\x1a\n"])
-def test_a_foreign_file_is_refused_untouched(tmp_path: Path, content: bytes) -> None:
-    store = tmp_path / "x.h5"
-    store.write_bytes(content)
-    with pytest.raises(ValueError, match=r"store must be a store of dynkit, .*; got .*x\.h5"):
-        sweep_rates(store)
-    assert store.read_bytes() == content
-    assert Counted.calls == 0
-
-
-def test_a_damaged_store_is_refused_untouched(tmp_path: Path) -> None:
-    store = tmp_path / "x.h5"
-    sweep_rates(store)
-    damaged = bytearray(store.read_bytes())
-    damaged[len(damaged) // 2] ^= 4
-    store.write_bytes(damaged)
-    with pytest.raises(ValueError, match="store must be whole"):
-        sweep_rates(store)
-    assert store.read_bytes() == damaged
-
-
-def test_a_store_of_something_else_is_refused(tmp_path: Path) -> None:
-    store = tmp_path / "x.h5"
-    dynkit.data.store.write(store, dynkit.data.store.Archive({"kind": "branch"}, {}))
-    with pytest.raises(ValueError, match=r"store must hold a sweep; got .*x\.h5"):
-        sweep_rates(store)
-
-
 def test_an_unfinished_store_of_another_version_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

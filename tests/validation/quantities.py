@@ -60,7 +60,7 @@ QUANTITIES = {
     "`multipliers_error`, P(1,m)": Quantity(multipliers.of_oscillators, 150),
     "`multipliers_error`, P(inf,m)": Quantity(multipliers.of_sticking_orbits, 110),
     "`multipliers_error`, van der Pol": Quantity(
-        cycles.of_van_der_pol, 1, partial(cycles.of_van_der_pol, tolerances=(1e-8, 1e-9))
+        cycles.of_van_der_pol, 1, partial(cycles.of_van_der_pol, tolerances=(1e-7, 1e-8))
     ),
     "`multipliers_error`, cycles": Quantity(cycles.of_bent_cycles, 53),
     "`multipliers_error`, branches": Quantity(multipliers.of_branches, 25),
