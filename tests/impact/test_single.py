@@ -63,42 +63,8 @@ UNSTABLE = [
 ]
 
 
-@pytest.mark.parametrize("case", STABLE + UNSTABLE, ids=repr)
-def test_the_closed_form_solves_the_equations_of_motion(case: Case) -> None:
-    # By a matrix exponential of position, velocity, sine and cosine: nothing else is shared.
-    system, orbit = case.system, case.orbit
-    with mp.workdps(DIGITS):
-        c, w = 2 * mpf(system.damping_ratio), mpf(system.frequency)
-        rates = mpmath.matrix([[0, 1, 0, 0], [-1, -c, 0, mpf(system.force)], [0, 0, 0, w], [0] * 4])
-        rates[3, 2] = -w
-        stop, u = mpf(system.stop), orbit.u
-        start = mpmath.matrix([stop, -u, mpmath.sin(orbit.phase), mpmath.cos(orbit.phase)])
-        end = mpmath.expm(rates * (2 * case.periods * mp.pi / w)) * start
-        assert abs(end[0] - stop) < mpf(10) ** -35
-        assert abs(mpf(system.restitution) * end[1] - u) < mpf(10) ** -35
-
-
-@pytest.mark.parametrize("case", STABLE + UNSTABLE, ids=repr)
-def test_periodic_orbits_are_fixed_points(case: Case) -> None:
-    system, state = case.system, case.orbit.state
-    steepest = abs(system.jacobian(state)).max()
-    # The state is rounded, and so are position and velocity where the flight ends.
-    allowed = 4.0 * ROUNDING * (1.0 + steepest) * (1.0 + abs(state).max())
-    assert abs(system.difference(system(state), state)).max() <= allowed
-
-
-@pytest.mark.parametrize("case", STABLE, ids=repr)
-def test_stable_orbits_are_kept(case: Case) -> None:
-    system, orbit = case.system, case.orbit
-    record = system.simulate(impacts=1000, start=system.impact_state(orbit.state))
-    off = system.difference(record.states, orbit.state)
-    assert orbit.stable
-    assert abs(off).max() < 1e-13
-    assert record.time == pytest.approx(
-        2.0 * math.pi * case.periods / system.frequency * np.arange(1, 1001),
-        rel=1e-14,
-        abs=0.0,
-    )
+CASES = STABLE + UNSTABLE
+"""Of which there is more in `test_closed_orbits`."""
 
 
 @pytest.mark.parametrize("case", STABLE, ids=repr)
@@ -111,34 +77,12 @@ def test_stable_orbits_attract_what_is_near(case: Case) -> None:
     assert str(attractor.label) == f"P(1,{case.periods})"
 
 
-@pytest.mark.parametrize("case", STABLE + UNSTABLE, ids=repr)
-def test_the_jacobian_is_the_closed_form(case: Case) -> None:
-    orbit = case.orbit
-    exact = np.array(orbit.derivative.tolist(), dtype=float)
-    found = case.system.jacobian(orbit.state)
-    # Its elements change by about their squares when the impact, of velocity u, is shifted.
-    allowed = 8.0 * ROUNDING * (1.0 + abs(exact).max() ** 2 / orbit.state[0])
-    assert abs(found - exact).max() <= allowed
-
-
-@pytest.mark.parametrize("case", STABLE + UNSTABLE, ids=repr)
+@pytest.mark.parametrize("case", CASES, ids=repr)
 def test_multipliers_are_the_closed_form(case: Case) -> None:
     orbit = case.orbit
     found = np.linalg.eigvals(case.system.jacobian(orbit.state))
     found = np.array(sorted(found, key=lambda z: (abs(z), z.imag)))
     assert found == pytest.approx(orbit.multipliers, rel=1e-12, abs=0.0)
-
-
-@pytest.mark.parametrize("case", STABLE + UNSTABLE, ids=repr)
-def test_the_multipliers_product_is_what_dashpot_and_impact_take(case: Case) -> None:
-    system = case.system
-    time = 2.0 * math.pi * case.periods / system.frequency
-    lost = system.restitution**2 * math.exp(-2.0 * system.damping_ratio * time)
-    assert np.prod(case.orbit.multipliers) == pytest.approx(lost, rel=1e-14, abs=0.0)
-    jacobian = system.jacobian(case.orbit.state)
-    # The terms of the determinant are as large as the square of the elements.
-    allowed = 8.0 * ROUNDING * (abs(jacobian).max() ** 2 / case.orbit.state[0] + 1.0)
-    assert np.linalg.det(jacobian) == pytest.approx(lost, abs=allowed)
 
 
 def test_a_saddle_repels_what_is_near() -> None:
