@@ -39,8 +39,8 @@ def mapped(path: Path) -> ParameterMap:
 
 
 def attracted(path: Path) -> Basins:
-    starts, arguments = [[0.1, 0.1], [0.2, 0.1]], {"transient": 5, "keep": 9, "progress": False}
-    return dynkit.basins(Henon(a=1.0), starts, store=path, **arguments)
+    starts = [[0.1, 0.1], [0.2, 0.1]]
+    return dynkit.basins(Henon(a=1.0), starts, transient=5, keep=9, store=path, progress=False)
 
 
 HELD = {
