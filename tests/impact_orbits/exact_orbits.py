@@ -212,6 +212,25 @@ class OneImpact:
 
 
 def one_impact_orbits(system: System, periods: int) -> list[OneImpact]:
+def answers(impacts: ImpactMap, periods: int) -> tuple[arb_mat, arb_mat, acb_mat, arb_mat]:
+    """The free structure A, and what it does, (2N, 1): to the forces, and to unit impulses.
+
+    The latter are once in so many periods: just after one the state is (1 - exp(A T))^-1 b. Under
+    the forces it is the imaginary part of the complex answer times exp(i phase), about a rest.
+    """
+    n, w = impacts.size, impacts.frequency
+    free = arb_mat([[impacts.rates[i, j] for j in range(2 * n)] for i in range(2 * n)])
+    one = arb_mat(np.eye(2 * n).tolist())
+    kick = arb_mat([[arb(0)]] * n + [[k] for k in impacts.kick])
+    flow = (free * (2 * arb.pi() * periods / w)).exp()
+    kicked = ((one - flow).inv() * kick).mid()
+    forcing = [[impacts.rates[i, 2 * n + j] for j in range(3)] for i in range(2 * n)]
+    force = acb_mat([[acb(row[0], row[1])] for row in forcing])
+    steady = (acb_mat(one) * acb(0, w) - acb_mat(free)).inv() * force
+    return free, kicked, steady, -free.inv() * arb_mat([[row[2]] for row in forcing])
+
+
+def one_impact_orbits(system: ImpactOscillator, periods: int) -> list[OneImpact]:
     """All P(1,m) with a positive impulse.
 
     With E = exp(A T) of the free structure the state just after a unit impulse once a period is
@@ -221,15 +240,7 @@ def one_impact_orbits(system: System, periods: int) -> list[OneImpact]:
     with ctx.workprec(BITS):
         impacts = ImpactMap(system)
         n, c, w, r = impacts.size, impacts.contact, impacts.frequency, impacts.restitution
-        free = arb_mat([[impacts.rates[i, j] for j in range(2 * n)] for i in range(2 * n)])
-        one = arb_mat(np.eye(2 * n).tolist())
-        kick = arb_mat([[arb(0)]] * n + [[k] for k in impacts.kick])
-        flow = (free * (2 * arb.pi() * periods / w)).exp()
-        kicked = ((one - flow).inv() * kick).mid()
-        forcing = [[impacts.rates[i, 2 * n + j] for j in range(3)] for i in range(2 * n)]
-        force = acb_mat([[acb(row[0], row[1])] for row in forcing])
-        steady = (acb_mat(one) * acb(0, w) - acb_mat(free)).inv() * force
-        rest = -free.inv() * arb_mat([[row[2]] for row in forcing])
+        _, kicked, steady, rest = answers(impacts, periods)
         drive = steady[c, 0] - impacts.amplitude
         out = []
         for side, (s, place) in enumerate(zip(impacts.signs, impacts.places, strict=True)):

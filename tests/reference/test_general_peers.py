@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +12,7 @@ from dynkit.systems.impact.chain import ImpactChain
 from tests.impact.exact import ExactMotion
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 from tests.reference.impact_chain import ReferenceChain
-
-DIGITS = 80
-CLOSE = mpf("1e-50")
-
-
-def distance(one: Any, other: Any) -> Any:
-    with mp.workdps(DIGITS):
-        pairs = [(one.time, other.time), (one.relative_velocity, other.relative_velocity)]
-        pairs += zip(one.position + one.velocity, other.position + other.velocity, strict=True)
-        return max(abs(a - b) for a, b in pairs)
+from tests.reference.test_general_invariants import CLOSE, distance
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.1, 3.0])

@@ -9,12 +9,12 @@ from functools import cache
 from random import Random
 
 import numpy as np
-from flint import acb, acb_mat, arb, arb_mat, ctx
+from flint import arb, ctx
 
 from dynkit import Bifurcation, Branch, NoConvergence, continue_orbit, periodic_orbit
 from dynkit.continuation.arclength import OrbitEquations
 from dynkit.systems import Henon, MatrixOscillator
-from tests.impact_orbits.exact_orbits import ImpactMap
+from tests.impact_orbits.exact_orbits import ImpactMap, answers
 from tests.reference.random_cases import STARTS, random_case
 from tests.validation.maps import exact_residual
 
@@ -166,14 +166,8 @@ def _closed_forms(system: MatrixOscillator, periods: int) -> tuple[dict[str, lis
     with ctx.workprec(BITS):
         impacts = ImpactMap(system)
         n, c, w, r = impacts.size, impacts.contact, impacts.frequency, impacts.restitution
-        free = arb_mat([[impacts.rates[i, j] for j in range(2 * n)] for i in range(2 * n)])
-        one = arb_mat(np.eye(2 * n).tolist())
-        kick = arb_mat([[arb(0)]] * n + [[k] for k in impacts.kick])
-        kicked = ((one - (free * (2 * arb.pi() * periods / w)).exp()).inv() * kick).mid()
-        forcing = [[impacts.rates[i, 2 * n + j] for j in range(3)] for i in range(2 * n)]
-        force = acb_mat([[acb(row[0], row[1])] for row in forcing])
-        steady = (acb_mat(one) * acb(0, w) - acb_mat(free)).inv() * force
-        rest = (-free.inv() * arb_mat([[row[2]] for row in forcing]))[c, 0]
+        free, kicked, steady, places = answers(impacts, periods)
+        rest = places[c, 0]
         swing = abs(steady[c, 0] - impacts.amplitude)
         rate, place = (kicked[n + c, 0] - r / (1 + r)) / w, kicked[c, 0]
         bend = (free * kicked)[n + c, 0] / w**2
