@@ -13,11 +13,25 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.record import Ending, ImpactRecord
 from dynkit.systems.impact.state import Motion
-from tests.effort import shorter_searches
+from tests.effort import share, shorter_searches
 from tests.impact.any_oscillator import Begin, balls, begins, chains, plays, singles, table_at
 
-ONE_MASS = singles() | balls() | plays()
-BEGINS = chains() | ONE_MASS
+FAMILIES = {
+    "chain": chains(),
+    "single": singles(),
+    "ball": balls(),
+    "play": plays(),
+    "matrices": begins(),
+}
+
+
+def each(*families: str) -> pytest.MarkDecorator:
+    """For each of these families there are examples of a property, as many as for the others."""
+    return pytest.mark.parametrize("family", families)
+
+
+ONE_MASS = ("single", "ball", "play")
+CLASSES = ("chain", *ONE_MASS)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -38,13 +52,19 @@ def rounding(record: ImpactRecord) -> Array:
     return np.asarray(1e-14 * size * (1.0 + record.system.frequency * record.time) + record.error)
 
 
-@given(BEGINS)
-def test_times_increase_and_fall_never(begin: Begin) -> None:
+@each(*CLASSES)
+@share(0.3)
+@given(st.data())
+def test_times_increase_and_fall_never(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     assert (np.diff(begin.simulate(60).time, prepend=0.0) >= 0.0).all()
 
 
-@given(chains() | singles() | balls())
-def test_relative_velocities_are_not_negative_at_one_stop(begin: Begin) -> None:
+@each("chain", "single", "ball")
+@share(0.3)
+@given(st.data())
+def test_relative_velocities_are_not_negative_at_one_stop(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     assert (begin.simulate(60).relative_velocity >= 0.0).all()
 
 
@@ -79,8 +99,13 @@ def at_its_stop(record: ImpactRecord) -> bool:
     return bool((near & (abs(record.velocity[:, 0] - speed) <= rounding * largest)).all())
 
 
-@given(ONE_MASS)
-def test_the_mass_is_at_the_stop_that_its_relative_velocity_tells(begin: Begin) -> None:
+@each(*ONE_MASS)
+@share(0.3)
+@given(st.data())
+def test_the_mass_is_at_the_stop_that_its_relative_velocity_tells(
+    family: str, data: st.DataObject
+) -> None:
+    begin = data.draw(FAMILIES[family])
     assert at_its_stop(begin.simulate(60))
 
 
@@ -110,16 +135,22 @@ def test_the_mass_is_at_its_stop_however_far_its_spring_would_pull_it(
     assert record.final.velocity[0] == record.velocity[-1, 0]
 
 
-@given(BEGINS)
-def test_phases_are_those_of_the_times(begin: Begin) -> None:
+@each(*CLASSES)
+@share(0.3)
+@given(st.data())
+def test_phases_are_those_of_the_times(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     record, w = begin.simulate(60), begin.system.frequency
     turns = (record.phase - begin.state.phase - w * record.time) / math.tau
     off = math.tau * abs(turns - np.rint(turns))
     assert (off <= 1e-14 * (1.0 + w * record.time)).all()
 
 
-@given(BEGINS)
-def test_no_impact_is_missed(begin: Begin) -> None:
+@each(*CLASSES)
+@share(0.3)
+@given(st.data())
+def test_no_impact_is_missed(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     record, system = begin.simulate(30), begin.system
     assume(len(record) > 0)
     edges = np.append(0.0, record.time)
@@ -133,8 +164,11 @@ def test_no_impact_is_missed(begin: Begin) -> None:
     assert (gap <= system.play + allowed).all()
 
 
-@given(BEGINS)
-def test_impacts_obey_the_law_of_restitution(begin: Begin) -> None:
+@each(*CLASSES)
+@share(0.3)
+@given(st.data())
+def test_impacts_obey_the_law_of_restitution(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     record, system = without_touches(begin.simulate(30)), begin.system
     before = np.nextafter(record.time, 0.0)
     clear = np.diff(record.time, prepend=0.0) > 1e-3
@@ -151,8 +185,11 @@ def test_impacts_obey_the_law_of_restitution(begin: Begin) -> None:
     assert (abs(off) <= allowed).all()
 
 
-@given(BEGINS)
-def test_section_states_make_the_states_they_are_of(begin: Begin) -> None:
+@each(*CLASSES)
+@share(0.3)
+@given(st.data())
+def test_section_states_make_the_states_they_are_of(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     record, system = begin.simulate(10), begin.system
     for row in record.states:
         again = system.section_state(system.impact_state(row))
@@ -160,8 +197,11 @@ def test_section_states_make_the_states_they_are_of(begin: Begin) -> None:
         assert again[-2] == row[-2]
 
 
-@given(BEGINS)
-def test_packed_states_are_unpacked_to_the_bit(begin: Begin) -> None:
+@each(*CLASSES)
+@share(0.3)
+@given(st.data())
+def test_packed_states_are_unpacked_to_the_bit(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     final = begin.simulate(10).final
     copy = begin.system.unpack_state(begin.system.pack_state(final))
     assert copy.motion is final.motion
@@ -170,8 +210,11 @@ def test_packed_states_are_unpacked_to_the_bit(begin: Begin) -> None:
     assert copy.velocity.tobytes() == final.velocity.tobytes()
 
 
-@given(begins() | BEGINS, st.integers(1, 29))
-def test_any_two_runs_are_one(begin: Begin, first: int) -> None:
+@each(*FAMILIES)
+@share(0.3)
+@given(st.data(), st.integers(1, 29))
+def test_any_two_runs_are_one(family: str, data: st.DataObject, first: int) -> None:
+    begin = data.draw(FAMILIES[family])
     whole, part = begin.simulate(30), begin.simulate(first)
     rest = begin.system.simulate(impacts=30, start=part.final)
     states = np.concatenate([part.states, rest.states])[: len(whole)]
@@ -185,8 +228,11 @@ def test_the_energy_is_never_negative(begin: Begin) -> None:
     assert (begin.simulate(30).energy >= 0.0).all()
 
 
-@given(BEGINS)
-def test_contacts_follow_one_another(begin: Begin) -> None:
+@each(*CLASSES)
+@share(0.3)
+@given(st.data())
+def test_contacts_follow_one_another(family: str, data: st.DataObject) -> None:
+    begin = data.draw(FAMILIES[family])
     record = begin.simulate(60)
     events = record.sticking.ravel()
     assert (np.diff(events[np.isfinite(events)]) >= 0.0).all()

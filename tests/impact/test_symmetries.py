@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, strategies as st
 
 from dynkit.core.validation import Array
@@ -241,8 +243,13 @@ def test_the_map_goes_from_impact_to_impact(begin: Begin) -> None:
     assert (apart(found, record.states) <= allowed + rounding).all()
 
 
-@given(begins() | singles() | balls() | plays())
-def test_the_map_shrinks_volumes_by_restitution_and_dashpots(begin: Begin) -> None:
+@pytest.mark.parametrize("family", [begins, singles, balls, plays])
+@share(0.3)
+@given(st.data())
+def test_the_map_shrinks_volumes_by_restitution_and_dashpots(
+    family: Callable[[], st.SearchStrategy[Begin]], data: st.DataObject
+) -> None:
+    begin = data.draw(family())
     # u times the volume of the section coordinates, by r^2 exp(-trace(M^-1 C) t).
     record = begin.simulate(3)
     error = certain(record)
