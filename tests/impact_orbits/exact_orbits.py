@@ -211,7 +211,6 @@ class OneImpact:
     state: Array
 
 
-def one_impact_orbits(system: System, periods: int) -> list[OneImpact]:
 def answers(impacts: ImpactMap, periods: int) -> tuple[arb_mat, arb_mat, acb_mat, arb_mat]:
     """The free structure A, and what it does, (2N, 1): to the forces, and to unit impulses.
 
@@ -230,7 +229,7 @@ def answers(impacts: ImpactMap, periods: int) -> tuple[arb_mat, arb_mat, acb_mat
     return free, kicked, steady, -free.inv() * arb_mat([[row[2]] for row in forcing])
 
 
-def one_impact_orbits(system: ImpactOscillator, periods: int) -> list[OneImpact]:
+def one_impact_orbits(system: System, periods: int) -> list[OneImpact]:
     """All P(1,m) with a positive impulse.
 
     With E = exp(A T) of the free structure the state just after a unit impulse once a period is
