@@ -129,9 +129,11 @@ def test_times_that_are_no_times_are_refused(orbit_of: Callable[[], Any], times:
 @pytest.mark.parametrize("name", ANY)
 def test_arrays_cannot_be_changed(name: str) -> None:
     orbit = ANY[name]()
-    arrays = [orbit.states, orbit.unknowns, orbit.multipliers]
+    arrays = [orbit.states, orbit.unknowns, orbit.multipliers, orbit.phases]
     if isinstance(orbit, ImpactOrbit):
-        arrays += [orbit.phases, orbit.impulses]
+        arrays += [orbit.impulses]
+    else:
+        arrays += [orbit.contacts, orbit.bounces]
     for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0

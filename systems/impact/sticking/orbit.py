@@ -49,7 +49,9 @@ class StickingOrbit(DrivenOrbit):
     @cached_property
     def phases(self) -> Array:
         """Phases (k,) of the forcing at the releases, ascending, not wrapped."""
-        return np.array([float(passage.phases[0]) for passage in self._passages])
+        phases = np.array([float(passage.phases[0]) for passage in self._passages])
+        phases.setflags(write=False)
+        return phases
 
     @cached_property
     def states(self) -> Array:
@@ -70,7 +72,9 @@ class StickingOrbit(DrivenOrbit):
         """
         first = self.phases[0]
         spans = [[q.contact_phase - first, q.phases[-1] - first] for q in self._passages]
-        return np.array(spans) / self.system.frequency
+        times = np.array(spans) / self.system.frequency
+        times.setflags(write=False)
+        return times
 
     @cached_property
     def chatter_error(self) -> float:
@@ -117,7 +121,9 @@ class StickingOrbit(DrivenOrbit):
             parts.append([phases, np.append(self._named(q), chatter[:, 0])])
         phases, speeds = np.concatenate(parts, axis=1)
         time = (phases - self.phases[0]) / self.system.frequency
-        return np.stack([time, phases % TWO_PI, speeds], axis=1)
+        impacts = np.stack([time, phases % TWO_PI, speeds], axis=1)
+        impacts.setflags(write=False)
+        return impacts
 
     @property
     def _impact_times(self) -> Array:
