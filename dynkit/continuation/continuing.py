@@ -12,8 +12,8 @@ from dynkit.continuation.arclength import Follower, OrbitEquations, Point
 from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
+from dynkit.continuation.crossings import Located
 from dynkit.continuation.initial_tangents import start_points
-from dynkit.continuation.locating import Located
 from dynkit.continuation.step_acceptance import Watch
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.continuation.tracing import Trace, is_of_symmetry, trace

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
-from dynkit.orbits.search import OrbitSearch, find_orbits
+from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.search import OrbitSearch, checked_box, find_orbits
 
 Search: TypeAlias = Callable[[], OrbitSearch[Any]]
 
@@ -31,18 +31,67 @@ class FindsOrbits(Protocol):
         ...
 
 
-def offered(systems: Sequence[Map], impacts: int, periods: int) -> list[Search]:
-    """Return the searches of systems that find orbits themselves, of orbits up to P(n,m)."""
-    return [
-        partial(system.find_orbits, impacts=impacts, periods=periods)
-        for system in systems
-        if isinstance(system, FindsOrbits)
-    ]
+def searches_of(
+    system: Map,
+    parameter: str,
+    bounds: tuple[float, float],
+    *,
+    values: int,
+    largest: tuple[int, int],
+    box: Any,
+    calls: int,
+) -> tuple[list[Search], Told]:
+    """Return searches for orbits at values of a parameter, and what says what they looked at.
+
+    Parameters
+    ----------
+    system : Map
+    parameter : str
+    bounds : (float, float)
+    values : int
+        How many values of the parameter, equally spaced; with a box both bounds too.
+    largest : (int, int)
+        The largest n and m of P(n,m).
+    box : (d, 2) array_like or None
+        Where orbits of a map are searched for; None: the system finds orbits itself.
+    calls : int
+        The budget of the search of a box at one value.
+
+    Raises
+    ------
+    ValueError
+        When the system refuses a value, or finds no orbits itself and no box is given.
+    """
+    low, high = bounds
+    at = [low + (high - low) * (i + 0.5) / values for i in range(values)]
+    if box is not None:
+        at = [low, *at, high]
+    elif not isinstance(system, FindsOrbits):
+        raise ValueError(
+            "box must be given, or seeds, for a system that offers no orbits; got None"
+        )
+    systems: list[Any] = [system.replace(**{parameter: value}) for value in at]
+    where = f"at {parameter} {at[0]:.6g}"
+    if len(at) > 1:
+        where = f"at {len(at)} values of {parameter} from {at[0]:.6g} to {at[-1]:.6g}"
+    n, m = largest
+    if box is not None:
+        inside = checked_box(box, system.dimension)
+        searches = [partial(find_orbits, each, n, inside, calls=calls) for each in systems]
+        return list(searches), partial(_told_of_boxes, where=where)
+    offers = [partial(each.find_orbits, impacts=n, periods=m) for each in systems]
+    return list(offers), partial(_told_of_offers, periods=m, where=where)
 
 
-def searched(systems: Sequence[Map], box: Array, states: int, calls: int) -> list[Search]:
-    """Return the searches for orbits of maps, of up to so many states."""
-    return [partial(find_orbits, system, states, box, calls=calls) for system in systems]
+def seeds_of(seeds: object) -> list[PeriodicOrbit]:
+    """Return the orbits that a user starts from; ValueError where they are no periodic orbits."""
+    if not isinstance(seeds, Iterable):
+        raise ValueError(f"seeds must be periodic orbits; got {seeds!r}")
+    orbits = list(seeds)
+    for i, orbit in enumerate(orbits):
+        if not isinstance(orbit, PeriodicOrbit):
+            raise ValueError(f"seeds[{i}] must be a PeriodicOrbit; got {orbit!r}")
+    return orbits
 
 
 def told_of_counts(impacts: int, counts: Mapping[str, int]) -> str:
@@ -67,7 +116,7 @@ def told_of_counts(impacts: int, counts: Mapping[str, int]) -> str:
     return told
 
 
-def told_of_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: str) -> str:
+def _told_of_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: str) -> str:
     """Return what searches for orbits up to P(n,m), at values of a parameter, looked at."""
     total: Counter[str] = Counter()
     for search in searches:
@@ -76,7 +125,7 @@ def told_of_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: st
     return f"P(1,1) to P({n},{periods}) {where}: {told_of_counts(n, total)}"
 
 
-def told_of_searches(searches: Sequence[OrbitSearch[Any]], where: str) -> str:
+def _told_of_boxes(searches: Sequence[OrbitSearch[Any]], where: str) -> str:
     """Return what searches of one box, at values of a parameter, looked at."""
     period = searches[0].period
     regions = np.array([search.region for search in searches])

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from dynkit.continuation.arclength import Follower, Point, interpolated
+from dynkit.continuation.crossings import Crossing, Located
 from dynkit.continuation.defining_systems import (
     BifurcationEquations,
     CriticalMultiplier,
     condition_of,
     null_vector,
 )
-from dynkit.continuation.test_functions import Crossing, are_real, crossings, examine
+from dynkit.continuation.test_functions import are_real, crossings, examine
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution, correct, error_bound
 from dynkit.orbits.problem import Problem
@@ -34,25 +34,6 @@ _JUMPS = {"GR": 1e-4, "CB": 0.05}
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 _CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
-
-
-@final
-class Located(NamedTuple):
-    """A bifurcation that was solved for: all unknowns, and how wrong they may be.
-
-    `errors`, (m + e + 1,), are those of `x`, `own` and `p`.
-    """
-
-    crossing: Crossing
-    x: Array
-    own: Array
-    p: Array
-    errors: Array
-    multiplier: complex | None
-    direction: Any
-    history: tuple[float, ...]
-    seconds: float
-    steps: int
 
 
 def locate(

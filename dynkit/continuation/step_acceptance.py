@@ -7,9 +7,10 @@ from typing import final
 import numpy as np
 
 from dynkit.continuation.arclength import OrbitEquations, Point
+from dynkit.continuation.crossings import Crossing, Located, Seen
 from dynkit.continuation.initial_tangents import crossing_directions
-from dynkit.continuation.locating import Located, solved
-from dynkit.continuation.test_functions import Crossing, Seen, crossings, examine
+from dynkit.continuation.locating import solved
+from dynkit.continuation.test_functions import crossings, examine
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Problem

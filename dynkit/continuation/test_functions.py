@@ -2,51 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import Any
 
 import numpy as np
 
 from dynkit.continuation.arclength import Point
-from dynkit.core.validation import Array
-from dynkit.orbits.problem import Event, Problem
-
-if TYPE_CHECKING:
-    from dynkit.continuation.locating import Located
+from dynkit.continuation.crossings import Crossing, Seen
+from dynkit.orbits.problem import Problem
 
 # Squares of moduli, and products, up to here count as inside the unit circle: more is rounding.
 _INSIDE = 1.0 + 1e-9
 # What stands for infinite multipliers in products.
 _HUGE = 1e150
-
-
-@final
-class Crossing(NamedTuple):
-    """What happens within a step: the kind, the event of GR and CB, and whether it is the end."""
-
-    kind: str
-    event: int = -1
-    ends: bool = False
-
-
-@final
-@dataclass(slots=True)
-class Seen:
-    """What is known of the orbit of a point; `crossings` are those since the point before.
-
-    At the `branch_point` among them, if there is one, the branch goes along `flat`, in scaled
-    unknowns, if it folds there: it is symmetric about the one that it meets.
-    """
-
-    multipliers: Any
-    admissible: bool
-    events: tuple[Event, ...]
-    flip: bool
-    pairs: int
-    inside: int
-    crossings: tuple[Crossing, ...] = ()
-    branch_point: Located | None = None
-    flat: Array | None = None
 
 
 def examine(problem: Problem, point: Point) -> Seen:

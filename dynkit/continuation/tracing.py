@@ -8,7 +8,8 @@ from typing import final
 import numpy as np
 
 from dynkit.continuation.arclength import Follower, Point
-from dynkit.continuation.locating import Located, locate
+from dynkit.continuation.crossings import Located
+from dynkit.continuation.locating import locate
 from dynkit.continuation.termination import Ending, Reason
 from dynkit.continuation.test_functions import examine
 from dynkit.core.validation import Array

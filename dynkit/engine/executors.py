@@ -56,7 +56,7 @@ def finished(
     Raises
     ------
     NotSendable
-        When the work cannot be pickled, or not be imported by the workers.
+        When the work or a task cannot be pickled, or not be imported by the workers.
     WorkerLost
         When the executor has lost a worker for good, after what was finished.
     Exception
@@ -94,6 +94,14 @@ def finished(
         raise lost[0] if lost else errors[min(errors)]
 
 
+def all_finished(
+    work: Callable[[_Task], _Result], tasks: Sequence[_Task], executor: Executor | None
+) -> list[_Result]:
+    """Return the results of all tasks, in the order of the tasks; raises what `finished` raises."""
+    results = dict(finished(work, tasks, executor))
+    return [results[number] for number in range(len(tasks))]
+
+
 def submit(executor: Executor, packed: bytes, task: Any) -> Future[Outcome[Any]]:
     """Hand a task on, for packed work; `outcome_of` tells what became of it.
 
@@ -101,11 +109,14 @@ def submit(executor: Executor, packed: bytes, task: Any) -> Future[Outcome[Any]]
     ------
     ValueError
         When it is no executor.
+    NotSendable
+        When the task cannot be pickled.
     """
     if not callable(getattr(executor, "submit", None)):
         raise ValueError(f"executor must be a concurrent.futures.Executor; got {executor!r}")
+    sent = pack(task)
     try:
-        return executor.submit(perform, packed, task)
+        return executor.submit(perform, packed, sent)
     except RuntimeError as error:  # the pool is broken, or was shut down
         future: Future[Outcome[Any]] = Future()
         future.set_result(Outcome(error=_lost(error)))
@@ -121,7 +132,7 @@ def outcome_of(future: Future[Outcome[_Result]]) -> Outcome[_Result]:
 
 
 def pack(work: object) -> bytes:
-    """Return the bytes that stand for some work, picklable, in other processes.
+    """Return the bytes that stand for some work, or a task, in other processes.
 
     Raises
     ------
@@ -136,10 +147,10 @@ def pack(work: object) -> bytes:
         ) from error
 
 
-def perform(packed: bytes, task: Any) -> Outcome[Any]:
-    """Do one task of packed work, in whatever process this is."""
+def perform(packed: bytes, sent: bytes) -> Outcome[Any]:
+    """Do one packed task of packed work, in whatever process this is."""
     try:
-        work = _unpacked(packed)
+        work, task = _unpacked(packed), pickle.loads(sent)
     except Exception as error:  # of whatever kind: the module may be another one here
         return Outcome(
             error=NotSendable(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.engine.executors import finished
+from dynkit.engine.executors import all_finished
 from dynkit.engine.points import Rows, chunks_of
 from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
@@ -144,12 +144,8 @@ def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
 
 def _medians(look: Look, reference: Array, finals: Array, executor: Executor | None) -> Array:
     """Median distance to a chaotic attractor of what follows packed states (k, p), (k,)."""
-    chunks = chunks_of(len(finals))
-    medians = np.empty(len(finals))
-    tasks = [finals[slice(*chunk)] for chunk in chunks]
-    for number, found in finished(_Compared(look, reference), tasks, executor):
-        medians[slice(*chunks[number])] = found
-    return medians
+    tasks = [finals[slice(*chunk)] for chunk in chunks_of(len(finals))]
+    return np.concatenate(all_finished(_Compared(look, reference), tasks, executor))
 
 
 @final
