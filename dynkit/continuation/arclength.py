@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
+from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.continuation.termination import Bound, Ending, Reason
+from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import (
     Correction,
     Direction,
-    Equations,
     NoSolution,
     Outcome,
     bordered_direction,
     correct,
 )
-
-if TYPE_CHECKING:
-    from dynkit.orbits.problem import Problem
 
 # What a step aims at: so many Newton steps, and so many radians between tangents.
 _NEWTON_STEPS, _ANGLE, _LARGEST_ANGLE = 3.0, 0.15, 0.5
@@ -30,6 +28,8 @@ _LARGEST_GAP = 0.3
 # And in parts of its orbit's distance from one of a shorter period: half of the way to that orbit,
 # from which its two halves are as far apart again.
 _PART = 0.25
+# A point on a bound is between two points: see `beside`.
+_BETWEEN = (1e-9, 0.0), 1.5
 # So many times the place of the start within a step is looked for, and so far beyond its ends, in
 # steps: a start at an end is on either side of it by rounding.
 _RETURNS, _SLACK = 12, 1e-3
@@ -72,38 +72,16 @@ class Point:
     iterations: int
     seen: Any = None
 
+    def along(self, sign: float) -> Point:
+        """Return it as the start of a curve, in one of the two directions: 1.0 or -1.0."""
+        tangent, turn = sign * self.tangent, sign * self.turn
+        return Point(self.y, self.scale, tangent, turn, self.residual, 0)
 
-@final
-class OrbitEquations(Equations):
-    """F(x, p) = 0 with one free parameter: the unknowns are (x, p), the parameter last."""
 
-    def __init__(self, problem: Problem, width: float) -> None:
-        self.problem = problem
-        self._width = width
-        self._m = problem.size
-
-    def residual(self, y: Array) -> Array:
-        return self.problem.residual(y[:-1], y[-1:])
-
-    def rounding(self, y: Array) -> Array:
-        return self.problem.rounding(y[:-1], y[-1:])
-
-    def linearization_error(self, y: Array) -> Any:
-        return self.problem.linearization_error(y[:-1], y[-1:])
-
-    def jacobian(self, y: Array) -> Array:
-        x, p, m = y[:-1], y[-1:], self._m
-        matrix = np.empty((m, m + 1))
-        matrix[:, :m] = self.problem.linearization(x, p)
-        matrix[:, m] = self.problem.parameter_derivative(x, p)[:, 0]
-        return matrix
-
-    def scale(self, y: Array) -> Array:
-        scale = np.empty(self._m + 1)
-        # so that an arclength does not grow with the number of unknowns
-        scale[:-1] = self.problem.scale(y[:-1]) * self._m**0.5
-        scale[-1] = self._width
-        return scale
+def cost_of(points: Sequence[Point], seconds: float) -> Cost:
+    """Return what the points of a curve cost."""
+    steps = sum(point.iterations for point in points)
+    return Cost(seconds, {"points": len(points), "newton_steps": steps})
 
 
 @final
@@ -113,29 +91,23 @@ class Follower:
 
     Parameters
     ----------
-    equations : Equations
-        One equation less than unknowns.
+    equations : CurveEquations
+        One equation less than unknowns. No step goes to an orbit that repeats one of a shorter
+        period, unless the start is one.
     start : Point
         On the curve; its tangent is the direction.
     bounds : tuple of Bound
         What ends the curve; its last point is on the bound.
     steps : Steps
-    apart : callable
-        (y, y) -> how far apart they are, in numbers that are zero if they are the same.
     watch : callable
         (point before, point) -> whether the step was short enough to tell what happened within.
-    repetition : callable
-        y -> how far the orbit is from one of a shorter period: see `Problem.repetition`. No step
-        goes to such an orbit, unless the start is one.
     """
 
-    equations: Equations
+    equations: CurveEquations
     start: Point
     bounds: tuple[Bound, ...]
     steps: Steps
-    apart: Callable[[Array, Array], Array]
     watch: Callable[[Point, Point], bool]
-    repetition: Callable[[Array], float]
     ending: Ending | None = None
     _level: float = _LEAST_LEVEL
     _failure: str = field(default="", repr=False)
@@ -145,12 +117,12 @@ class Follower:
     def __iter__(self) -> Iterator[Point]:
         point = self.start
         home = point.y
-        place = self.apart(home, home)
+        place = self.equations.apart(home, home)
         before = None
         yield point
         if self._starts_outwards(point):
             return
-        size = self.repetition(point.y)
+        size = self.equations.repetition(point.y)
         self._repeated = size <= REPEATED
         step = min(self.steps.first, self.steps.largest, np.inf if self._repeated else size)
         for count in range(1, self.steps.points):
@@ -158,7 +130,7 @@ class Follower:
             if found is None:
                 return
             after, taken = found
-            place_before, place = place, self.apart(after.y, home)
+            place_before, place = place, self.equations.apart(after.y, home)
             if count > 2 and self._passes(place_before, place):
                 closing = self._return_to(home, point, after)
                 if closing is not None:
@@ -240,8 +212,8 @@ class Follower:
         if self._repeated:
             return True
         gap = (found.y - guess) / before.scale
-        room = _PART * self.repetition(before.y)
-        if gap @ gap <= room**2 and self.repetition(found.y) > REPEATED:
+        room = _PART * self.equations.repetition(before.y)
+        if gap @ gap <= room**2 and self.equations.repetition(found.y) > REPEATED:
             return True
         self._failure, self._reason = "steps lead to other orbits", Reason.NEAR_REPETITION
         return False
@@ -266,6 +238,13 @@ class Follower:
             return None
         steps = len(solution.history) - 1
         return Point(solution.y, scale, *direction, residual, steps)
+
+    def _corrected_at(self, unknown: int, value: float, guess: Array, near: Point) -> Point | None:
+        """Return the point where an unknown has a value, which the guess gets, too."""
+        guess[unknown] = value
+        row = np.zeros(len(guess))
+        row[unknown] = 1.0
+        return self.corrected(guess, near, row)
 
     def _direction(
         self, solution: Correction, near: Point, row: Array, scale: Array
@@ -299,11 +278,8 @@ class Follower:
             value = bound.low if after.y[index] < bound.low else bound.high
             part = (value - before.y[index]) / (after.y[index] - before.y[index])
             guess = interpolated(before, after, part)
-            guess[index] = value
-            row = np.zeros(len(guess))
-            row[index] = 1.0
-            point = self.corrected(guess, before, row)
-            if point is None or not _between(before, after, point):
+            point = self._corrected_at(index, value, guess, before)
+            if point is None or not beside(before, after, point.y, *_BETWEEN):
                 break
             if not self._is_same(before, guess, point):
                 break
@@ -322,10 +298,7 @@ class Follower:
             if way[index] == 0.0 or not 0.0 < (value - point.y[index]) / way[index] <= 1.0:
                 continue
             guess = point.y + way * ((value - point.y[index]) / way[index])
-            guess[index] = value
-            row = np.zeros(len(guess))
-            row[index] = 1.0
-            found = self.corrected(guess, point, row)
+            found = self._corrected_at(index, value, guess, point)
             if found is None or self._left(found) is not None or not _ahead(point, found):
                 continue
             if self._is_same(point, guess, found):
@@ -353,7 +326,7 @@ class Follower:
 
     def _return_to(self, home: Array, point: Point, after: Point) -> Point | None:
         """Return the point between two that is the start again."""
-        place, beyond = (self.apart(end.y, home) for end in (point, after))
+        place, beyond = (self.equations.apart(end.y, home) for end in (point, after))
         for gap, end in ((place, point), (beyond, after)):
             if abs(gap).max() < SAME:
                 return end
@@ -368,7 +341,7 @@ class Follower:
                 trial = self.corrected(interpolated(point, after, part), point, row)
             if trial is None:
                 return None
-            there = self.apart(trial.y, home)
+            there = self.equations.apart(trial.y, home)
             if abs(there).max() < SAME:
                 return trial
             # the farther end of the two is given up
@@ -393,12 +366,23 @@ def _ahead(before: Point, after: Point) -> bool:
     return bool(after.tangent @ _rescaled(before, after.scale) >= np.cos(_LARGEST_ANGLE))
 
 
-def _between(before: Point, after: Point, point: Point) -> bool:
-    way = (after.y - before.y) / before.scale
-    gap = (point.y - before.y) / before.scale
-    length = float(way @ way)
-    along = float(gap @ way)
-    return -1e-9 * length <= along <= (1.0 + 1e-9) * length and bool(gap @ gap <= 1.5 * length)
+def beside(before: Point, after: Point, y: Array, slack: tuple[float, float], most: float) -> bool:
+    """Whether unknowns are between two points, and near the line between them.
+
+    Parameters
+    ----------
+    before, after : Point
+    y : array
+    slack : (float, float)
+        How far beyond the points they may be: parts of the distance and of its square root, squared
+        scaled unknowns all.
+    most : float
+        How far from the first point they may be: squares, in squares of the distance.
+    """
+    way, gap = ((end - before.y) / before.scale for end in (after.y, y))
+    length, along = float(way @ way), float(gap @ way)
+    more = slack[0] * length + slack[1] * length**0.5
+    return -more <= along <= length + more and float(gap @ gap) <= most * length
 
 
 def interpolated(before: Point, after: Point, part: float) -> Array:

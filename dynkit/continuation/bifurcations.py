@@ -147,9 +147,17 @@ class Bifurcation(Tabled):
         At PD it is the branch of twice the period, at BP the one that crosses, at GR those of the
         orbits with one impact more or less. SN, NS and CB have none.
         """
-        from dynkit.continuation.switching import branches_at
+        from dynkit.continuation.switching import crossing, doubled, neighbours
 
-        return branches_at(self)
+        y, error = (
+            np.append(a, b)
+            for a, b in ((self.unknowns, self.value), (self.unknowns_error, self.error))
+        )
+        if self.kind == "PD" and len(self.direction):
+            return doubled(self.problem, y, self.direction, error)
+        if self.kind == "BP":
+            return crossing(self.problem, y, self.tangent, error)
+        return neighbours(self.problem, self.event, y) if self.event >= 0 else []
 
     def __repr__(self) -> str:
         doubt = "" if self.admissible else ", inadmissible"

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.archive import ERROR, ends, error_known, identity_of, refuse_other_orbits
-from dynkit.continuation.arclength import OrbitEquations
 from dynkit.continuation.bifurcations import Bifurcation, given, shown, table_of
-from dynkit.continuation.termination import Ending, Reason
+from dynkit.continuation.lines import Line, kinds_of, nodes_of
+from dynkit.continuation.orbit_equations import OrbitEquations, distance_from_curve
+from dynkit.continuation.solution_curve import SolutionCurve
+from dynkit.continuation.termination import Ending
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, largest, told
+from dynkit.core.reprs import Facts, told
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array, index_in
-from dynkit.data.dataset import Dataset, Variables, described
-from dynkit.data.result import Saved, read_result, write_result
-from dynkit.data.store import Archive
-from dynkit.orbits.newton import error_bound
+from dynkit.core.validation import Array
+from dynkit.data.dataset import Dataset, Variables
 from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
@@ -35,7 +31,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Branch(Saved):
+class Branch(SolutionCurve):
     """Periodic orbits that hang together as one parameter changes, made by `continue_orbit`.
 
     Its k points stand in the order in which the curve is run through; orbits are made of them when
@@ -97,9 +93,9 @@ class Branch(Saved):
     _system: SmoothMap | None
     _observables: dict[str, Array] = field(default_factory=dict, init=False)
 
-    def __post_init__(self) -> None:
-        for name in ("parameter", "unknowns", "multipliers", "admissible", "residuals"):
-            getattr(self, name).setflags(write=False)
+    @property
+    def _free(self) -> dict[str, Array]:
+        return {self.name: self.parameter}
 
     @cached_property
     def stable(self) -> NDArray[np.bool_]:
@@ -108,21 +104,13 @@ class Branch(Saved):
         stable.setflags(write=False)
         return stable
 
-    @property
-    def closed(self) -> bool:
-        """Whether it is closed on itself; the last point is then the first again."""
-        return self.endings[0].reason is Reason.CLOSED
-
     @cached_property
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
         The parameter is measured in its range, the unknowns in their typical sizes.
         """
-        low, high = float(self.parameter.min()), float(self.parameter.max())
-        equations = OrbitEquations(self.problem, high - low or 1.0)
-        points = np.column_stack([self.unknowns, self.parameter])
-        error = np.array([_distance(equations, y) for y in points])
+        error = np.array([(moved / scale).max() for moved, scale in self._moved])
         error.setflags(write=False)
         return error
 
@@ -139,40 +127,29 @@ class Branch(Saved):
         """
         from dynkit.orbits.multiplier_errors import multiplier_errors
 
-        width = float(np.ptp(self.parameter)) or 1.0
-        equations = OrbitEquations(self.problem, width)
-        rows = []
-        for x, p, found in zip(self.unknowns, self.parameter, self.multipliers, strict=True):
-            moved = _moved(equations, np.append(x, p))
-            rows.append(multiplier_errors(self.problem, x, np.array([p]), found, moved))
-        error = np.array(rows)
+        points = zip(self.unknowns, self.parameter, self.multipliers, self._moved, strict=True)
+        error = np.array(
+            [
+                multiplier_errors(self.problem, x, np.array([p]), found, moved)
+                for x, p, found, (moved, _) in points
+            ]
+        )
         error.setflags(write=False)
         return error
 
-    @property
-    def problem(self) -> Problem:
-        """The equations of its orbits.
-
-        Raises
-        ------
-        ValueError
-            When the branch was loaded without an orbit.
-        """
-        return given(self._problem)
+    @cached_property
+    def _moved(self) -> list[tuple[Array, Array]]:
+        """How far unknowns and parameter of each point may be from the curve, and their scales."""
+        equations = OrbitEquations(self.problem, float(np.ptp(self.parameter)) or 1.0)
+        rows = np.column_stack([self.unknowns, self.parameter])
+        return [
+            (distance_from_curve(equations, equations.jacobian(y), y), equations.scale(y))
+            for y in rows
+        ]
 
     @property
     def system(self) -> SmoothMap:
-        """The system, at one value of the parameter.
-
-        Raises
-        ------
-        ValueError
-            When the branch was loaded without an orbit.
-        """
         return given(self._system)
-
-    def __len__(self) -> int:
-        return len(self.parameter)
 
     def __repr__(self) -> str:
         low, high = self.parameter.min(), self.parameter.max()
@@ -189,27 +166,11 @@ class Branch(Saved):
             "system": self._system and told(self._system, 6, [self.name]),
             self.name: self.parameter,
             "stable": self.stable,
-            "admissible": self.admissible,
-            "begins where": self.endings[0],
-            "ends where": self.endings[1],
-            "residual": largest(self.residuals),
-            "cost": self.cost,
+            **super()._facts(),
         }
 
     def _tables(self) -> list[str]:
         return table_of(self.bifurcations, self.name)
-
-    def orbit(self, place: int) -> PeriodicOrbit:
-        """Return the orbit of a point; negative places count from the end.
-
-        Raises
-        ------
-        ValueError
-            When there is no such point, or the branch was loaded without an orbit.
-        """
-        place = index_in("place", place, -len(self), len(self) - 1)
-        p = self.parameter[[place]]
-        return self.problem.orbit(self.unknowns[place], p, (float(self.residuals[place]),))
 
     def observable(self, name: str) -> Array:
         """Return one of the system's observables at all orbits, (k, n), read-only.
@@ -241,7 +202,25 @@ class Branch(Saved):
         """
         from dynkit.continuation.drawing import draw_branch
 
-        return draw_branch(self, ax, y)
+        return draw_branch(self._line(y), ax)
+
+    def _line(self, y: str | None) -> Line:
+        """What is drawn of it: an observable, by default the system's first one."""
+        name = y or self.system.observables[0]
+        rows, nodes = self.observable(name), nodes_of(len(self), self.bifurcations)
+        points = [
+            (self.parameter[int(place)], rows[int(place)])
+            if b is None
+            else (b.value, b.orbit.observable(name))
+            for place, b in nodes
+        ]
+        return Line(
+            names=(self.name, name),
+            nodes=nodes,
+            x=np.array([x for x, _ in points]),
+            y=np.array([row for _, row in points]),
+            kinds=kinds_of(nodes, self.stable, self.admissible),
+        )
 
     def dataset(self) -> Dataset:
         """Return its points as a dataset.
@@ -262,77 +241,15 @@ class Branch(Saved):
                 **drawn,
                 "multiplier": ((each, "multiplier"), self.multipliers),
                 "unknowns": ((each, "unknown"), self.unknowns),
-                "residual": (each, self.residuals),
-                **error_known(self),
+                **self._checks(),
                 **of_bifurcations(self.bifurcations),
             },
-            described(
-                f"Branch of {self.label}",
-                cost=self.cost,
-                error=ERROR,
-                system=self._system,
-                swept=(self.name,),
-                **ends(self.endings),
-            ),
+            self._attributes(f"Branch of {self.label}"),
         )
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
-
-        Raises
-        ------
-        ValueError
-            When it cannot be written there, the system cannot be told from others, or the branch
-            was loaded without an orbit.
-        """
-        write_result(path, self, identity_of(self.system, self.first()))
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None) -> Branch:
-        """Read it from a store: the same bits.
-
-        Parameters
-        ----------
-        path : path
-        orbit : PeriodicOrbit, optional
-            Any orbit of the same kind of the same system, at any value of the branch's parameter;
-            needed for whatever makes orbits.
-
-        Raises
-        ------
-        ValueError
-            When the file is missing, damaged or no store of a branch, or the orbit is of another
-            kind or system.
-        """
-        branch, file, archive = read_result(path, cls)
-        return branch if orbit is None else branch.with_orbits(file, archive, orbit, branch.first())
-
-    def with_orbits(
-        self, file: Path, archive: Archive, orbit: PeriodicOrbit, free: Mapping[str, float]
-    ) -> Branch:
-        """Return it, which was read, as a branch that makes orbits like the one given.
-
-        The store names its system with the parameter at the value that is given as free.
-
-        Raises
-        ------
-        ValueError
-            When the orbit is of another kind or system than that of the store.
-        """
-        refuse_other_orbits(file, archive, self.label, self.unknowns, orbit, free)
-        problem = orbit.problem(self.name)
-        bifurcations = tuple(
-            dataclasses.replace(found, _problem=problem) for found in self.bifurcations
-        )
-        branch = dataclasses.replace(
-            self, bifurcations=bifurcations, _problem=problem, _system=orbit.system
-        )
-        vars(branch)["error"] = self.error
-        return branch
-
-    def first(self) -> dict[str, float]:
-        """Return the parameter's first value, by its name."""
-        return {self.name: float(self.parameter[0])}
+    def _replaced(self, problem: Problem, orbit: PeriodicOrbit) -> dict[str, Any]:
+        found = tuple(dataclasses.replace(b, _problem=problem) for b in self.bifurcations)
+        return {"bifurcations": found, "_problem": problem, "_system": orbit.system}
 
 
 def of_bifurcations(found: Sequence[Bifurcation]) -> Variables:
@@ -346,15 +263,3 @@ def of_bifurcations(found: Sequence[Bifurcation]) -> Variables:
     }
     columns = {name: np.array([getattr(b, name) for b in found], of) for name, of in kinds.items()}
     return {f"bifurcation_{name}": ("bifurcation", column) for name, column in columns.items()}
-
-
-def _distance(equations: OrbitEquations, y: Array) -> float:
-    return float((_moved(equations, y) / equations.scale(y)).max())
-
-
-def _moved(equations: OrbitEquations, y: Array) -> Array:
-    """How far each unknown and the parameter may be from the curve, (m + 1,)."""
-    scale = equations.scale(y)
-    jacobian = equations.jacobian(y)
-    tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    return error_bound(equations, jacobian, y, scale, tangent)

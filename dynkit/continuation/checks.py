@@ -58,12 +58,8 @@ def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
     """
     if not isinstance(orbit, PeriodicOrbit):
         raise ValueError(f"orbit must be a PeriodicOrbit; got {_no_orbit(orbit)}")
-    known = orbit.system.parameters
     for name in names:
-        if name not in known:
-            raise ValueError(
-                f"parameter must be one of: {', '.join(known) or 'none'}; got {name!r}"
-            )
+        orbit.system.value_of(name)
     problem = orbit.problem(*names)
     try:
         residual = float(abs(problem.residual(orbit.unknowns, problem.values)).max())

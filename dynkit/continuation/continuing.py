@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.arclength import Follower, OrbitEquations, Point
+from dynkit.continuation.arclength import Follower, Point, cost_of
 from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.crossings import Located
 from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.step_acceptance import Watch
-from dynkit.continuation.termination import Bound, Ending, Reason
-from dynkit.continuation.tracing import Trace, is_of_symmetry, trace
+from dynkit.continuation.termination import Bound
+from dynkit.continuation.tracing import Trace, both_ways, is_of_symmetry, joined, trace
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
 from dynkit.orbits.newton import FixedParameters, correct
@@ -98,26 +99,14 @@ def continue_orbit(
         raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")
     equations = OrbitEquations(problem, high - low)
     start = start_points(equations, np.append(start_x, problem.values))[0]
-    traces = []
-    for sign in (1.0, -1.0):
-        ahead = Point(
-            start.y, start.scale, sign * start.tangent, sign * start.turn, start.residual, 0
-        )
-        follower = Follower(
-            equations,
-            ahead,
-            (Bound(problem.size, parameter, low, high),),
-            steps,
-            lambda y, home: np.append(
-                problem.apart(y[:-1], home[:-1]), (y[-1] - home[-1]) / (high - low)
-            ),
-            Watch(problem),
-            lambda y: problem.repetition(y[:-1]),
-        )
-        traces.append(trace(problem, follower, beyond))
-        if follower.ending is not None and follower.ending.reason is Reason.CLOSED:
-            break
-    return _joined(orbit, problem, parameter, traces, time.perf_counter() - began)
+    bound = Bound(problem.size, parameter, low, high)
+
+    def follow(point: Point) -> Trace:
+        follower = Follower(equations, point, (bound,), steps, Watch(problem))
+        return trace(problem, follower, beyond)
+
+    traces = both_ways(start, follow)
+    return _branch(orbit, problem, *traces, time.perf_counter() - began)
 
 
 def _once(problem: Problem, orbit: PeriodicOrbit) -> tuple[Problem, Array]:
@@ -131,51 +120,35 @@ def _once(problem: Problem, orbit: PeriodicOrbit) -> tuple[Problem, Array]:
     return once, correct(FixedParameters(once, once.values), x, once.scale(x)).y
 
 
-def _joined(
-    orbit: PeriodicOrbit, problem: Problem, parameter: str, traces: list[Trace], seconds: float
+def _branch(
+    orbit: PeriodicOrbit, problem: Problem, forward: Trace, backward: Trace, seconds: float
 ) -> Branch:
-    forward = traces[0]
-    backward = traces[1] if len(traces) > 1 else Trace(forward.points[:1], ending=forward.ending)
-    points = [*backward.points[:0:-1], *forward.points]
+    points, endings = joined(forward, backward)
     first = len(backward.points) - 1
     places = [(first - place, found, -way) for place, found, way in reversed(backward.located)]
     places += [(first + place, found, way) for place, found, way in forward.located]
     centres = backward.centres + forward.centres
     scale = points[first].scale
     places = [entry for entry in places if not is_of_symmetry(entry[1], centres, scale)]
-    endings: list[Ending] = []
-    for part in (backward, forward):
-        assert part.ending is not None
-        endings.append(part.ending)
     admissible = np.array([point.seen.admissible for point in points])
     return Branch(
         label=problem.orbit(points[first].y[:-1], points[first].y[-1:]).label,
-        name=parameter,
+        name=problem.names[0],
         parameter=np.array([point.y[-1] for point in points]),
         unknowns=np.array([point.y[:-1] for point in points]),
         multipliers=np.array([point.seen.multipliers for point in points]),
         admissible=admissible,
         residuals=np.array([point.residual for point in points]),
-        bifurcations=tuple(
-            _bifurcation(problem, parameter, admissible, *entry) for entry in places
-        ),
-        endings=(endings[0], endings[1]),
-        cost=Cost(
-            seconds,
-            {"points": len(points), "newton_steps": sum(point.iterations for point in points)},
-        ),
+        bifurcations=tuple(_bifurcation(problem, admissible, *entry) for entry in places),
+        endings=endings,
+        cost=cost_of(points, seconds),
         _problem=problem,
         _system=orbit.system,
     )
 
 
 def _bifurcation(
-    problem: Problem,
-    parameter: str,
-    admissible: NDArray[np.bool_],
-    place: float,
-    found: Located,
-    tangent: Array,
+    problem: Problem, admissible: NDArray[np.bool_], place: float, found: Located, tangent: Array
 ) -> Bifurcation:
     kind, event, _ = found.crossing
     # on a border rounding decides which side an orbit is on
@@ -188,7 +161,7 @@ def _bifurcation(
         touching = dict(problem.touching(event, found.x, found.own, found.p))
     return Bifurcation(
         kind=kind,
-        parameter=parameter,
+        parameter=problem.names[0],
         value=float(found.p[0]),
         error=float(found.errors[-1]),
         multiplier=found.multiplier,

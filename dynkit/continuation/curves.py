@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import os
 import time
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,9 +10,8 @@ from typing import TYPE_CHECKING, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.archive import ERROR, ends, error_known, identity_of, refuse_other_orbits
-from dynkit.continuation.arclength import Follower, Point
-from dynkit.continuation.bifurcations import Bifurcation, given
+from dynkit.continuation.arclength import Follower, Point, cost_of
+from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.defining_systems import (
     BifurcationEquations,
@@ -22,19 +19,20 @@ from dynkit.continuation.defining_systems import (
     condition_of,
 )
 from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.orbit_equations import distance_from_curve
+from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Bound, Ending, Reason
+from dynkit.continuation.tracing import Trace, both_ways, joined
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, largest
-from dynkit.core.validation import Array, in_interval, index_in
-from dynkit.data.dataset import Dataset, described
-from dynkit.data.result import Saved, read_result, write_result
-from dynkit.orbits.newton import NoSolution, correct, error_bound
+from dynkit.core.reprs import Facts
+from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.validation import Array, in_interval
+from dynkit.data.dataset import Dataset
+from dynkit.orbits.newton import NoSolution, correct
 from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from dynkit.orbits.problem import PeriodicOrbit
 
 # Where theta is nearer to 0 or pi the two equations of NS are one.
 _RESONANCE = 1e-3
@@ -44,7 +42,7 @@ _CHANGES = 1e-8
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class BifurcationCurve(Saved):
+class BifurcationCurve(SolutionCurve):
     """Bifurcations of one kind as two parameters change, made by `continue_curve`.
 
     Its k points stand in the order in which the curve is run through. All arrays are read-only.
@@ -108,14 +106,13 @@ class BifurcationCurve(Saved):
     _event: int = -1
     _widths: Array | float = 1.0
 
-    def __post_init__(self) -> None:
-        for name in ("parameters", "unknowns", "own", "admissible", "residuals"):
-            getattr(self, name).setflags(write=False)
+    @property
+    def _free(self) -> dict[str, Array]:
+        return dict(zip(self.names, self.parameters.T, strict=True))
 
     @property
-    def closed(self) -> bool:
-        """Whether it is closed on itself; the last point is then the first again."""
-        return self.endings[0].reason is Reason.CLOSED
+    def system(self) -> SmoothMap:
+        return self.orbit(0).system
 
     @cached_property
     def error(self) -> Array:
@@ -125,18 +122,17 @@ class BifurcationCurve(Saved):
         those of their bounds where they hardly change, the orbit's unknowns in their typical sizes,
         and `own`, such as theta, in units of one, or of their size where that is larger.
         """
-        problem = given(self._problem, "BifurcationCurve")
         ranges = np.ptp(self.parameters, axis=0)
         widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)
-        points = zip(self.unknowns, self.own, self.parameters, strict=True)
-        error = np.array(
-            [_distance(self.kind, self._event, problem, widths, *point) for point in points]
-        )
+        error = np.empty(len(self))
+        for i, (x, own, p) in enumerate(zip(self.unknowns, self.own, self.parameters, strict=True)):
+            condition, _ = condition_of(self.kind, self._event, self.problem, x, own, p)
+            equations = BifurcationEquations(self.problem, condition, widths)
+            y = np.concatenate([x, own, p])
+            off = distance_from_curve(equations, equations.full_jacobian(y), y)
+            error[i] = (off / equations.scale(y)).max()
         error.setflags(write=False)
         return error
-
-    def __len__(self) -> int:
-        return len(self.parameters)
 
     def __repr__(self) -> str:
         ranges = ", ".join(
@@ -148,99 +144,33 @@ class BifurcationCurve(Saved):
 
     def _facts(self) -> Facts:
         return {
-            **dict(zip(self.names, self.parameters.T, strict=True)),
+            **self._free,
             "orbits": self.label,
-            "admissible": self.admissible,
-            "begins where": self.endings[0],
-            "ends where": self.endings[1],
-            "residual": largest(self.residuals),
-            "cost": self.cost,
+            **super()._facts(),
         }
-
-    def orbit(self, place: int) -> PeriodicOrbit:
-        """Return the orbit of a point; negative places count from the end.
-
-        Raises
-        ------
-        ValueError
-            When there is no such point, or the curve was loaded without an orbit.
-        """
-        place = index_in("place", place, -len(self), len(self) - 1)
-        past = (float(self.residuals[place]),)
-        problem = given(self._problem, "BifurcationCurve")
-        return problem.orbit(self.unknowns[place], self.parameters[place], past)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw it in the plane of its parameters, each kind with a line of its own."""
         from dynkit.continuation.drawing import draw_curve
 
-        return draw_curve(self, ax)
+        return draw_curve(self.kind, self._free, ax)
 
     def dataset(self) -> Dataset:
         """Return its points as a dataset.
 
         Dimensions are ``point``, ``unknown`` and ``condition``, of the condition's own unknowns.
         """
-        each, columns = "point", zip(self.names, self.parameters.T, strict=True)
+        each = "point"
         return Dataset(
-            {name: (each, column) for name, column in columns},
+            {name: (each, column) for name, column in self._free.items()},
             {
                 "admissible": (each, self.admissible),
                 "unknowns": ((each, "unknown"), self.unknowns),
                 "own": ((each, "condition"), self.own),
-                "residual": (each, self.residuals),
-                **error_known(self),
+                **self._checks(),
             },
-            described(
-                f"Curve of {self.kind} of {self.label}",
-                cost=self.cost,
-                error=ERROR,
-                system=None if self._problem is None else self.orbit(0).system,
-                swept=self.names,
-                **ends(self.endings),
-            ),
+            self._attributes(f"Curve of {self.kind} of {self.label}"),
         )
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
-
-        Raises
-        ------
-        ValueError
-            When it cannot be written there, the system cannot be told from others, or the curve was
-            loaded without an orbit.
-        """
-        write_result(path, self, identity_of(self.orbit(0).system, self._first()))
-
-    @classmethod
-    def load(
-        cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None
-    ) -> BifurcationCurve:
-        """Read it from a store: the same bits.
-
-        Parameters
-        ----------
-        path : path
-        orbit : PeriodicOrbit, optional
-            Any orbit of the same kind of the same system, at any values of the curve's parameters;
-            needed for `orbit`.
-
-        Raises
-        ------
-        ValueError
-            When the file is missing, damaged or no store of a curve, or the orbit is of another
-            kind or system.
-        """
-        curve, file, archive = read_result(path, cls)
-        if orbit is None:
-            return curve
-        refuse_other_orbits(file, archive, curve.label, curve.unknowns, orbit, curve._first())
-        found = dataclasses.replace(curve, _problem=orbit.problem(*curve.names))
-        vars(found)["error"] = curve.error
-        return found
-
-    def _first(self) -> dict[str, float]:
-        return dict(zip(self.names, self.parameters[0].tolist(), strict=True))
 
 
 def continue_curve(
@@ -309,37 +239,18 @@ def continue_curve(
     if bifurcation.kind == "NS":
         limits.append(Bound(m, "theta", _RESONANCE, np.pi - _RESONANCE, Reason.RESONANCE))
 
-    def apart(y: Array, home: Array) -> Array:
-        return np.append(problem.apart(y[:m], home[:m]), (y[-2:] - home[-2:]) / widths)
-
     def renewed(_: Point, after: Point) -> bool:
         if isinstance(equations.condition, CriticalMultiplier):
             x, own, p = equations.split(after.y)
             equations.condition = condition_of(bifurcation.kind, -1, problem, x, own, p)[0]
         return True
 
-    parts: list[list[Point]] = []
-    endings: list[Ending] = []
-    for sign in (1.0, -1.0):
-        ahead = Point(start.y, start.scale, sign * start.tangent, sign, start.residual, 0)
-        follower = Follower(
-            equations,
-            ahead,
-            tuple(limits),
-            steps,
-            apart,
-            renewed,
-            lambda y: problem.repetition(y[:m]),
-        )
-        renewed(ahead, ahead)
-        parts.append(list(follower))
-        assert follower.ending is not None
-        endings.append(follower.ending)
-        if follower.ending.reason is Reason.CLOSED:
-            parts.append([])
-            endings.append(follower.ending)
-            break
-    found = [*parts[1][:0:-1], *parts[0]]
+    def follow(point: Point) -> Trace:
+        follower = Follower(equations, point, tuple(limits), steps, renewed)
+        renewed(point, point)
+        return Trace(list(follower), ending=follower.ending)
+
+    found, endings = joined(*both_ways(start, follow))
     split = [equations.split(point.y) for point in found]
     return BifurcationCurve(
         kind=bifurcation.kind,
@@ -350,26 +261,12 @@ def continue_curve(
         own=np.array([own for _, own, _ in split]),
         admissible=np.array([problem.admissible(x, p) for x, _, p in split]),
         residuals=np.array([point.residual for point in found]),
-        endings=(endings[1], endings[0]),
-        cost=Cost(
-            time.perf_counter() - began,
-            {"points": len(found), "newton_steps": sum(point.iterations for point in found)},
-        ),
+        endings=endings,
+        cost=cost_of(found, time.perf_counter() - began),
         _problem=problem,
         _event=bifurcation.event,
         _widths=widths,
     )
-
-
-def _distance(
-    kind: str, event: int, problem: Problem, widths: Array, x: Array, own: Array, p: Array
-) -> float:
-    condition, _ = condition_of(kind, event, problem, x, own, p)
-    equations = BifurcationEquations(problem, condition, widths)
-    y = np.concatenate([x, own, p])
-    scale, jacobian = equations.scale(y), equations.full_jacobian(y)
-    tangent = np.linalg.svd(jacobian * scale)[2][-1]
-    return float((error_bound(equations, jacobian, y, scale, tangent) / scale).max())
 
 
 def _start(

@@ -11,8 +11,9 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import ROUNDING, Equations, NoSolution
+from dynkit.orbits.newton import ROUNDING, NoSolution
 from dynkit.orbits.problem import NOISE, Condition, Problem
 
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
@@ -45,12 +46,11 @@ class CriticalMultiplier(Condition):
         self._made_of = x, own, p, matrix
         off = problem.linearization_error(x, p)
         self.noise = float(np.sum(np.outer(abs(self._left), abs(self._right)) * off * self._units))
-        """What the error of D beyond rounding leaves in g."""
+        # so that no more than `NOISE` is left
         self.unit = max(1.0, self.noise / NOISE)
-        """What g is measured in, so that no more than `NOISE` is left."""
 
     @cached_property
-    def rounding(self) -> float:
+    def rounding(self) -> float:  # type: ignore[override]  # it takes a while
         """What rounding leaves in g: that of the elements of D, and of what multiplies a state.
 
         That is an error of the factors of the monodromy, and as good as one of the multiplier: g
@@ -75,22 +75,11 @@ class CriticalMultiplier(Condition):
 
     def direction(self, x: Array, own: Array, p: Array) -> Any:
         """Return the critical null vector, (m,), of unit length in scaled unknowns."""
-        matrix = self._bordered(x, own, p)
-        target = np.zeros(len(matrix))
-        target[-1] = 1.0
-        null = np.linalg.solve(matrix, target)[:-1]
+        null = _last_column(self._bordered(x, own, p))[:-1]
         return null / np.linalg.norm(null) * self._units
 
-    @property
-    def unfolding(self) -> Array | None:
-        """What is added to the orbit's equations, times the first of the own unknowns, (m,)."""
-        return None
-
     def residual(self, x: Array, own: Array, p: Array) -> Array:
-        matrix = self._bordered(x, own, p)
-        target = np.zeros(len(matrix))
-        target[-1] = 1.0
-        return self._equations(np.linalg.solve(matrix, target)[-1]) / self.unit
+        return self._equations(_last_column(self._bordered(x, own, p))[-1]) / self.unit
 
     def _equations(self, g: Any) -> Array:
         return np.array([g.real])
@@ -106,6 +95,13 @@ class CriticalMultiplier(Condition):
 
     def _scaled(self, x: Array, p: Array, multiplier: complex) -> Any:
         return self._problem.linearization(x, p, multiplier) * self._units
+
+
+def _last_column(matrix: Any) -> Any:
+    """The last column of the inverse of a square matrix."""
+    target = np.zeros(len(matrix))
+    target[-1] = 1.0
+    return np.linalg.solve(matrix, target)
 
 
 @final
@@ -147,24 +143,21 @@ class BranchPoint(CriticalMultiplier):
 
     unknowns = 1
 
+    def __init__(self, problem: Problem, x: Array, own: Array, p: Array) -> None:
+        super().__init__(problem, x, own, p)
+        self.unfolding = self._left
+
     def multiplier(self, own: Array) -> complex:
         return 1.0
 
-    @property
-    def unfolding(self) -> Array:
-        return np.asarray(self._left)
-
     def residual(self, x: Array, own: Array, p: Array) -> Array:
-        bordered = self._bordered(x, own, p)
-        target = np.zeros(len(bordered))
-        target[-1] = 1.0
-        *null, g = np.linalg.solve(bordered.T, target)
+        *null, g = _last_column(self._bordered(x, own, p).T)
         slope = self._problem.parameter_derivative(x, p)[:, 0]
         return np.array([g, null @ slope]) / self.unit
 
 
 @final
-class BifurcationEquations(Equations):
+class BifurcationEquations(CurveEquations):
     """F(x, p) = 0 and a condition; the unknowns are (x, own ones, p).
 
     There are as many equations as unknowns with one free parameter, one less with two.
@@ -178,23 +171,15 @@ class BifurcationEquations(Equations):
     """
 
     def __init__(self, problem: Problem, condition: Condition, widths: Array) -> None:
-        self.problem = problem
+        super().__init__(problem, widths)
         self.condition = condition
-        self._widths = widths
-        self._m, self._k = problem.size, len(widths)
         self._last: tuple[Array | None, Array] = None, np.empty(0)
-
-    def split(self, y: Array) -> tuple[Array, Array, Array]:
-        """Return the orbit's unknowns, the condition's own and the parameters."""
-        q = len(y)
-        return y[: self._m], y[self._m : q - self._k], y[q - self._k :]
 
     def residual(self, y: Array) -> Array:
         x, own, p = self.split(y)
         f = self.problem.residual(x, p)
-        unfolding = getattr(self.condition, "unfolding", None)
-        if unfolding is not None:
-            f = f + own[0] * unfolding
+        if self.condition.unfolding is not None:
+            f = f + own[0] * self.condition.unfolding
         self._last = y, f
         return np.concatenate([f, self._condition(y)])
 
@@ -222,14 +207,9 @@ class BifurcationEquations(Equations):
         return np.concatenate([self._orbit_rows(y), self._along(y, self.scale(y), directions)])
 
     def _orbit_rows(self, y: Array) -> Array:
-        x, _, p = self.split(y)
-        m, q = self._m, len(y)
-        matrix = np.zeros((m, q))
-        matrix[:, :m] = self.problem.linearization(x, p)
-        matrix[:, q - self._k :] = self.problem.parameter_derivative(x, p)
-        unfolding = getattr(self.condition, "unfolding", None)
-        if unfolding is not None:
-            matrix[:, m] = unfolding
+        matrix = self.orbit_jacobian(y)
+        if self.condition.unfolding is not None:
+            matrix[:, self._m] = self.condition.unfolding
         return matrix
 
     def _along(self, y: Array, scale: Array, directions: list[Array]) -> Array:
@@ -241,7 +221,7 @@ class BifurcationEquations(Equations):
 
     def _slope(self, y: Array, way: Array) -> Array:
         """Return a derivative of the condition along a way."""
-        step = max(DIFFERENCE, getattr(self.condition, "noise", 0.0) ** (1.0 / 3.0))
+        step = max(DIFFERENCE, self.condition.noise ** (1.0 / 3.0))
         change = self._change(y, step * way)
         for _ in range(_SHORTER):
             if abs(change).max() <= _CHANGE:
@@ -266,20 +246,11 @@ class BifurcationEquations(Equations):
         here, ahead, further = (self._condition(y + i * step) for i in range(3))
         return np.asarray(2.0 * ahead - 1.5 * here - 0.5 * further)
 
-    def scale(self, y: Array) -> Array:
-        x, own, _ = self.split(y)
-        sizes = np.maximum(1.0, abs(own))
-        return np.concatenate([self.problem.scale(x) * self._m**0.5, sizes, self._widths])
-
-    def linearization_error(self, y: Array) -> Any:
-        x, _, p = self.split(y)
-        return self.problem.linearization_error(x, p)
-
     def rounding(self, y: Array) -> Array:
         x, _, p = self.split(y)
         of_orbit = self.problem.rounding(x, p)
-        of_states = float(of_orbit.max()) / getattr(self.condition, "unit", 1.0)
-        own = max(getattr(self.condition, "rounding", 0.0), of_states)
+        of_states = float(of_orbit.max()) / self.condition.unit
+        own = max(self.condition.rounding, of_states)
         return np.concatenate([of_orbit, np.full(self.condition.unknowns + 1, own)])
 
     def _condition(self, y: Array) -> Array:

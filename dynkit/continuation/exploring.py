@@ -119,13 +119,11 @@ def explore(
     budget = positive_integer("calls", calls)
     if not isinstance(system, Map):
         raise ValueError(f"system must be a Map; got {system!r}")
-    if parameter not in system.parameters:
-        known = ", ".join(system.parameters) or "none"
-        raise ValueError(f"parameter must be one of: {known}; got {parameter!r}")
+    system.value_of(parameter)
     count = positive_integer("values", values)
     searches: list[Search] = []
     orbits: list[PeriodicOrbit] = []
-    told: Told = _nothing
+    told: Told = _told_of_seeds
     if seeds is None:
         searches, told = searches_of(
             system, parameter, within, values=count, largest=largest, box=box, calls=budget
@@ -158,8 +156,7 @@ def explore(
     return exploration.network(finish, failure, told, time.perf_counter() - began)
 
 
-def _nothing(searches: Sequence[OrbitSearch[Any]]) -> str:
-    del searches  # there are none
+def _told_of_seeds(_: Sequence[OrbitSearch[Any]]) -> str:
     return "nothing beside the orbits given"
 
 
@@ -170,10 +167,13 @@ class _UsedUp(Exception):
 @final
 @dataclass(eq=False)
 class _Lead:
-    """An orbit, the branch that it lies on, and with how many branches it was compared."""
+    """An orbit, and with how many branches it was compared.
+
+    `known` is the number of the branch that it lies on, or why it cannot be compared.
+    """
 
     orbit: PeriodicOrbit
-    known: int | None = None
+    known: int | str | None = None
     compared: int = 0
 
 
@@ -255,13 +255,16 @@ class _Exploration:
         self.coming.extend(leads)
         return leads
 
-    def _known(self, lead: _Lead) -> int | None:
-        """The number of the branch that an orbit lies on, of those that are found."""
+    def _known(self, lead: _Lead) -> int | str | None:
+        """The number of the branch, of those found, that an orbit lies on; or why none can tell."""
         while lead.known is None and lead.compared < len(self.found):
             number = lead.compared
             same_label = self.found[number].label == lead.orbit.label
-            if same_label and self.trails[number].holds(lead.orbit):
-                lead.known = number
+            try:
+                if same_label and self.trails[number].holds(lead.orbit):
+                    lead.known = number
+            except _REFUSALS as refusal:
+                lead.known = str(refusal)
             lead.compared += 1
         return lead.known
 
@@ -303,7 +306,7 @@ class _Exploration:
         self.trails.append(Trail(branch))
         self.points += len(branch)
         for place, bifurcation in enumerate(branch.bifurcations):
-            if bifurcation.kind in _LEADING and at_motions(branch, bifurcation):
+            if bifurcation.kind in _LEADING and _at_motions(branch, bifurcation):
                 self.waiting.append((number, place))
         return number
 
@@ -378,7 +381,7 @@ def _switched(bifurcation: Bifurcation) -> tuple[list[PeriodicOrbit], str]:
     return orbits, "no orbit was found on another branch" if missing else ""
 
 
-def at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:
+def _at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:
     """Whether a point beside it is a motion of the system."""
     before, after = math.ceil(bifurcation.place) - 1, math.floor(bifurcation.place) + 1
     return bool(branch.admissible[max(before, 0) : after + 1].any())

@@ -67,9 +67,3 @@ def crossing_directions(equations: Equations, y: Array, scale: Array) -> list[Ar
         direction = mix @ basis
         found.append(np.asarray(direction / np.sqrt(direction @ direction)))
     return found
-
-
-def null_vectors(equations: Equations, y: Array, scale: Array, count: int) -> Array:
-    """Return orthonormal null vectors, (count, n + 1), of the derivative in scaled unknowns."""
-    rows = np.linalg.svd(equations.jacobian(y) * scale)[2]
-    return np.asarray(rows[len(y) - count :])

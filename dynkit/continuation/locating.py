@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from dynkit.continuation.arclength import Follower, Point, interpolated
+from dynkit.continuation.arclength import Follower, Point, beside, interpolated
 from dynkit.continuation.crossings import Crossing, Located
 from dynkit.continuation.defining_systems import (
     BifurcationEquations,
@@ -20,6 +20,8 @@ from dynkit.orbits.newton import NoSolution, correct, error_bound
 from dynkit.orbits.problem import Problem
 
 _HALVINGS = 45
+# What is solved for is between two points: see `beside`.
+_WITHIN = (1e-6, 1e-9), 2.0
 # A torus with multipliers so nearly real is none; what unfolds a branch point is zero but for
 # rounding.
 _FLAT, _UNFOLDED = 1e-3, 1e-9
@@ -148,7 +150,8 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         equations = BifurcationEquations(problem, condition, before.scale[-1:])
         y = np.concatenate([guess[:-1], own, guess[-1:]])
         found = correct(equations, y, equations.scale(y), steps=15)
-        if not found.converged or not _within(before, after, found.y, problem.size):
+        place = np.append(found.y[: problem.size], found.y[-1])
+        if not found.converged or not beside(before, after, place, *_WITHIN):
             return None
         x, own, p = equations.split(found.y)
         # with the null vectors there, and what rounding leaves there
@@ -202,14 +205,3 @@ def _angle(before: Point, after: Point) -> Array:
     upper = both[(both.imag > 0.0) & ~are_real(both)]
     nearest = upper[np.argsort(abs(abs(upper) - 1.0))][:1]
     return np.asarray(np.angle(nearest))
-
-
-def _within(before: Point, after: Point, y: Array, m: int) -> bool:
-    """Whether a place is between two points, and near the line between them."""
-    place = np.append(y[:m], y[-1])
-    way = (after.y - before.y) / before.scale
-    gap = (place - before.y) / before.scale
-    length = float(way @ way)
-    along = float(gap @ way)
-    slack = 1e-6 * length + 1e-9 * length**0.5
-    return -slack <= along <= length + slack and float(gap @ gap) <= 2.0 * length

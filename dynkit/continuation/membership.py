@@ -3,36 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.continuation.arclength import SAME, OrbitEquations
+from dynkit.continuation.arclength import SAME
+from dynkit.continuation.lines import nodes_of
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import FixedParameters, correct
 
 if TYPE_CHECKING:
-    from dynkit.continuation.bifurcations import Bifurcation
     from dynkit.continuation.branch import Branch
     from dynkit.orbits.problem import PeriodicOrbit
 
 # How often a place between two nodes is narrowed down; values as near as this, in units of the
 # range of the parameter, are the same.
 _STEPS, _RESOLVED = 60, 1e-13
-
-
-class Node(NamedTuple):
-    """A point of a branch, or a bifurcation on it."""
-
-    place: float
-    bifurcation: Bifurcation | None
-
-
-def nodes_of(branch: Branch) -> list[Node]:
-    """Return points and bifurcations in the order in which the branch is run through."""
-    nodes = [Node(float(i), None) for i in range(len(branch))]
-    nodes += [Node(b.place, b) for b in branch.bifurcations]
-    return sorted(nodes, key=lambda node: node.place)
 
 
 @final
@@ -51,7 +38,7 @@ class Trail:
         self._width = float(np.ptp(branch.parameter)) or 1.0
         self._equations = OrbitEquations(branch.problem, self._width)
         rows = []
-        for place, b in nodes_of(branch):
+        for place, b in nodes_of(len(branch), branch.bifurcations):
             x = branch.unknowns[int(place)] if b is None else b.unknowns
             rows.append(np.append(x, branch.parameter[int(place)] if b is None else b.value))
         self._nodes = np.array(rows)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
-from dynkit.continuation.archive import ERROR, identity_of
 from dynkit.continuation.bifurcations import Bifurcation, shown
 from dynkit.continuation.branch import Branch, of_bifurcations
 from dynkit.continuation.membership import Trail
+from dynkit.continuation.solution_curve import ERROR
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, finite_scalar
@@ -158,8 +158,12 @@ class Network(Saved):
             (number, branch.label, span(branch.parameter), shown(branch.bifurcations))
             for number, branch in enumerate(self.branches)
         ]
-        name = self.branches[0].name if rows else "parameter"
-        return [table("Branches", rows, ("branch", "orbits", name, "bifurcations"))] if rows else []
+        heads = ("branch", "orbits", self._name, "bifurcations")
+        return [table("Branches", rows, heads)] if rows else []
+
+    @property
+    def _name(self) -> str:
+        return self.branches[0].name if self.branches else "parameter"
 
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable of all branches against the parameter, and return the axes.
@@ -182,7 +186,7 @@ class Network(Saved):
         """
         from dynkit.continuation.network_drawing import draw_branches
 
-        return draw_branches(self.branches, ax, y)
+        return draw_branches([branch._line(y) for branch in self.branches], ax)
 
     def dataset(self) -> Dataset:
         """Return the points of all branches, one after the other, as a dataset.
@@ -190,7 +194,6 @@ class Network(Saved):
         Dimensions are ``point``, ``bifurcation`` and ``link``; branches count from zero.
         """
         each = "point"
-        name = self.branches[0].name if self.branches else "parameter"
         found = [(i, b) for i, branch in enumerate(self.branches) for b in branch.bifurcations]
         branches: Variables = {
             attribute: (each, _joined([getattr(branch, key) for branch in self.branches]))
@@ -205,7 +208,7 @@ class Network(Saved):
         labels = [np.full(len(branch), branch.label) for branch in self.branches]
         links = np.array(self.links, dtype=np.int64).reshape(-1, 3)
         return Dataset(
-            {name: (each, _joined([branch.parameter for branch in self.branches]))},
+            {self._name: (each, _joined([branch.parameter for branch in self.branches]))},
             {
                 "branch": (each, _joined(numbers)),
                 "label": (each, _joined(labels)),
@@ -229,9 +232,7 @@ class Network(Saved):
             When it cannot be written there, the system cannot be told from others, or the network
             was loaded without orbits.
         """
-        branches = self.branches[:1]
-        made = [identity_of(branch.system, branch.first()) for branch in branches]
-        write_result(path, self, made[0] if made else {})
+        write_result(path, self, self.branches[0].identity() if self.branches else {})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit] = ()) -> Network:
@@ -258,7 +259,7 @@ class Network(Saved):
         def with_its_orbits(branch: Branch) -> Branch:
             for orbit in given:
                 if orbit.label == branch.label:
-                    free = {branch.name: network.branches[0].first()[branch.name]}
+                    free = network.branches[0].first()
                     found = branch.with_orbits(file, archive, orbit, free)
                     # the same numbers of impacts may be with other stops
                     residual = found.problem.residual(found.unknowns[0], found.parameter[:1])

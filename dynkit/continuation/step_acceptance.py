@@ -6,10 +6,11 @@ from typing import final
 
 import numpy as np
 
-from dynkit.continuation.arclength import OrbitEquations, Point
-from dynkit.continuation.crossings import Crossing, Located, Seen
+from dynkit.continuation.arclength import Point
+from dynkit.continuation.crossings import Crossing, Located
 from dynkit.continuation.initial_tangents import crossing_directions
 from dynkit.continuation.locating import solved
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.test_functions import crossings, examine
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
@@ -41,9 +42,13 @@ class Watch:
         way = (after.y - before.y) / before.scale
         sizes = (self._problem.repetition(point.y[:-1]) for point in (before, after))
         length = float(np.sqrt(way @ way)) / min(max(sizes), 1.0)
-        if length > _SHORTEST and _appears(before.seen, after.seen):
-            return False
-        if length > _UNSEEN and _clears(before.seen, after.seen):
+        events = zip(before.seen.events, after.seen.events, strict=True)
+        values = [(a.value, b.value) for a, b in events]
+        # an event is beyond its border right where there is something to watch
+        appears = any(max(pair) == np.inf and min(pair) < 0.0 for pair in values)
+        # an event tells something on one side only
+        clears = any(np.isnan(a) != np.isnan(b) for a, b in values)
+        if (length > _SHORTEST and appears) or (length > _UNSEEN and clears):
             return False
         found = crossings(before, after)
         if Crossing("BP") in found:
@@ -65,21 +70,3 @@ class Watch:
         directions = directions or [way / np.sqrt(way @ way)]
         tangent = max(directions, key=lambda direction: abs(float(direction @ way)))
         return tangent if abs(tangent[-1]) < _LEVEL else None
-
-
-def _appears(before: Seen, after: Seen) -> bool:
-    """Whether an event is beyond its border right where there is something to watch."""
-    for a, b in _values(before, after):
-        if (a == np.inf and b < 0.0) or (b == np.inf and a < 0.0):
-            return True
-    return False
-
-
-def _clears(before: Seen, after: Seen) -> bool:
-    """Whether an event tells something on one side only."""
-    return any(np.isnan(a) != np.isnan(b) for a, b in _values(before, after))
-
-
-def _values(before: Seen, after: Seen) -> list[tuple[float, float]]:
-    pairs = zip(before.events, after.events, strict=True)
-    return [(a.value, b.value) for a, b in pairs]

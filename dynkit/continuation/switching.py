@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.continuation.arclength import OrbitEquations
-from dynkit.continuation.initial_tangents import crossing_directions, null_vectors
+from dynkit.continuation.initial_tangents import crossing_directions
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence, NoSolution, correct, solve
 from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
-    from dynkit.continuation.bifurcations import Bifurcation
     from dynkit.orbits.problem import PeriodicOrbit
 
 # How far to go along the new branch, in scaled unknowns: the first distance at which the branch is
@@ -27,38 +26,38 @@ _OFF = 0.25
 _FROM_ONE = 0.25
 
 
-def branches_at(bifurcation: Bifurcation) -> list[PeriodicOrbit]:
-    """Return one orbit near by on every branch that leaves a bifurcation."""
-    problem, x = bifurcation.problem, bifurcation.unknowns
-    p = np.array([bifurcation.value])
-    if bifurcation.kind == "PD" and len(bifurcation.direction):
-        doubled, start, direction = problem.doubled(x, bifurcation.direction)
-        error = np.append(np.tile(bifurcation.unknowns_error, 2), bifurcation.error)
-        found = _stepped(doubled, np.append(start, p), np.append(direction, 0.0), error)
-        # the orbit that doubles is a solution, too
-        return [orbit for orbit in found if orbit.unknowns.size == len(start)]
-    if bifurcation.kind == "BP":
-        error = np.append(bifurcation.unknowns_error, bifurcation.error)
-        return _crossing(problem, np.append(x, p), bifurcation.tangent, error)
-    if bifurcation.event >= 0:
-        return _neighbours(problem, bifurcation.event, x, p)
-    return []
+def doubled(problem: Problem, y: Array, direction: Array, error: Array) -> list[PeriodicOrbit]:
+    """Return an orbit near by on the branch of twice the period that leaves a PD.
+
+    Parameters
+    ----------
+    problem : Problem
+    y, error : (m + 1,) arrays
+        The unknowns of the orbit that doubles and the parameter, and how wrong they may be.
+    direction : (m,) array
+        Null vector of D(-1).
+    """
+    twice, start, along = problem.doubled(y[:-1], direction)
+    errors = np.append(np.tile(error[:-1], 2), error[-1])
+    found = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
+    # the orbit that doubles is a solution, too
+    return [orbit for orbit in found if orbit.unknowns.size == len(start)]
 
 
-def _crossing(problem: Problem, y: Array, old: Array, error: Array) -> list[PeriodicOrbit]:
+def crossing(problem: Problem, y: Array, old: Array, error: Array) -> list[PeriodicOrbit]:
+    """Return an orbit near by on the branch that crosses at a BP; `old` is the known tangent."""
     equations = OrbitEquations(problem, _width(y))
     scale = equations.scale(y)
+    old = old / scale / np.linalg.norm(old / scale)
     directions = crossing_directions(equations, y, scale)
-    if not directions:
-        # no transversal crossing: what is orthogonal to the old branch
-        basis = null_vectors(equations, y, scale, 2)
-        old = old / scale / np.linalg.norm(old / scale)
-        along = basis @ old
-        directions = [np.array([-along[1], along[0]]) @ basis]
+    if directions:
+        direction = min(directions, key=lambda direction: abs(float(direction @ old)))
     else:
-        old = old / scale / np.linalg.norm(old / scale)
-        directions = [min(directions, key=lambda direction: abs(float(direction @ old)))]
-    return _stepped(problem, y, directions[0] * scale, error)
+        # no transversal crossing: what is orthogonal to the old branch
+        basis = np.linalg.svd(equations.jacobian(y) * scale)[2][-2:]
+        along = basis @ old
+        direction = np.array([-along[1], along[0]]) @ basis
+    return _stepped(problem, y, direction * scale, error)
 
 
 def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list[PeriodicOrbit]:
@@ -92,9 +91,10 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
     return []
 
 
-def _neighbours(problem: Problem, event: int, x: Array, p: Array) -> list[PeriodicOrbit]:
+def neighbours(problem: Problem, event: int, y: Array) -> list[PeriodicOrbit]:
+    """Return the orbits near by of one impact more or fewer, where an orbit grazes."""
     found = []
-    for other, guess, values in problem.neighbours(event, x, p):
+    for other, guess, values in problem.neighbours(event, y[:-1], y[-1:]):
         try:
             solution, history = solve(other, guess, values)
             found.append(other.orbit(solution, values, history))

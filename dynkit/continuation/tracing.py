@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import final
 
@@ -84,6 +85,29 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
 
 def _ends(reason: Reason, point: Point) -> Ending:
     return Ending(reason, f"{reason.value}: near {point.y[-1]:.6g}")
+
+
+def both_ways(start: Point, follow: Callable[[Point], Trace]) -> tuple[Trace, Trace]:
+    """Return a curve in both directions; of one that is closed the second is no more than a start.
+
+    Parameters
+    ----------
+    start : Point
+    follow : callable
+        Point whose tangent is the direction -> what is found from there on.
+    """
+    forward = follow(start.along(1.0))
+    if forward.ending is not None and forward.ending.reason is Reason.CLOSED:
+        return forward, Trace(forward.points[:1], ending=forward.ending)
+    return forward, follow(start.along(-1.0))
+
+
+def joined(forward: Trace, backward: Trace) -> tuple[list[Point], tuple[Ending, Ending]]:
+    """Return the points in the order in which the curve is run through, and its endings."""
+    assert forward.ending is not None
+    assert backward.ending is not None
+    points = [*backward.points[:0:-1], *forward.points]
+    return points, (backward.ending, forward.ending)
 
 
 def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: Array) -> bool:

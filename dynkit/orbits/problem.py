@@ -59,6 +59,14 @@ class Condition(ABC):
 
     unknowns: int
     """The number e of unknowns of its own."""
+    unit: float = 1.0
+    """What g is measured in."""
+    noise: float = 0.0
+    """What errors of calls leave in g."""
+    unfolding: Any = None
+    """What times the first of the own unknowns is added to the orbit's equations, (m,), or None."""
+    rounding: float = 0.0
+    """What rounding leaves in g / `unit`, where that is more than in the orbit's equations."""
 
     @abstractmethod
     def residual(self, x: Array, own: Array, p: Array) -> Array:

@@ -134,9 +134,7 @@ def plan_of(
         Naming the argument, the limit and the value.
     """
     checked_map(system, Map)
-    if parameter not in system.parameters:
-        known = ", ".join(system.parameters) or "none"
-        raise ValueError(f"parameter must be one of: {known}; got {parameter!r}")
+    system.value_of(parameter)
     array = finite_array("values", values, (None,)).copy()
     array.setflags(write=False)
     if not len(array):

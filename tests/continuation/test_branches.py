@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynkit.continuation.arclength import Follower, OrbitEquations, Steps
+from dynkit.continuation.arclength import Follower, Steps
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.termination import Bound
 from dynkit.systems import Logistic
 from tests.continuation.families import BEHIND, Cycle, Flat, VeiledOrbit
@@ -182,9 +183,7 @@ def test_points_come_one_by_one() -> None:
     equations = OrbitEquations(problem, 1.0)
     (start,) = start_points(equations, np.append(orbit.unknowns, 2.5))
     bounds = (Bound(1, "rate", 2.0, 3.0),)
-    follower = Follower(
-        equations, start, bounds, Steps(), np.subtract, lambda a, b: True, lambda y: np.inf
-    )
+    follower = Follower(equations, start, bounds, Steps(), lambda a, b: True)
     points = iter(follower)
     values = [next(points).y[-1] for _ in range(3)]
     assert values[0] == 2.5

@@ -9,7 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from dynkit import Branch, continue_orbit
-from dynkit.continuation.network_drawing import draw_branches
+from dynkit.continuation.network import Finish, Network
+from dynkit.core.cost import Cost
 from dynkit.systems import ImpactChain
 
 
@@ -58,7 +59,8 @@ def test_a_store_keeps_what_is_admissible(chain: Branch, tmp_path: Path) -> None
 
 
 def test_networks_draw_what_is_inadmissible_as_crosses(chain: Branch) -> None:
-    axes = draw_branches([chain], Figure().add_subplot(), None)
+    network = Network((chain,), (), (), Finish.COMPLETE, "", Cost(0.0))
+    axes = network.plot(Figure().add_subplot())
     marks = {
         str(line.get_marker()): {float(x) for x in np.asarray(line.get_xdata())}
         for line in axes.get_lines()

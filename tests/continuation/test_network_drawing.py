@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -12,7 +13,7 @@ from matplotlib.text import Annotation
 
 from dynkit import Network, explore
 from dynkit.continuation.network import Finish
-from dynkit.continuation.network_drawing import draw_branches, write_names
+from dynkit.continuation.network_drawing import write_names
 from dynkit.core.cost import Cost
 from dynkit.systems import ImpactChain
 
@@ -89,7 +90,8 @@ def test_names_outside_of_the_axes_are_not_written() -> None:
 
 
 def test_another_observable_is_drawn_by_name(network: Network) -> None:
-    axes = draw_branches(network.branches[:1], Figure().subplots(), "phase")
+    one = replace(network, branches=network.branches[:1])
+    axes = one.plot(Figure().subplots(), y="phase")
     assert axes.get_ylabel() == "phase"
 
 

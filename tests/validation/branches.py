@@ -12,7 +12,7 @@ import numpy as np
 from flint import arb, ctx
 
 from dynkit import Bifurcation, Branch, NoConvergence, continue_orbit, periodic_orbit
-from dynkit.continuation.arclength import OrbitEquations
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.systems import Henon, MatrixOscillator
 from tests.impact_orbits.exact_orbits import ImpactMap, answers
 from tests.reference.random_cases import STARTS, random_case

@@ -1,0 +1,95 @@
+"""Branches as lines: their points and bifurcations, in the order in which they are run through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.core.validation import Array
+
+
+@final
+class Node(NamedTuple):
+    """A point of a branch, or a bifurcation on it."""
+
+    place: float
+    bifurcation: Bifurcation | None
+
+
+def nodes_of(points: int, bifurcations: Iterable[Bifurcation]) -> list[Node]:
+    """Return points, so many, and bifurcations in the order in which a branch is run through."""
+    nodes = [Node(float(i), None) for i in range(points)]
+    nodes += [Node(b.place, b) for b in bifurcations]
+    return sorted(nodes, key=lambda node: node.place)
+
+
+def kinds_of(
+    nodes: list[Node], stable: NDArray[np.bool_], admissible: NDArray[np.bool_]
+) -> list[str]:
+    """Return what the orbits after each node but the last are: stable, unstable, inadmissible.
+
+    As the point before or after; not as one that is itself a bifurcation.
+
+    Parameters
+    ----------
+    nodes : list of k Node
+    stable, admissible : (n,) arrays of bool
+        Of the points.
+    """
+    critical = {place for place, bifurcation in nodes if bifurcation is not None}
+    kinds = []
+    for place, bifurcation in nodes[:-1]:
+        beside = bifurcation is not None or place in critical
+        i = min(max(math.floor(place) + beside, 0), len(stable) - 1)
+        kinds.append("inadmissible" if not admissible[i] else "stable" if stable[i] else "unstable")
+    return kinds
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Line:
+    """What is drawn of a branch.
+
+    Parameters
+    ----------
+    names : (str, str)
+        Of the parameter and of the observable.
+    nodes : list of k Node
+    x : (k,) array
+        The parameter at the nodes.
+    y : (k, n) array
+        The observable.
+    kinds : list of k - 1 str
+        How the stretch after each node but the last is drawn.
+    """
+
+    names: tuple[str, str]
+    nodes: list[Node]
+    x: Array
+    y: Array
+    kinds: list[str]
+
+    def stretches(self) -> Iterator[tuple[str, Array, Array]]:
+        """Yield parts that are drawn alike: how, the parameter and the observable."""
+        place = 0
+        for kind, group in groupby(self.kinds):
+            stop = place + len(list(group))
+            yield kind, self.x[place : stop + 1], self.y[place : stop + 1]
+            place = stop
+
+    def marks(self) -> Iterator[tuple[Bifurcation, float, Array]]:
+        """Yield bifurcations, the parameter and the observable (n,) there.
+
+        Where a branch ends on another one, the bifurcation is the other one's.
+        """
+        last = sum(bifurcation is None for _, bifurcation in self.nodes) - 1
+        for (place, b), x, y in zip(self.nodes, self.x, self.y, strict=True):
+            if b is not None and (b.kind != "BP" or 0.0 <= place <= last):
+                yield b, float(x), y

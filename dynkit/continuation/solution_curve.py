@@ -1,0 +1,206 @@
+"""What branches and curves of bifurcations have in common: orbits that were solved for."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from abc import abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.continuation.bifurcations import given
+from dynkit.continuation.termination import Ending, Reason
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, largest
+from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.validation import Array, index_in
+from dynkit.data import store
+from dynkit.data.dataset import Variables, described
+from dynkit.data.result import Saved, read_result, write_result
+from dynkit.orbits.problem import Problem
+
+if TYPE_CHECKING:
+    from dynkit.orbits.problem import PeriodicOrbit
+
+ERROR = (
+    "to first order a bound on the distance from the exact curve, "
+    "in ranges of parameters and typical sizes of unknowns"
+)
+"""What `error` means."""
+
+
+class SolutionCurve(Saved):
+    """Periodic orbits along a curve, in the order in which it is run through.
+
+    A subclass must give the fields below, of k points, and
+
+    1. `_free`, the values (k,) of the free parameters, by name;
+    2. `error`, (k,), as `ERROR` says;
+    3. `system`, with the free parameters at any of their values.
+
+    and may give
+
+    4. `_replaced`, what a curve that makes orbits has other values of.
+    """
+
+    label: str
+    unknowns: Array
+    admissible: NDArray[np.bool_]
+    residuals: Array
+    endings: tuple[Ending, Ending]
+    cost: Cost
+    error: Any
+    _problem: Problem | None
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+    @property
+    @abstractmethod
+    def _free(self) -> Mapping[str, Array]: ...
+
+    @property
+    @abstractmethod
+    def system(self) -> SmoothMap:
+        """The system, at one value of each free parameter.
+
+        Raises
+        ------
+        ValueError
+            When the curve was loaded without an orbit.
+        """
+
+    @property
+    def problem(self) -> Problem:
+        """The equations of its orbits.
+
+        Raises
+        ------
+        ValueError
+            When the curve was loaded without an orbit.
+        """
+        return given(self._problem, type(self).__name__)
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is closed on itself; the last point is then the first again."""
+        return self.endings[0].reason is Reason.CLOSED
+
+    def __len__(self) -> int:
+        return len(self.residuals)
+
+    def orbit(self, place: int) -> PeriodicOrbit:
+        """Return the orbit of a point; negative places count from the end.
+
+        Raises
+        ------
+        ValueError
+            When there is no such point, or the curve was loaded without an orbit.
+        """
+        place = index_in("place", place, -len(self), len(self) - 1)
+        p = np.array([column[place] for column in self._free.values()])
+        return self.problem.orbit(self.unknowns[place], p, (float(self.residuals[place]),))
+
+    def first(self) -> dict[str, float]:
+        """Return the free parameters' values at the first point, by name."""
+        return {name: float(column[0]) for name, column in self._free.items()}
+
+    def identity(self) -> dict[str, str]:
+        """Return what a store says of the system, which has the parameters of the first point."""
+        return store.identity_of(self.system.replace(**self.first()))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there, the system cannot be told from others, or the curve was
+            loaded without an orbit.
+        """
+        write_result(path, self, self.identity())
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None) -> Self:
+        """Read it from a store: the same bits.
+
+        Parameters
+        ----------
+        path : path
+        orbit : PeriodicOrbit, optional
+            Any orbit of the same kind of the same system, at any values of the free parameters;
+            needed for whatever makes orbits.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of such a curve, or the orbit is of
+            another kind or system.
+        """
+        found, file, archive = read_result(path, cls)
+        return found if orbit is None else found.with_orbits(file, archive, orbit, found.first())
+
+    def with_orbits(
+        self, file: Path, archive: store.Archive, orbit: PeriodicOrbit, free: Mapping[str, float]
+    ) -> Self:
+        """Return it, which was read, as a curve that makes orbits like the one given.
+
+        The store names its system with the parameters at the values that are given as free.
+
+        Raises
+        ------
+        ValueError
+            When the orbit is of another kind or system than that of the store, naming what differs.
+        """
+        if orbit.label != self.label:
+            raise ValueError(f"store {file} was made with orbits {self.label}; got {orbit.label}")
+        for name in free:
+            if name not in orbit.system.parameters:
+                raise ValueError(
+                    f"store {file} was made with parameter {name}; got a system without it"
+                )
+        store.refuse_other_system(file, archive, orbit.system.replace(**free))
+        problem, size = orbit.problem(*free), self.unknowns.shape[1]
+        if problem.size != size:
+            raise ValueError(f"store {file} was made with {size} unknowns; got {problem.size}")
+        instance: Any = self  # a subclass is a dataclass
+        found: Self = dataclasses.replace(instance, **self._replaced(problem, orbit))
+        vars(found)["error"] = self.error
+        return found
+
+    def _replaced(self, problem: Problem, orbit: PeriodicOrbit) -> dict[str, Any]:
+        del orbit
+        return {"_problem": problem}
+
+    def _checks(self) -> Variables:
+        """Residuals as variables of a dataset, and the error where it is known or can be found."""
+        found = {"residual": ("point", self.residuals)}
+        if self._problem is not None or "error" in vars(self):
+            found["error"] = "point", self.error
+        return found
+
+    def _attributes(self, title: str) -> dict[str, str | float]:
+        return described(
+            title,
+            cost=self.cost,
+            error=ERROR,
+            system=None if self._problem is None else self.system,
+            swept=tuple(self._free),
+            begins_where=str(self.endings[0]),
+            ends_where=str(self.endings[1]),
+        )
+
+    def _facts(self) -> Facts:
+        return {
+            "admissible": self.admissible,
+            "begins where": self.endings[0],
+            "ends where": self.endings[1],
+            "residual": largest(self.residuals),
+            "cost": self.cost,
+        }
