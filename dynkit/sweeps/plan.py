@@ -67,6 +67,11 @@ class Plan:
     start: Array
     follow: bool
 
+    @property
+    def names(self) -> tuple[str]:
+        """Names of the parameters, of which there is one."""
+        return (self.parameter,)
+
     def system_at(self, value: float) -> Map:
         """Return the system at a value."""
         if self.system is None:
@@ -205,28 +210,32 @@ class Values(Points):
     """The values of a sweep; each follows the one before it, or none does."""
 
     def __init__(self, plan: Plan) -> None:
-        self._plan = plan
+        self.plan = plan
+
+    def of(self, system: Map) -> Values:
+        """Return them as points of a system."""
+        return Values(replace(self.plan, system=system, kind=kind_of(system)))
 
     def __len__(self) -> int:
-        return len(self._plan.values)
+        return len(self.plan.values)
 
     @property
     def chained(self) -> bool:
-        return self._plan.follow
+        return self.plan.follow
 
     @property
     def work(self) -> Callable[[Any], Rows]:
-        return _Simulation(replace(self._plan, values=self._plan.values[:1]))
+        return _Simulation(replace(self.plan, values=self.plan.values[:1]))
 
     def task(self, first: int, last: int, found: Findings) -> Any:
-        values = self._plan.values
-        if not self._plan.follow or not first:
+        values = self.plan.values
+        if not self.plan.follow or not first:
             return values[first:last], None
         return values[first:last], (float(values[first - 1]), found.arrays["final"][first - 1])
 
     @property
     def entries(self) -> Mapping[str, str]:
-        plan = self._plan
+        plan = self.plan
         return {
             "kind": KIND,
             "system": plan.kind,
@@ -241,11 +250,11 @@ class Values(Points):
 
     @property
     def inputs(self) -> Mapping[str, Anything]:
-        return {"values": self._plan.values, "start": self._plan.start}
+        return {"values": self.plan.values, "start": self.plan.start}
 
     @property
     def columns(self) -> Columns:
-        observables = dict.fromkeys(self._plan.observables, ("f", (self._plan.keep,)))
+        observables = dict.fromkeys(self.plan.observables, ("f", (self.plan.keep,)))
         return {
             "count": ("i", ()),
             "displaced": ("b", ()),

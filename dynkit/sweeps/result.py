@@ -1,28 +1,23 @@
 """The result of a sweep."""
 
-import dataclasses
 import json
-import os
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, line_of
-from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import Array, index_in
-from dynkit.data import store
 from dynkit.data.dataset import Dataset, described, known_error
-from dynkit.data.result import Result
+from dynkit.data.store import Archive, arrays_of
 from dynkit.dynamics.attractor import Attractor
-from dynkit.dynamics.map import Map
-from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other, save_rows
 from dynkit.engine.points import Rows
 from dynkit.labels.label import OrbitLabel
 from dynkit.sweeps.plan import KIND, Plan, Values
+from dynkit.sweeps.swept import Swept
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +25,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Sweep(Result):
+class Sweep(Swept):
     """What a sweep found, made by `dynkit.sweep`.
 
     It holds the observables that were asked for and one state per value. What more is asked for is
@@ -84,70 +79,50 @@ class Sweep(Result):
     displaced: NDArray[np.bool_]
     endings: tuple[str, ...]
     cost: Cost
-    _plan: Plan
+    _points: Values
     _rows: Rows
     _labels: dict[int, OrbitLabel] = field(default_factory=dict, init=False)
 
+    _kind: ClassVar = KIND
+    _words: ClassVar = ("sweep", "values")
+
     @classmethod
-    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> "Sweep":
-        """Open the store of a finished sweep; nothing is written, and nothing simulated.
+    def _points_in(cls, archive: Archive) -> Values:
+        entries = archive.entries
+        arrays = arrays_of(archive, {"given/values": ("f", 1), "given/start": ("f", 1)})
+        arrays["given/values"].setflags(write=False)
+        plan = Plan(
+            None,
+            entries["system"],
+            entries["parameter"],
+            arrays["given/values"],
+            int(entries["transient"]),
+            int(entries["keep"]),
+            tuple(json.loads(entries["observables"])),
+            arrays["given/start"],
+            {"True": True, "False": False}[entries["follow"]],
+        )
+        return Values(plan)
 
-        Parameters
-        ----------
-        path : path
-        system : Map, optional
-            The system that was swept, at any value of the parameter; needed for `attractor`,
-            `label`, `labels` and `error`.
-
-        Raises
-        ------
-        ValueError
-            When the file is missing, damaged or no store of a sweep, when the sweep is not
-            finished, or was made with another system.
-        """
-        file = store.place(path)
-        archive, found = read_rows(file, KIND)
-        with store.understood(file, KIND):
-            entries = archive.entries
-            given = {"given/values": ("f", 1), "given/start": ("f", 1)}
-            arrays = store.arrays_of(archive, given)
-            plan = Plan(
-                None,
-                entries["system"],
-                entries["parameter"],
-                arrays["given/values"],
-                int(entries["transient"]),
-                int(entries["keep"]),
-                tuple(json.loads(entries["observables"])),
-                arrays["given/start"],
-                {"True": True, "False": False}[entries["follow"]],
-            )
-            plan.values.setflags(write=False)
-            refuse_misfits(Values(plan), found)
-        if system is not None:
-            if plan.parameter not in checked_map(system, Map).parameters:
-                raise ValueError(
-                    f"store {file} was made with parameter {plan.parameter}; "
-                    "got a system without it"
-                )
-            plan = dataclasses.replace(plan, system=system, kind=store.kind_of(system))
-            refuse_other(file, Values(plan), archive)
-        if not found.done.all():
-            raise ValueError(
-                f"store must hold a finished sweep; got {found.done.sum()} of {found.count} values "
-                f"in {file}"
-            )
-        return sweep_of(plan, found.rows())
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store, as ``store=`` does: `load` reads it, and `sweep` finds it done.
-
-        Raises
-        ------
-        ValueError
-            When it cannot be written there, or the sweep was loaded without its system.
-        """
-        save_rows(path, Values(self._plan), self._rows)
+    @classmethod
+    def of(cls, points: Values, rows: Rows) -> "Sweep":
+        """Return what was found at all values."""
+        plan = points.plan
+        for array in rows.arrays.values():
+            array.setflags(write=False)
+        return cls(
+            plan.parameter,
+            plan.values,
+            plan.transient,
+            plan.keep,
+            plan.observables,
+            counts=np.asarray(rows.arrays["count"]),
+            displaced=np.asarray(rows.arrays["displaced"]),
+            endings=tuple(rows.texts["ending"]),
+            cost=rows.cost,
+            _points=points,
+            _rows=rows,
+        )
 
     def __len__(self) -> int:
         return len(self.values)
@@ -160,7 +135,7 @@ class Sweep(Result):
         names = [str(label) for label in self._labels.values()]  # those that were decided
         counts = [f"{name} {names.count(name)}" for name in dict.fromkeys(names)]
         return {
-            "system": line_of(self._plan.system, self._plan.kind, [self.parameter]),
+            "system": line_of(self._points.plan.system, self._points.plan.kind, [self.parameter]),
             self.parameter: self.values,
             "states at each": f"{self.keep} kept after {self.transient}",
             "observables": self.observables,
@@ -193,7 +168,7 @@ class Sweep(Result):
             When there is no such value, or the sweep was loaded without its system.
         """
         place = index_in("place", place, 0, len(self) - 1)
-        plan, values = self._plan, self.values.tolist()
+        plan, values = self._points.plan, self.values.tolist()
         system, start = plan.system_at(values[place]), plan.first_start()
         if plan.follow and place:
             before = plan.system_at(values[place - 1])
@@ -257,7 +232,7 @@ class Sweep(Result):
                 "Sweep of a parameter",
                 cost=self.cost,
                 error="estimate of the largest error of the kept states, from where a value starts",
-                system=self._plan.system,
+                system=self._points.plan.system,
                 swept=(over,),
                 transient=float(self.transient),
                 keep=float(self.keep),
@@ -281,22 +256,3 @@ class Sweep(Result):
         errors = np.array([self.attractor(place).error for place in range(len(self))])
         errors.setflags(write=False)
         return errors
-
-
-def sweep_of(plan: Plan, rows: Rows) -> Sweep:
-    """Return what was found at the values of a plan as a sweep."""
-    for array in rows.arrays.values():
-        array.setflags(write=False)
-    return Sweep(
-        plan.parameter,
-        plan.values,
-        plan.transient,
-        plan.keep,
-        plan.observables,
-        counts=np.asarray(rows.arrays["count"]),
-        displaced=np.asarray(rows.arrays["displaced"]),
-        endings=tuple(rows.texts["ending"]),
-        cost=rows.cost,
-        _plan=plan,
-        _rows=rows,
-    )

@@ -8,7 +8,7 @@ from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
 from dynkit.sweeps.plan import Values, plan_of
-from dynkit.sweeps.result import Sweep, sweep_of
+from dynkit.sweeps.result import Sweep
 
 
 def sweep(
@@ -112,4 +112,5 @@ def sweep(
             "executor must be None when each value starts where the last one ended "
             f"(follow=False starts all by themselves); got {executor!r}"
         )
-    return sweep_of(plan, collect(Values(plan), executor=executor, store=store, progress=progress))
+    points = Values(plan)
+    return Sweep.of(points, collect(points, executor=executor, store=store, progress=progress))

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynkit import ParameterMap, parameter_map
+from dynkit import ParameterMap, Sweep, parameter_map
 from dynkit.labels.label import OrbitKind
-from dynkit.systems import Henon, ImpactChain
-from tests.scaling.cases import SHORT, START, VALUES, bits, mapped
+from dynkit.systems import Henon, ImpactChain, Logistic
+from tests.scaling.cases import SHORT, START, VALUES, bits, mapped, swept
 
 CHAIN = ImpactChain(masses=3, frequency=0.9)
 PAIRS = {"frequency": [0.5, 0.9, 1.2], "damping": [0.1, 0.3]}
@@ -76,6 +76,14 @@ def test_a_loaded_map_is_the_one_that_was_stored(tmp_path: Path) -> None:
     assert bits(loaded) == bits(found)
     assert loaded.values["b"].tolist() == VALUES["b"].tolist()
     assert loaded.attractor(1, 2).states.tobytes() == found.attractor(1, 2).states.tobytes()
+
+
+def test_a_system_without_the_parameters_of_a_store_is_refused(tmp_path: Path) -> None:
+    mapped(store=tmp_path / "map.h5")
+    swept(store=tmp_path / "sweep.h5")
+    for kind, name in ((ParameterMap, "map.h5"), (Sweep, "sweep.h5")):
+        with pytest.raises(ValueError, match="with parameter a; got a system without it"):
+            kind.load(tmp_path / name, Logistic(3.2))
 
 
 def test_a_map_loaded_without_its_system_says_so(tmp_path: Path) -> None:

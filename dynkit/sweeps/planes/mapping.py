@@ -10,7 +10,7 @@ from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
 from dynkit.sweeps.planes.plan import Grid, plan_of
-from dynkit.sweeps.planes.result import ParameterMap, parameter_map_of
+from dynkit.sweeps.planes.result import ParameterMap
 
 
 def parameter_map(
@@ -89,5 +89,5 @@ def parameter_map(
         exponents=exponents,
         start=start,
     )
-    rows = collect(Grid(plan, axes), executor=executor, store=store, progress=progress)
-    return parameter_map_of(plan, axes, rows)
+    grid = Grid(plan, axes)
+    return ParameterMap.of(grid, collect(grid, executor=executor, store=store, progress=progress))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -42,7 +42,7 @@ class Plan:
 
     Parameters
     ----------
-    family : Map or None
+    system : Map or None
         None for a map that was loaded without its system.
     kind : str
         The class of the system, as the user knows it.
@@ -58,7 +58,7 @@ class Plan:
         The values at which it was packed.
     """
 
-    family: Map | None
+    system: Map | None
     kind: str
     names: tuple[str, str]
     transient: int
@@ -68,11 +68,11 @@ class Plan:
     start: Array
     origin: tuple[float, float]
 
-    def system(self, first: float, second: float) -> Map:
+    def system_at(self, first: float, second: float) -> Map:
         """Return the system at a pair of values."""
-        if self.family is None:
+        if self.system is None:
             raise ValueError("system must be given to load a map that is to simulate; got None")
-        return replaced(self.family, **{self.names[0]: first, self.names[1]: second})
+        return replaced(self.system, **{self.names[0]: first, self.names[1]: second})
 
     def motion(self, first: float, second: float) -> Attractor:
         """Simulate at a pair of values.
@@ -82,8 +82,8 @@ class Plan:
         Refused
             When the system refuses the pair, or the start at it.
         """
-        system = self.system(first, second)
-        start = self.system(*self.origin).unpack_state(self.start) if len(self.start) else None
+        system = self.system_at(first, second)
+        start = self.system_at(*self.origin).unpack_state(self.start) if len(self.start) else None
         return system.attractor(start=start, transient=self.transient, keep=self.keep)
 
     def __call__(self, pairs: Array) -> Rows:
@@ -213,29 +213,33 @@ class Grid(Points):
     """All pairs of values, the second changing fastest."""
 
     def __init__(self, plan: Plan, values: tuple[Array, Array]) -> None:
-        self._plan = plan
-        self._values = values
+        self.plan = plan
+        self.values = values
+
+    def of(self, system: Map) -> Grid:
+        """Return them as points of a system."""
+        return Grid(replace(self.plan, system=system, kind=kind_of(system)), self.values)
 
     def __len__(self) -> int:
-        return len(self._values[0]) * len(self._values[1])
+        return len(self.values[0]) * len(self.values[1])
 
     @property
     def work(self) -> Callable[[Array], Rows]:
-        return self._plan
+        return self.plan
 
     def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
-        i, j = np.divmod(np.arange(first, last), len(self._values[1]))
-        return np.stack([self._values[0][i], self._values[1][j]], axis=1)
+        i, j = np.divmod(np.arange(first, last), len(self.values[1]))
+        return np.stack([self.values[0][i], self.values[1][j]], axis=1)
 
     @property
     def entries(self) -> Mapping[str, str]:
-        plan = self._plan
+        plan = self.plan
         return {
             "kind": KIND,
             "system": plan.kind,
             "parameters": json.dumps(plan.names),
             "start": start_of(plan.start),
-            **identity_of(plan.system(*plan.origin)),
+            **identity_of(plan.system_at(*plan.origin)),
             "transient": str(plan.transient),
             "keep": str(plan.keep),
             "observables": json.dumps(plan.observables),
@@ -244,13 +248,13 @@ class Grid(Points):
 
     @property
     def columns(self) -> Columns:
-        plan = self._plan
+        plan = self.plan
         found: Columns = {**COLUMNS, "largest": ("f", (len(plan.observables),))}
         return {**found, "exponent": ("f", ())} if plan.exponents else found
 
     @property
     def inputs(self) -> Mapping[str, Anything]:
-        first, second = self._values
-        one, other = self._plan.names
+        first, second = self.values
+        one, other = self.plan.names
         values = {f"values of {one}": first, f"values of {other}": second}
-        return {**values, "start": self._plan.start}
+        return {**values, "start": self.plan.start}

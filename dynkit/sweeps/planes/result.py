@@ -4,31 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, line_of, table
-from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import Array, index_in
-from dynkit.data import store
 from dynkit.data.dataset import Dataset, described
-from dynkit.data.result import Result
+from dynkit.data.store import Archive
 from dynkit.dynamics.attractor import Attractor
-from dynkit.dynamics.map import Map
-from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other, save_rows
 from dynkit.engine.points import Rows
 from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Grid, Plan
+from dynkit.sweeps.swept import Swept
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +32,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class ParameterMap(Result):
+class ParameterMap(Swept):
     """The kinds of motion at all pairs of values of two parameters, made by `parameter_map`.
 
     Arrays are (k1, k2), read-only: row i belongs to value i of the first parameter, column j to
@@ -85,64 +81,51 @@ class ParameterMap(Result):
     periods: NDArray[np.int64]
     endings: NDArray[np.str_]
     cost: Cost
-    _plan: Plan
+    _points: Grid
     _rows: Rows
 
+    _kind: ClassVar = KIND
+    _words: ClassVar = ("map", "points")
+
     @classmethod
-    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> ParameterMap:
-        """Open the store of a finished map; nothing is written, and nothing simulated.
-
-        Parameters
-        ----------
-        path : path
-        system : Map, optional
-            The system that was simulated, at any values of the parameters; needed for `attractor`.
-
-        Raises
-        ------
-        ValueError
-            When the file is missing, damaged or no store of a map of two parameters, when it is not
-            finished, or was made with another system.
-        """
-        file = store.place(path)
-        archive, found = read_rows(file, KIND)
+    def _points_in(cls, archive: Archive) -> Grid:
         entries, arrays = archive.entries, archive.arrays
-        with store.understood(file, KIND):
-            first, second = json.loads(entries["parameters"])
-            values = arrays[f"given/values of {first}"], arrays[f"given/values of {second}"]
-            plan = Plan(
-                None,
-                entries["system"],
-                (first, second),
-                int(entries["transient"]),
-                int(entries["keep"]),
-                tuple(json.loads(entries["observables"])),
-                int(entries["exponents"]),
-                arrays["given/start"],
-                (float(values[0][0]), float(values[1][0])),
-            )
-            refuse_misfits(Grid(plan, values), found)
-        if system is not None:
-            kind = store.kind_of(checked_map(system, Map))
-            plan = dataclasses.replace(plan, family=system, kind=kind)
-            refuse_other(file, Grid(plan, values), archive)
-        if not found.done.all():
-            raise ValueError(
-                f"store must hold a finished map; got {found.done.sum()} of {found.count} points "
-                f"in {file}"
-            )
-        return parameter_map_of(plan, values, found.rows())
+        first, second = json.loads(entries["parameters"])
+        values = arrays[f"given/values of {first}"], arrays[f"given/values of {second}"]
+        plan = Plan(
+            None,
+            entries["system"],
+            (first, second),
+            int(entries["transient"]),
+            int(entries["keep"]),
+            tuple(json.loads(entries["observables"])),
+            int(entries["exponents"]),
+            arrays["given/start"],
+            (float(values[0][0]), float(values[1][0])),
+        )
+        return Grid(plan, values)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store, as ``store=`` does: `load` reads it, `parameter_map` finds it done.
-
-        Raises
-        ------
-        ValueError
-            When it cannot be written there, or the map was loaded without its system.
-        """
-        first, second = self.values.values()
-        save_rows(path, Grid(self._plan, (first, second)), self._rows)
+    @classmethod
+    def of(cls, points: Grid, rows: Rows) -> ParameterMap:
+        """Return what was found at all pairs of values."""
+        plan, shape = points.plan, tuple(map(len, points.values))
+        endings = np.array(rows.texts["ending"]).reshape(shape)
+        for array in (*points.values, *rows.arrays.values(), endings):
+            array.setflags(write=False)
+        numbers = rows.arrays["numbers"].reshape(*shape, -1)
+        return cls(
+            plan.names,
+            MappingProxyType(dict(zip(plan.names, points.values, strict=True))),
+            plan.transient,
+            plan.keep,
+            plan.observables,
+            iterates=numbers[..., 0],
+            periods=numbers[..., 1],
+            endings=endings,
+            cost=rows.cost,
+            _points=points,
+            _rows=rows,
+        )
 
     @property
     def _shape(self) -> tuple[int, ...]:
@@ -194,7 +177,7 @@ class ParameterMap(Result):
         ValueError
             When none were asked for.
         """
-        if not self._plan.exponents:
+        if not self._points.plan.exponents:
             raise ValueError("exponents must be asked for when the map is made; got 0")
         found: Array = self._rows.arrays["exponent"]
         return found.reshape(self._shape)
@@ -224,7 +207,7 @@ class ParameterMap(Result):
 
     def _facts(self) -> Facts:
         return {
-            "system": line_of(self._plan.family, self._plan.kind, self.parameters),
+            "system": line_of(self._points.plan.system, self._points.plan.kind, self.parameters),
             **self.values,
             "states at each": f"{self.keep} kept after {self.transient}",
             "observables": self.observables,
@@ -269,7 +252,7 @@ class ParameterMap(Result):
         """
         self._place(i, j)
         first, second = self.values.values()
-        return self._plan.motion(float(first[i]), float(second[j]))
+        return self._points.plan.motion(float(first[i]), float(second[j]))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the kinds of motion over the plane of the two parameters, and return the axes.
@@ -290,7 +273,7 @@ class ParameterMap(Result):
         """Return what was found as a dataset over the two parameters."""
         over = self.parameters
         found = {f"largest_{name}": (over, self.largest(name)) for name in self.observables}
-        if self._plan.exponents:
+        if self._points.plan.exponents:
             found["exponent"] = (over, self.exponents)
         return Dataset(
             {name: (name, values) for name, values in self.values.items()},
@@ -306,7 +289,7 @@ class ParameterMap(Result):
                 "Kinds of motion over two parameters",
                 cost=self.cost,
                 error="how wrong the label may be, in the sense of its kind: OrbitLabel.error",
-                system=self._plan.family,
+                system=self._points.plan.system,
                 swept=over,
                 transient=float(self.transient),
                 keep=float(self.keep),
@@ -322,25 +305,3 @@ class ParameterMap(Result):
         arrays = self._rows.arrays
         kind = int(arrays["kind"][place])
         return None if kind in OTHER_ENDS else label_in(arrays, place, KINDS[kind])
-
-
-def parameter_map_of(plan: Plan, values: tuple[Array, Array], rows: Rows) -> ParameterMap:
-    """Return what was found at all pairs of values as a map of two parameters."""
-    shape = len(values[0]), len(values[1])
-    endings = np.array(rows.texts["ending"]).reshape(shape)
-    for array in (*values, *rows.arrays.values(), endings):
-        array.setflags(write=False)
-    numbers = rows.arrays["numbers"].reshape(*shape, -1)
-    return ParameterMap(
-        plan.names,
-        MappingProxyType(dict(zip(plan.names, values, strict=True))),
-        plan.transient,
-        plan.keep,
-        plan.observables,
-        iterates=numbers[..., 0],
-        periods=numbers[..., 1],
-        endings=endings,
-        cost=rows.cost,
-        _plan=plan,
-        _rows=rows,
-    )

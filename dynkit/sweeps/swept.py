@@ -1,0 +1,90 @@
+"""What results of points have in common: what was asked for, and stores."""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from typing import Any, ClassVar, Self
+
+from dynkit.core.smooth_map import checked_map
+from dynkit.data import store
+from dynkit.data.result import Result
+from dynkit.dynamics.map import Map
+from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other, save_rows
+from dynkit.engine.points import Rows
+
+
+class Swept(Result):
+    """What was found at points of the engine that were asked for by a plan.
+
+    A subclass must give
+
+    1. `_kind`, what its store holds, and `_words`, what messages call it and its points;
+    2. `_points_in`, the points of a store, with a plan that has no system;
+    3. `of`, the result of points and rows.
+
+    Points have their `plan`, and ``of(system)`` makes those of a system.
+    """
+
+    _kind: ClassVar[str]
+    _words: ClassVar[tuple[str, str]]
+    _points: Any
+    _rows: Rows
+
+    @classmethod
+    @abstractmethod
+    def of(cls, points: Any, rows: Rows) -> Self:
+        """Return what was found at all points."""
+
+    @classmethod
+    @abstractmethod
+    def _points_in(cls, archive: store.Archive) -> Any: ...
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Self:
+        """Open the store of a finished run; nothing is written, and nothing simulated.
+
+        Parameters
+        ----------
+        path : path
+        system : Map, optional
+            The system that was simulated, at any values of the parameters; needed for whatever
+            simulates again, such as `attractor`.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or no store of such a result, when the run is not
+            finished, or was made with another system.
+        """
+        file = store.place(path)
+        archive, found = read_rows(file, cls._kind)
+        with store.understood(file, cls._kind):
+            points = cls._points_in(archive)
+            refuse_misfits(points, found)
+        if system is not None:
+            known = checked_map(system, Map).parameters
+            for name in points.plan.names:
+                if name not in known:
+                    raise ValueError(
+                        f"store {file} was made with parameter {name}; got a system without it"
+                    )
+            points = points.of(system)
+            refuse_other(file, points, archive)
+        if not found.done.all():
+            what, each = cls._words
+            raise ValueError(
+                f"store must hold a finished {what}; got {found.done.sum()} of {found.count} "
+                f"{each} in {file}"
+            )
+        return cls.of(points, found.rows())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a store, as ``store=`` does: `load` reads it, the same call finds it done.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be written there, or the result was loaded without its system.
+        """
+        save_rows(path, self._points, self._rows)
