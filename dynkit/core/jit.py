@@ -89,18 +89,22 @@ def _inner() -> Any:
     """The class of kernels that only kernels call.
 
     Numba compiles a function once more for every integer constant that it is called with; these are
-    compiled once for all integers.
+    compiled once for all integers, unless `constants` says otherwise.
     """
     from numba.core import types
     from numba.core.registry import CPUDispatcher
 
     class Inner(CPUDispatcher):
+        constants = False
+
         def __call__(self, *_: object) -> object:
             name = self.py_func.__name__
             raise TypeError(f"{name} is called by kernels only; got a call from Python")
 
         def get_call_template(self, args: Any, kws: Any) -> Any:
-            return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+            if not self.constants:
+                args = tuple(map(types.unliteral, args))
+            return super().get_call_template(args, kws)
 
     return Inner
 
@@ -111,6 +115,7 @@ def kernel(
     reorder: bool = False,
     fuse: bool = False,
     inline: bool = False,
+    constants: bool = False,
     nogil: bool = False,
 ) -> Callable[[_Function], _Function]:
     """Compile a kernel on its first call and keep the machine code in `cache_folder`.
@@ -129,6 +134,9 @@ def kernel(
         Products may be added without being rounded, in the order given.
     inline
         Compiled into its callers.
+    constants
+        Compiled for each set of integer constants that it is called with: for inner loops, which
+        are a fifth faster where they are known to begin at zero.
     nogil
         Other threads run during a call from Python: only where no two calls share a buffer that
         they modify.
@@ -157,11 +165,13 @@ def kernel(
         previous = settings.CACHE_DIR
         settings.CACHE_DIR = str(cache_folder())
         try:
-            compiled: _Function = numba.njit(**options)(function)
+            compiled: Any = numba.njit(**options)(function)
         finally:
             settings.CACHE_DIR = previous
         if not entry:
             compiled.__class__ = _inner()
-        return compiled
+            compiled.constants = constants
+        found: _Function = compiled
+        return found
 
     return decorate

@@ -161,7 +161,7 @@ def walk(
     _add_driven(links, link_step, j, states, k, to)
 
 
-@kernel()
+@kernel(constants=True)
 def propagate_steps(
     step: Array,
     links: Indices,
@@ -197,7 +197,7 @@ def propagate_steps(
     return k
 
 
-@kernel(reorder=True)
+@kernel(reorder=True, constants=True)
 def shift(
     generator: Array,
     e: float,

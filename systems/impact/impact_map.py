@@ -42,16 +42,19 @@ class ImpactMap(DrivenStructure, Map):
 
     # results know their system: their classes stand above this one
     @abstractmethod
-    def simulate(self, *, impacts: int, start: ImpactState | None = None) -> Any: ...
+    def simulate(self, *, impacts: int, start: ImpactState | None = None) -> Any:
+        """Return the record of so many impacts: see `ImpactOscillator`."""
 
     @abstractmethod
-    def attractor(self, *args: Any, **kwargs: Any) -> Any: ...
+    def attractor(self, *args: Any, **kwargs: Any) -> Any:
+        """Return what is left of the motion after a number of impacts: see `ImpactOscillator`."""
 
     @abstractmethod
     def _attractor_of(self, record: Any) -> Any: ...
 
     @abstractmethod
-    def periodic_orbit(self, *args: Any, **kwargs: Any) -> Any: ...
+    def periodic_orbit(self, *args: Any, **kwargs: Any) -> Any:
+        """Return a periodic orbit: see `ImpactOscillator`."""
 
     def _run(self, start: ImpactState, count: int, *, store: bool) -> Trajectory:
         return trajectory_of(self, start, count, store=store)

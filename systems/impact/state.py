@@ -39,9 +39,6 @@ class ImpactState:
 
     Attributes
     ----------
-    position, velocity : (N,) arrays, read-only
-    phase : float
-        Phase of the table in [0, 2 pi).
     relative_velocity : float
         Rate of the gap; exact after an impact, where the difference of two velocities would have
         lost digits. Negative, if only its zero, on the far side of a play.
@@ -56,14 +53,17 @@ class ImpactState:
 
     @property
     def position(self) -> Array:
+        """Positions (N,), read-only."""
         return self._place[0]
 
     @property
     def velocity(self) -> Array:
+        """Velocities (N,), read-only."""
         return self._place[1]
 
     @cached_property
     def phase(self) -> float:
+        """Phase of the table in [0, 2 pi)."""
         return float(phases(self._turn[:1], self._turn[1:])[0])
 
     @cached_property

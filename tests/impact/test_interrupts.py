@@ -18,7 +18,15 @@ from dynkit.exponential import sums
 from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import ImpactChain
-from dynkit.systems.impact import clock_kernels, kernels, motion, runs, second_moments, tangents
+from dynkit.systems.impact import (
+    clock_kernels,
+    kernels,
+    mode,
+    runs,
+    second_moments,
+    tangents,
+    trajectory,
+)
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.impact.trajectory import Trajectory
@@ -151,10 +159,10 @@ def test_what_is_computed_of_a_record_is_the_same_in_pieces(masses: int) -> None
 
     whole = computed()
     with (
-        patch.object(motion, "cells_of_a_call", lambda slots: 7),
+        patch.object(mode, "cells_of_a_call", lambda slots: 7),
         patch.object(second_moments, "_PRODUCTS_OF_A_CALL", 1),
         patch.object(tangents, "_PRODUCTS_OF_A_CALL", 1),
-        patch.object(tangents, "_ROWS", 7),
+        patch.object(trajectory, "_ROWS", 7),
     ):
         assert computed() == whole
 

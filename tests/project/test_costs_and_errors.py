@@ -48,6 +48,7 @@ NO_RESULTS = {
     "Henon": SYSTEM,
     "HighBounce": SYSTEM,
     "ImpactChain": SYSTEM,
+    "ImpactMap": SYSTEM,
     "ImpactOscillator": SYSTEM,
     "IntegratedFlow": SYSTEM,
     "LagrangianStructure": SYSTEM,

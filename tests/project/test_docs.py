@@ -68,9 +68,9 @@ def test_names_of_modules_in_the_reference_are_there(page: str) -> None:
 INSIDE = {
     *("Condition", "Event", "ImpactProblem", "Problem", "StatesProblem", "StickingProblem"),
     *("Flight", "FreeMotion", "Passage", "Scene", "SecondMoments", "Solution", "Terms"),
-    *("SmoothMap", "Transitions"),
+    *("ImpactMap", "SmoothMap", "Transitions"),
 }
-"""Equations of orbits, what they are made of, and the base of `Map`: nothing that a user makes."""
+"""Equations of orbits, what they are made of, and bases: nothing that a user makes."""
 
 
 def test_whatever_a_user_gets_is_in_the_reference() -> None:
