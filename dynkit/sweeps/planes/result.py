@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +126,9 @@ class ParameterMap(Swept):
             _points=points,
             _rows=rows,
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self).of, (self._points, self._rows)  # a read-only mapping is not pickled
 
     @property
     def _shape(self) -> tuple[int, ...]:
