@@ -232,7 +232,7 @@ class Network(Saved):
             When it cannot be written there, the system cannot be told from others, or the network
             was loaded without orbits.
         """
-        write_result(path, self, self.branches[0].identity() if self.branches else {})
+        write_result(path, self, self.branches[0]._identity() if self.branches else {})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit] = ()) -> Network:
@@ -259,8 +259,8 @@ class Network(Saved):
         def with_its_orbits(branch: Branch) -> Branch:
             for orbit in given:
                 if orbit.label == branch.label:
-                    free = network.branches[0].first()
-                    found = branch.with_orbits(file, archive, orbit, free)
+                    free = network.branches[0]._first()
+                    found = branch._with_orbits(file, archive, orbit, free)
                     # the same numbers of impacts may be with other stops
                     residual = found.problem.residual(found.unknowns[0], found.parameter[:1])
                     if abs(residual).max() < _SOLVED:

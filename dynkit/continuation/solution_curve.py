@@ -107,13 +107,13 @@ class SolutionCurve(Saved):
         p = np.array([column[place] for column in self._free.values()])
         return self.problem.orbit(self.unknowns[place], p, (float(self.residuals[place]),))
 
-    def first(self) -> dict[str, float]:
+    def _first(self) -> dict[str, float]:
         """Return the free parameters' values at the first point, by name."""
         return {name: float(column[0]) for name, column in self._free.items()}
 
-    def identity(self) -> dict[str, str]:
+    def _identity(self) -> dict[str, str]:
         """Return what a store says of the system, which has the parameters of the first point."""
-        return store.identity_of(self.system.replace(**self.first()))
+        return store.identity_of(self.system.replace(**self._first()))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
@@ -124,7 +124,7 @@ class SolutionCurve(Saved):
             When it cannot be written there, the system cannot be told from others, or the curve was
             loaded without an orbit.
         """
-        write_result(path, self, self.identity())
+        write_result(path, self, self._identity())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None) -> Self:
@@ -144,9 +144,9 @@ class SolutionCurve(Saved):
             another kind or system.
         """
         found, file, archive = read_result(path, cls)
-        return found if orbit is None else found.with_orbits(file, archive, orbit, found.first())
+        return found if orbit is None else found._with_orbits(file, archive, orbit, found._first())
 
-    def with_orbits(
+    def _with_orbits(
         self, file: Path, archive: store.Archive, orbit: PeriodicOrbit, free: Mapping[str, float]
     ) -> Self:
         """Return it, which was read, as a curve that makes orbits like the one given.

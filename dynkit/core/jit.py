@@ -125,7 +125,7 @@ def kernel(
     Parameters
     ----------
     entry
-        Python calls it, too. What turns Python's arguments into those of machine code is a third of
+        Python calls it, too. What turns Python's arguments into those of machine code is a fifth of
         the time that compilation takes.
     reorder
         The sums of this function may be taken in any order and contracted to fused operations.

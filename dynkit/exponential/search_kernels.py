@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.bound_kernels import stays_in_band, tail, weighted
@@ -425,16 +427,6 @@ def first_root(
 
 
 @kernel(entry=True)
-def search(
-    ladder: Ladder,
-    order: int,
-    rate: float,
-    band_factor: float,
-    touches: bool,
-    limit: int,
-    pause: int,
-    horizon: int,
-    work: Workspace,
-) -> tuple[int, int, float, float, int]:
+def search(*given: Any) -> tuple[int, int, float, float, int]:
     """`first_root`, for Python."""
-    return first_root(ladder, order, rate, band_factor, touches, limit, pause, horizon, work)
+    return first_root(*given)

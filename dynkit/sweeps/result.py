@@ -105,7 +105,7 @@ class Sweep(Swept):
         return Values(plan)
 
     @classmethod
-    def of(cls, points: Values, rows: Rows) -> "Sweep":
+    def _of(cls, points: Values, rows: Rows) -> "Sweep":
         """Return what was found at all values."""
         plan = points.plan
         for array in rows.arrays.values():

@@ -113,4 +113,4 @@ def sweep(
             f"(follow=False starts all by themselves); got {executor!r}"
         )
     points = Values(plan)
-    return Sweep.of(points, collect(points, executor=executor, store=store, progress=progress))
+    return Sweep._of(points, collect(points, executor=executor, store=store, progress=progress))

@@ -21,7 +21,7 @@ class Swept(Result):
 
     1. `_kind`, what its store holds, and `_words`, what messages call it and its points;
     2. `_points_in`, the points of a store, with a plan that has no system;
-    3. `of`, the result of points and rows.
+    3. `_of`, the result of points and rows.
 
     Points have their `plan`, and ``of(system)`` makes those of a system.
     """
@@ -33,7 +33,7 @@ class Swept(Result):
 
     @classmethod
     @abstractmethod
-    def of(cls, points: Any, rows: Rows) -> Self:
+    def _of(cls, points: Any, rows: Rows) -> Self:
         """Return what was found at all points."""
 
     @classmethod
@@ -77,7 +77,7 @@ class Swept(Result):
                 f"store must hold a finished {what}; got {found.done.sum()} of {found.count} "
                 f"{each} in {file}"
             )
-        return cls.of(points, found.rows())
+        return cls._of(points, found.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a store, as ``store=`` does: `load` reads it, the same call finds it done.

@@ -60,8 +60,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     derivative += np.outer(rate, later)
     time += later
     before = _row(gap, 2) @ derivative
-    kick = np.zeros((2, free.layout.slots))
-    kick[:, free.layout.modes] = sign * structure.kick[:2]
+    kick = free.placed(sign * structure.kick[:2])
     derivative -= (1.0 + r) * np.outer(kick.ravel(), before)
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
@@ -113,8 +112,7 @@ def parameter_derivative(
     change += later * rate
     before_by = _row(gap, 2) @ change - sign * speed
     law_by = before if name == "restitution" else 0.0
-    kick = np.zeros((2, free.layout.slots))
-    kick[:, free.layout.modes] = sign * structure.kick[:2]
+    kick = free.placed(sign * structure.kick[:2])
     change -= ((1.0 + r) * before_by + law_by) * kick.ravel()
 
     q, by_sine, by_cosine = free.parts(change.reshape(1, 2, -1))

@@ -152,11 +152,9 @@ def _kernel_arguments(driven: DrivenStructure, *, with_contact: bool) -> tuple[A
     from dynkit.systems.impact.contact_kernels import Mechanics, Stop
 
     structure, free = driven._structure, driven._free
-    kick = np.zeros((4, free.layout.slots))
-    kick[:, free.layout.modes] = structure.kick
+    kick = free.placed(structure.kick)
     kick[:, free.layout.seen :] = 0.0
-    excursion = np.zeros((2, free.layout.slots))
-    excursion[:, free.layout.modes] = structure.free.coordinates(*structure.excursion)
+    excursion = free.placed(structure.free.coordinates(*structure.excursion))
     stops = []
     slots = 1
     for side, (stand, gap) in enumerate(zip(driven._stands, driven._gaps, strict=True)):

@@ -46,10 +46,15 @@ class Mode:
             out[:, self.layout.table] = turn.real, turn.imag
         return out
 
+    def placed(self, rows: Array) -> Array:
+        """Numbers (..., slots): those of the modes, (..., m), as given, and the rest zero."""
+        out = np.zeros((*rows.shape[:-1], self.layout.slots))
+        out[..., self.layout.modes] = rows
+        return out
+
     def states(self, q: Array, sine: Any, cosine: Any) -> Array:
         """States (..., 2, slots) of coordinates (..., 2, m) and the phase."""
-        out = np.zeros((*q.shape[:-1], self.layout.slots))
-        out[..., self.layout.modes] = q
+        out = self.placed(q)
         if self.layout.table >= 0:
             out[..., 0, self.layout.table], out[..., 1, self.layout.table] = sine, cosine
         if self.layout.constant >= 0:

@@ -217,8 +217,7 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
     r, free = oscillator.restitution, oscillator._free
     sides, speeds, states = run.sides[1:], run.speeds[1:], run.free_states
-    kick = np.zeros((2, free.layout.slots))
-    kick[:, free.layout.modes] = oscillator._structure.kick[:2]
+    kick = free.placed(oscillator._structure.kick[:2])
     if r == 0.0:  # the states after impacts do not tell how fast they were
         starts = states.copy()
         for stay in stays(oscillator, run, states):

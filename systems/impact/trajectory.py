@@ -127,9 +127,10 @@ class Trajectory:
     @property
     def durations(self) -> tuple[Array, Array]:
         """Durations (n,) of the flights before impacts, and (j,) of the contacts before these."""
-        held = self.contacts[: self.ended, 2] - self.times[self.before[: self.ended]]
-        flights = np.diff(self.time, prepend=0.0)
-        flights[self.before[: self.ended]] -= held
+        count, flights = self.ended, np.diff(self.time, prepend=0.0)
+        before = self.before[:count]
+        held = self.contacts[:count, 2] - self.times[before]
+        flights[before] -= held
         return flights, held
 
     @property

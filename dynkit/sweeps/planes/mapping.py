@@ -90,4 +90,4 @@ def parameter_map(
         start=start,
     )
     grid = Grid(plan, axes)
-    return ParameterMap.of(grid, collect(grid, executor=executor, store=store, progress=progress))
+    return ParameterMap._of(grid, collect(grid, executor=executor, store=store, progress=progress))

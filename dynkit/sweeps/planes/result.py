@@ -106,7 +106,7 @@ class ParameterMap(Swept):
         return Grid(plan, values)
 
     @classmethod
-    def of(cls, points: Grid, rows: Rows) -> ParameterMap:
+    def _of(cls, points: Grid, rows: Rows) -> ParameterMap:
         """Return what was found at all pairs of values."""
         plan, shape = points.plan, tuple(map(len, points.values))
         endings = np.array(rows.texts["ending"]).reshape(shape)
@@ -128,7 +128,7 @@ class ParameterMap(Swept):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self).of, (self._points, self._rows)  # a read-only mapping is not pickled
+        return type(self)._of, (self._points, self._rows)  # a read-only mapping is not pickled
 
     @property
     def _shape(self) -> tuple[int, ...]:

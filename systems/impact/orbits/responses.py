@@ -37,8 +37,7 @@ class FreeMotion:
             [self.mode.pairs.derivative_rows(row, order).ravel() for order in range(4)]
         )
         self.bounds = np.stack([self.mode.pairs.bound(row, order) for order in (0, 1, 2, 6)])
-        self.kick = np.zeros((2, self.mode.layout.slots))
-        self.kick[:, self.mode.layout.modes] = structure.kick[:2]
+        self.kick = self.mode.placed(structure.kick[:2])
         self._returns: list[tuple[float, Transitions, Array]] = []
 
     @cached_property

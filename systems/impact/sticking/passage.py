@@ -68,12 +68,10 @@ class Scene:
         self.system = system
         self.motion: FreeMotion = free_motion(system._structure)
         self.holdings = tuple(Holding(system, side) for side in range(len(system._stands)))
-        slots = system._free.layout.slots
-        structure, modes = system._structure, system._free.layout.modes
-        self.kick, self.shift = np.zeros((2, 2, slots))
-        self.kick[:, modes] = structure.kick[:2]
+        structure, free = system._structure, system._free
+        self.kick = free.placed(structure.kick[:2])
         unit = np.eye(structure.size)[structure.contact]
-        self.shift[:, modes] = structure.free.coordinates(unit, 0.0 * unit)
+        self.shift = free.placed(structure.free.coordinates(unit, 0.0 * unit))
 
     def gap(self, states: Array, side: int, order: int) -> Array:
         """Gaps (...) of free states (..., 2, slots), or a derivative of them in time."""
