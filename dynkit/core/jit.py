@@ -55,7 +55,7 @@ def _private(folder: Path) -> bool:
 
 
 def _kernel_sources() -> list[Path]:
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     return sorted(
         {
             source.resolve()

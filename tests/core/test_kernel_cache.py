@@ -7,6 +7,7 @@ from typing import Any
 import numba
 import pytest
 
+from dynkit.core import jit
 from dynkit.core.jit import cache_folder, kernel
 
 SETTINGS: Any = numba.config
@@ -81,3 +82,22 @@ def test_a_kernel_is_compiled_once_for_all_integers_and_for_kernels_only() -> No
     assert len(compiled.overloads) == 1
     with pytest.raises(TypeError, match="doubled is called by kernels only"):
         doubled(2, 1.0)
+
+
+def test_an_edit_of_any_kernel_makes_another_folder(
+    base: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = Path(jit.__file__).resolve().parents[1]
+    files = {
+        file for part in ("", "systems", "analysis") for file in (package / part).rglob("*.py")
+    }
+    with_kernels = [file.resolve() for file in files if "@kernel(" in file.read_text()]
+    assert len(with_kernels) > 15
+    read = Path.read_bytes
+    before = again()
+    for edited in with_kernels:
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                Path, "read_bytes", lambda path, e=edited: read(path) + b"#" * (path == e)
+            )
+            assert again() != before
