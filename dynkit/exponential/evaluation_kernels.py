@@ -27,9 +27,9 @@ DEGREE = 14
 REACH = 0.5
 """Largest |lambda| h of the smallest step."""
 
-SCRATCH, START, FOUND, TERM, KEPT, STATES = 3, 3, 4, 5, 7, 8
-"""Scratch states; places of the start, of the result, of two Taylor terms and of one kept; number
-of states."""
+SCRATCH, START, FOUND, TERM, KEPT, LEFT, STATES = 3, 3, 4, 5, 7, 8, 9
+"""Scratch states; places of the start, of the result, of two Taylor terms, of the earliest result
+and of the start of a mode that was left; number of states."""
 
 PLACES, LEVELS = 11, 5
 """Numbers of a paused search."""

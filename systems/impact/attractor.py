@@ -129,9 +129,8 @@ class ImpactAttractor(Attractor):
         course = Course(self._system, whole.start, noise=0.0, seed=1, most_cells=MOST_CELLS)
         size = batch_size(self._system)
         for low in range(0, count, size):
-            states = np.empty((min(size, count - low), 2 * self._system.degrees_of_freedom + 4))
-            course.advance(len(states), states)
-            yield ImpactRecord(self._system, replace(whole, states=states, impacts=len(states)))
+            log = course.advance(min(size, count - low), store=True)
+            yield ImpactRecord(self._system, whole.holding(log))
 
     @cached_property
     def label(self) -> OrbitLabel:

@@ -25,21 +25,24 @@ Indices = NDArray[np.intp]
     TIME,
     TIME_LOW,
     SPEED,
-    SIDE,
-    PHASE_OF_MOTION,
+    MODE,
+    GUARD,
+    MOTION,
+    ORDER,
+    LEFT_FROM,
+    WANTED,
     CHATTER_ERROR,
     IMPACTS,
+    SWITCHES,
     CELLS,
     TOUCHES,
-    CONTACTS,
+    BUDGET,
     SEED,
     SINE,
     COSINE,
-    STAGE,
-    BUDGET,
     LONGEST,
-) = range(16)
-CLOCK = 16
+) = range(19)
+CLOCK = 19
 """Numbers of a clock; above, the places of them."""
 
 

@@ -8,28 +8,30 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.bases import row_by_row
+from dynkit.systems.impact.elements import Element
 from dynkit.systems.impact.forced import Forced, Load
 from dynkit.systems.impact.mode import Mode, visible
-from dynkit.systems.impact.structure import Drive, Stand, Structure
+from dynkit.systems.impact.structure import Drive, Structure
 
 
 @final
 class Contact:
     """The stuck structure driven by the table: its contact force and the changes of basis."""
 
-    def __init__(self, structure: Structure, drive: Drive, free: Mode, stand: Stand) -> None:
+    def __init__(self, structure: Structure, drive: Drive, free: Mode, stop: Element) -> None:
         self._structure = structure
         self._drive = drive
         self._free = free
-        self._stand = stand
+        self._stand = stop
         s, w, c, others = structure, drive.frequency, structure.contact, structure.others
         told = (s.stiffness + 1j * w * s.damping - w * w * s.mass)[others, c] * drive.amplitude
         shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
-        shape[c], rest[c] = drive.amplitude, stand.offset
+        shape[c], rest[c] = drive.amplitude, stop.offset
         load = Load(
             w,
             drive.harmonic[others] - told,
-            drive.constant[others] - s.stiffness[others, c] * stand.offset,
+            drive.constant[others] - s.stiffness[others, c] * stop.offset,
             shape,
             rest,
         )
@@ -64,7 +66,7 @@ class Contact:
 
     @cached_property
     def to_stuck(self) -> Array:
-        """(2 stuck slots, 2 slots + 1) matrix of the kernels' `Stop`."""
+        """(2 stuck slots, 2 slots + 1) `change_of_basis`."""
         s = self._structure
         x, v = _driven(self._free.forced)
         # The impacts left out take the relative velocity, and what it gives masses coupled by
@@ -72,12 +74,12 @@ class Contact:
         told = 1j * self._drive.frequency * self._drive.amplitude
         lost = v[:, s.contact] - (told.real, told.imag, 0.0)
         v -= np.outer(lost, s.kick_velocity)
-        return _matrix(self._free, self.mode, s.caught, x, v)
+        return change_of_basis(self._free, self.mode, s.caught, x, v)
 
     @cached_property
     def to_free(self) -> Array:
-        """(2 slots, 2 stuck slots + 1) matrix of the kernels' `Stop`."""
-        return _matrix(self.mode, self._free, self._structure.released, *_driven(self.forced))
+        """(2 slots, 2 stuck slots + 1) `change_of_basis`."""
+        return change_of_basis(self.mode, self._free, self._structure.released)
 
 
 def _driven(forced: Forced) -> tuple[Array, Array]:
@@ -87,12 +89,16 @@ def _driven(forced: Forced) -> tuple[Array, Array]:
     return x, v
 
 
-def _matrix(one: Mode, other: Mode, modes: Array, x: Array, v: Array) -> Array:
+def change_of_basis(
+    one: Mode, other: Mode, modes: Array, x: Array | None = None, v: Array | None = None
+) -> Array:
     """Affine change of basis (2 slots of the other, 2 slots of the one + 1).
 
     From that of the modes alone, and the positions and velocities that the one has of the sine, of
-    the cosine, and at rest, (3, N) each.
+    the cosine, and at rest, (3, N) each; by default its own, which do not jump.
     """
+    if x is None or v is None:
+        x, v = _driven(one.forced)
     (sine, cosine), forced = np.eye(2, 3), other.forced
     x[2] -= forced.rest
     v[2] -= forced.drift
@@ -107,3 +113,12 @@ def _matrix(one: Mode, other: Mode, modes: Array, x: Array, v: Array) -> Array:
         out[:, a.table], out[:, a.slots + a.table] = driven[:2].reshape(2, -1)
     out[:, -1] = driven[2].ravel()
     return out
+
+
+def transformed(matrix: Array, states: Array) -> Array:
+    """States (k, 2, slots) in the other basis, by a `change_of_basis`."""
+    flat = states.reshape(len(states), states.shape[1] * states.shape[2])
+    out = np.broadcast_to(matrix[:, -1], (len(flat), len(matrix)))
+    if flat.shape[1]:  # a single mass on a table at rest has no state
+        out = row_by_row(flat, matrix[:, :-1]) + out
+    return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))

@@ -16,6 +16,7 @@ from dynkit.exponential.evaluation_kernels import (
     start_sums,
     value_and_rates,
 )
+from dynkit.exponential.stack_kernels import Ladders
 
 Indices = NDArray[np.intp]
 
@@ -27,67 +28,69 @@ PLACE = 1000.0
 out, where it follows parabolas: nothing else follows from it."""
 
 
-class Stop(NamedTuple):
-    """What the contact coordinate meets on one side.
+class Tables(NamedTuple):
+    """Linear modes, their guards, and what happens where a guard is zero.
+
+    A guard is an exponential sum that ends a flight in its mode; those of a mode follow each other.
 
     Attributes
     ----------
-    gap : exponential sum of the gap in free flight
-    force : exponential sum of the contact force while stuck
-    kick : (4, slots) change of the state by a unit jump of the rate of the gap, then the low parts
-        of the same
-    to_stuck : (2 * stuck slots, 2 * slots + 1) from the free state (and 1) to the stuck one
-    to_free : (2 * slots, 2 * stuck slots + 1) back
-    """
-
-    gap: Ladder
-    force: Ladder
-    kick: Array
-    to_stuck: Array
-    to_free: Array
-
-
-class Mechanics(NamedTuple):
-    """Everything the loop needs of one impact oscillator.
-
-    Attributes
-    ----------
-    stops : one or two of them
-    modes : (N,) slots of the modes
-    restitution : coefficient of restitution
-    excursion : (2, slots) change of the state by a brief excursion of the contact coordinate, over
-        its time integral
-    coupling : largest such change of a position or velocity
+    ladders : the guards; a group of them is a mode
+    first : (modes + 1,) the first guard of each mode
+    slots, counts : (modes, N) and (modes,) slots of the coordinates of each mode, and their number
+    element : (guards,) what it belongs to
+    event : (guards,) what happens, IMPACT or SWITCH
+    target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
+        guard of the same element there; -1 where it has not been entered
+    order : (guards,) how many leading Taylor coefficients of the partner vanish after a switch
+    change : (guards, 2 slots, 2 slots + 1) from the state (and 1) to that in the other mode; no
+        rows while there is one mode only
+    kick : (guards, 4, slots) change of the state by a unit jump of the guard's rate, then the low
+        parts of the same
+    excursion : (guards, 2, slots) change of the state by a brief excursion of the contact
+        coordinate, over its time integral
+    coupling : (guards,) largest such change of a position or velocity
+    restitution : (guards,) coefficient of restitution
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
         (see `PLACE` for the contact coordinate before it)
     clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
     """
 
-    stops: tuple[Stop, ...]
-    modes: Indices
-    restitution: float
+    ladders: Ladders
+    first: Indices
+    slots: Indices
+    counts: Indices
+    element: Indices
+    event: Indices
+    target: Indices
+    partner: Indices
+    order: Indices
+    change: Array
+    kick: Array
     excursion: Array
-    coupling: float
+    coupling: Array
+    restitution: Array
     tolerance: float
     clock_rate: float
 
 
 @kernel(reorder=True)
-def transform(matrix: Array, states: Array, k: int, out: Array) -> None:
-    """Affine change of basis from state `k` to the start of `out`, which is modified in place."""
-    m = states.shape[2]
-    n = out.shape[2]
+def transform(matrix: Array, states: Array, k: int, to: int) -> None:
+    """Affine change of basis of state `k`, into state `to`."""
+    n = states.shape[2]
     for i in range(2 * n):
-        total = matrix[i, 2 * m]
-        for j in range(m):
-            total += matrix[i, j] * states[k, 0, j] + matrix[i, m + j] * states[k, 1, j]
-        out[START, i // n, i % n] = total
+        total = matrix[i, 2 * n]
+        for j in range(n):
+            total += matrix[i, j] * states[k, 0, j] + matrix[i, n + j] * states[k, 1, j]
+        states[to, i // n, i % n] = total
 
 
 @kernel()
 def chatter_completes(
-    mechanics: Mechanics,
-    stop: Stop,
+    gap: Ladder,
+    kick: Array,
+    restitution: float,
+    tolerance: float,
     u: float,
     second: float,
     third: float,
@@ -97,22 +100,22 @@ def chatter_completes(
     """Whether the bounces from relative velocity `u` on must accumulate before contact can be lost.
 
     With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 -
-    r)/4 over 2T. The bound of f^(4) holds for the time `stop.gap.window`. And whether they may be
+    r)/4 over 2T. The bound of f^(4) holds for the time `gap.window`. And whether they may be
     left out.
     """
-    r = mechanics.restitution
+    r = restitution
     a = -second
-    if a <= 0.0 or r >= 1.0 or error > mechanics.tolerance:
+    if a <= 0.0 or r >= 1.0 or error > tolerance:
         return False
-    if mechanics.tolerance == 0.0 and u > SMALLEST:
+    if tolerance == 0.0 and u > SMALLEST:
         return False  # under constant forces the error is zero, too
     rest = 4.0 * u / (a * (1.0 - r))
-    if rest > stop.gap.window:
+    if rest > gap.window:
         return False
     if (abs(third) + 0.5 * fourth * rest) * rest > 0.25 * (1.0 - r) * a:
         return False
-    most = PLACE * mechanics.tolerance
-    return most == 0.0 or _place_error(stop, u, rest, second, third) <= most
+    most = PLACE * tolerance
+    return most == 0.0 or _place_error(gap, kick, u, rest, second, third) <= most
 
 
 @kernel()
@@ -136,18 +139,17 @@ def order_at_rest(rows: Array, states: Array, band_factor: float) -> int:
 
 
 @kernel()
-def pulls(force: Ladder, states: Array, band_factor: float) -> bool:
+def pulls(force: Ladder, states: Array, k: int, band_factor: float) -> bool:
     """Whether the table would have to pull the contact mass to hold it, beyond rounding."""
-    reach = start_sums(force.rows, states, START)[3]
-    value = value_and_rates(force.rows, force.offset, states, START)[0]
+    reach = start_sums(force.rows, states, k)[3]
+    value = value_and_rates(force.rows, force.offset, states, k)[0]
     return value < -band_factor * EPSILON * (reach + abs(force.offset))
 
 
 @kernel()
-def _drag(stop: Stop) -> float:
+def _drag(gap: Ladder, kick: Array) -> float:
     """What a unit of velocity adds to the contact acceleration."""
-    rows = stop.gap.rows
-    kick = stop.kick
+    rows = gap.rows
     c = 0.0
     for i in range(rows.shape[1]):
         c -= rows[4, i] * kick[0, i] + rows[5, i] * kick[1, i]
@@ -155,32 +157,30 @@ def _drag(stop: Stop) -> float:
 
 
 @kernel()
-def _place_error(stop: Stop, u: float, rest: float, second: float, third: float) -> float:
+def _place_error(
+    gap: Ladder, kick: Array, u: float, rest: float, second: float, third: float
+) -> float:
     """Bound of the gap's error, to leading order, where the bounces are drawn as parabolas.
 
     In flight D'' = -a - b s - c D'; b/a and c shift the bounces by up to a twelfth and a twentieth
     of themselves times T^2, T their duration, at any restitution. `rest` is 2T.
     """
-    c = _drag(stop)
+    c = _drag(gap, kick)
     return 0.025 * u * rest * rest * (abs(c + third / second) + abs(c))
 
 
 @kernel()
-def chatter_rest(stop: Stop, restitution: float, u: float, second: float, third: float) -> float:
+def chatter_rest(
+    gap: Ladder, kick: Array, restitution: float, u: float, second: float, third: float
+) -> float:
     """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`.
 
     In flight the gap obeys D'' = -a - b s - c D' + ...
     """
-    c = _drag(stop)
+    c = _drag(gap, kick)
     a = -second - c * u
     first = 2.0 * u / (a * (1.0 - restitution))
     return first * (1.0 - (1.5 * c * a - third) * first / (3.0 * a))
-
-
-@kernel()
-def chatter_error(mechanics: Mechanics, u: float, second: float) -> float:
-    """Largest change of a position or velocity by the rest of a chatter, to leading order."""
-    return mechanics.coupling * lifted(mechanics.restitution, u, second)
 
 
 @kernel()

@@ -8,11 +8,12 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.validation import Array
+from dynkit.systems.impact.contact import transformed
 from dynkit.systems.impact.mode import Mode
-from dynkit.systems.impact.motion import transformed
 from dynkit.systems.impact.orbits.terms import changes_alone
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.transitions import reset
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
@@ -30,7 +31,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     structure, free = oscillator._structure, oscillator._free
     side = run.final._side
-    gap, sign = oscillator._gaps[side], oscillator._stands[side].sign
+    gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
     r = oscillator.restitution
 
     y = free.states(state._coordinates, *state._turn)
@@ -38,8 +39,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     derivative = _lift(oscillator, state)
     time = np.zeros(derivative.shape[1])
     if len(run.contacts):
-        contact = oscillator._contacts[state._side]
-        began = float(run.contacts[0, 2])
+        contact = oscillator._automaton.held(state._side)
+        began = float(run.contacts[0, 1])
         stuck = transformed(contact.to_stuck, y[None])
         inner = _linear(contact.to_stuck) @ derivative
         end, flow = _flow(contact.mode, stuck[0], began)
@@ -52,7 +53,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         # Time also moves the phase: it is part of the rate, through sine and cosine of the table.
         derivative = _linear(contact.to_free) @ inner
         y = transformed(contact.to_free, end[None])[0]
-    end, flow = _flow(free, y, float(run.states[0, -1]) - began)
+    end, flow = _flow(free, y, float(run.time[0]) - began)
     derivative = flow @ derivative
     rate = free.rate(end).ravel()
     speed = float(_row(gap, 2) @ end.ravel())
@@ -61,7 +62,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     time += later
     before = _row(gap, 2) @ derivative
     kick = free.placed(sign * structure.kick[:2])
-    derivative -= (1.0 + r) * np.outer(kick.ravel(), before)
+    derivative += reset(r, kick.ravel(), before)
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
     position = free.forced.displacements(q, by_sine, by_cosine).T[structure.others]
@@ -95,8 +96,8 @@ def parameter_derivative(
     if len(run.contacts):
         return None
     structure, free, r = oscillator._structure, oscillator._free, oscillator.restitution
-    side, time = run.final._side, float(run.states[0, -1])
-    gap, sign = oscillator._gaps[side], oscillator._stands[side].sign
+    side, time = run.final._side, float(run.time[0])
+    gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
 
     x, v = np.zeros((2, 1, structure.size))
     x[0, structure.contact], v[0, structure.contact] = _stop_by(oscillator, name, state, 0.0)
@@ -113,7 +114,7 @@ def parameter_derivative(
     before_by = _row(gap, 2) @ change - sign * speed
     law_by = before if name == "restitution" else 0.0
     kick = free.placed(sign * structure.kick[:2])
-    change -= ((1.0 + r) * before_by + law_by) * kick.ravel()
+    change += reset(r, kick.ravel(), before_by)[:, 0] - law_by * kick.ravel()
 
     q, by_sine, by_cosine = free.parts(change.reshape(1, 2, -1))
     others = structure.others
@@ -139,7 +140,7 @@ def _stop_by(
     if name == "offset":
         return 1.0, 0.0
     if name == "play" and state._side == 1:
-        return float(oscillator._stands[0].sign), 0.0
+        return float(oscillator._stops[0].sign), 0.0
     return 0.0, 0.0
 
 
@@ -148,7 +149,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     structure, free = oscillator._structure, oscillator._free
     n, c, others = structure.size, structure.contact, structure.others
     sine, cosine = state._turn
-    sign = oscillator._stands[state._side].sign
+    sign = oscillator._stops[state._side].sign
     x, v = np.zeros((2 * n, n)), np.zeros((2 * n, n))
     x[np.arange(n - 1), others] = 1.0
     v[np.arange(n - 1) + n - 1, others] = 1.0

@@ -48,6 +48,6 @@ def draw(
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
     place = np.concatenate([sample(part)[0][:, contact] for part in parts])
     table = system.amplitude * np.sin(phase + system.frequency * times)
-    stops = [table + stand.offset for stand in system._stands]
+    stops = [table + stop.offset for stop in system._stops]
     at = place[np.searchsorted(times, impacts)]
     return draw_motion(ax, times, place, displacement(contact), stops, (impacts, at))

@@ -20,12 +20,13 @@ from dynkit.core.validation import (
     positive_integer,
     unmasked,
 )
-from dynkit.systems.impact.contact import Contact
-from dynkit.systems.impact.mode import Mode, free_mode, gap_of
-from dynkit.systems.impact.structure import Drive, Stand, Structure, structure_of
+from dynkit.systems.impact.automaton import Automaton
+from dynkit.systems.impact.elements import Element, HardStop
+from dynkit.systems.impact.mode import Mode
+from dynkit.systems.impact.structure import Drive, Structure, structure_of
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
-_CACHES = frozenset({"_structure", "_drive", "_free", "_gaps", "_contacts", "_flying", "_touching"})
+_CACHES = frozenset({"_structure", "_drive", "_stops", "_free", "_gaps", "_automaton"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,68 +113,30 @@ class DrivenStructure(LagrangianStructure):
             np.array(self.constant_forces or (0.0,) * n),
         )
 
-    @property
-    def _stands(self) -> tuple[Stand, ...]:
-        sign = 1 if self.side == "above" else -1
-        near = Stand(self.offset, sign)
+    @cached_property
+    def _stops(self) -> tuple[HardStop, ...]:
+        sign, c = 1 if self.side == "above" else -1, self.contact % self.degrees_of_freedom
+        near = HardStop(c, self.offset, sign)
         if self.play == math.inf:
             return (near,)
-        return near, Stand(self.offset + sign * self.play, -sign)
+        return near, HardStop(c, self.offset + sign * self.play, -sign)
+
+    @property
+    def _elements(self) -> tuple[Element, ...]:
+        return self._stops
+
+    @cached_property
+    def _automaton(self) -> Automaton:
+        structure, law = self._structure, (self.restitution, self.chatter_tolerance)
+        return Automaton(structure, self._drive, self._elements, *law)
 
     @cached_property
     def _free(self) -> Mode:
-        return free_mode(self._structure, self._drive)
+        return self._automaton.phases[0].mode
 
     @cached_property
     def _gaps(self) -> tuple[Any, ...]:
-        return tuple(
-            gap_of(self._free, self._structure, self._drive, stand) for stand in self._stands
-        )
-
-    @cached_property
-    def _contacts(self) -> tuple[Contact, ...]:
-        return tuple(
-            Contact(self._structure, self._drive, self._free, stand) for stand in self._stands
-        )
-
-    @cached_property
-    def _flying(self) -> tuple[Any, int]:
-        """What the kernels take until contact begins, and the slots of contact."""
-        return _kernel_arguments(self, with_contact=False)
-
-    @cached_property
-    def _touching(self) -> tuple[Any, int]:
-        """What the kernels take from the first contact on, and the slots of contact."""
-        return _kernel_arguments(self, with_contact=True)
-
-
-def _kernel_arguments(driven: DrivenStructure, *, with_contact: bool) -> tuple[Any, int]:
-    """What the kernels take, and the slots of contact; empty arrays where there is none."""
-    from dynkit.systems.impact.contact_kernels import Mechanics, Stop
-
-    structure, free = driven._structure, driven._free
-    kick = free.placed(structure.kick)
-    kick[:, free.layout.seen :] = 0.0
-    excursion = free.placed(structure.free.coordinates(*structure.excursion))
-    stops = []
-    slots = 1
-    for side, (stand, gap) in enumerate(zip(driven._stands, driven._gaps, strict=True)):
-        force, to_stuck, to_free = gap, np.empty((0, 0)), np.empty((0, 0))
-        if with_contact:
-            held = driven._contacts[side]
-            force, to_stuck, to_free = held.force, held.to_stuck, held.to_free
-            slots = held.mode.layout.slots
-        stops.append(Stop(gap, force, stand.sign * kick, to_stuck, to_free))
-    mechanics = Mechanics(
-        tuple(stops),
-        free.layout.modes,
-        driven.restitution,
-        excursion,
-        structure.coupling,
-        driven.chatter_tolerance,
-        driven.frequency if free.layout.table < 0 else 0.0,
-    )
-    return mechanics, slots
+        return tuple(guard.sum for guard in self._automaton.guards[: len(self._stops)])
 
 
 def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
-"""Kernels of the impact oscillator: the loop over flights, impacts, chatter, contact and release.
+"""Kernels of linear modes joined by events: the loop over flights and transitions.
 
 Modal coordinates all the way: an impact adds a multiple of one vector, and nothing is transformed
 to positions.
@@ -6,7 +6,7 @@ to positions.
 
 from __future__ import annotations
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
     FOUND,
     KEPT,
+    LEFT,
     START,
     Ladder,
     Workspace,
@@ -25,23 +26,28 @@ from dynkit.exponential.evaluation_kernels import (
     shift,
     shift_linked,
     start_sums,
+    value_and_rates,
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
 from dynkit.exponential.search_kernels import FOREVER, first_root
+from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.clock_kernels import (
     BUDGET,
     CELLS,
     CHATTER_ERROR,
-    CONTACTS,
     COSINE,
+    GUARD,
     IMPACTS,
-    PHASE_OF_MOTION,
-    SIDE,
+    LEFT_FROM,
+    MODE,
+    MOTION,
+    ORDER,
     SINE,
     SPEED,
-    STAGE,
+    SWITCHES,
     TIME,
     TOUCHES,
+    WANTED,
     advance_clock,
     normalise,
     perturb,
@@ -51,9 +57,8 @@ from dynkit.systems.impact.clock_kernels import (
     perturb_touch,
 )
 from dynkit.systems.impact.contact_kernels import (
-    Mechanics,
+    Tables,
     chatter_completes,
-    chatter_error,
     chatter_rest,
     lifted,
     order_at_rest,
@@ -63,8 +68,46 @@ from dynkit.systems.impact.contact_kernels import (
 
 Indices = NDArray[np.intp]
 
-FLIGHT, BOUNCED, RELEASED = 0, 1, 2
-"""Where a run starts or goes on: gap open, on the table (u >= 0), just released by it."""
+FLIGHT, BOUNCED, SWITCHED = 0, 1, 2
+"""Where a run starts or goes on: gap open, just after an impact (u >= 0), just after a switch."""
+
+
+class Impacts(NamedTuple):
+    """What is written down of impacts: nothing where there are no rows.
+
+    Attributes
+    ----------
+    time, speed : (n,) times, and rates of the gap just after them
+    guard : (n,) number of the guard that each was at
+    states : (n, 2, slots) just after them
+    turn : (n, 2) sine and cosine of the phase where no slot holds them; else no rows
+    """
+
+    time: Array
+    speed: Array
+    guard: Indices
+    states: Array
+    turn: Array
+
+
+class Switches(NamedTuple):
+    """What is written down of changes of the mode.
+
+    Attributes
+    ----------
+    time : (k,) when they happen: for contact, at the last impact that is not left out
+    rest : (k,) how long the bounces last that are left out
+    before : (k,) number of impacts before
+    guard : (k,) number of the guard that each was at
+    states : (k, 2, slots) just after them, in the new mode
+    """
+
+    time: Array
+    rest: Array
+    before: Indices
+    guard: Indices
+    states: Array
+
 
 (
     COUNT_REACHED,
@@ -72,20 +115,24 @@ FLIGHT, BOUNCED, RELEASED = 0, 1, 2
     CONTACT_FOR_EVER,
     SEARCH_LIMIT,
     DIED_OUT,
-    CONTACTS_FULL,
+    MODE_WANTED,
+    SWITCHES_FULL,
     RUN_PAUSED,
-) = range(7)
-"""Endings of a run; after the last two the call is repeated."""
+) = range(8)
+"""Endings of a run; after the last three the call is repeated."""
 
-NEXT, ON_TABLE, IN_FLIGHT, OTHER_STOP = range(4)
-"""Where a paused run goes on: at its next event, in the search of a release, of an impact, or of an
-impact with the other stop."""
+IMPACT, SWITCH = range(2)
+"""What happens where a guard is zero: the law of impacts in the same mode, or another mode."""
 
 PER_EVENT = 4
 """An event takes about as long as so many cells; where contact is tried, one more for each slot."""
 
 FIRST_CELLS = 64
-"""Cells after which the search of one of two stops waits for that of the other."""
+"""Cells after which the search of one of several guards waits for that of the others."""
+
+WAITS, TURN, OUTCOME, STEPS, BEST = range(5)
+"""Of a paused search: whether it is paused, how many guards were searched, and the earliest root so
+far: its outcome, smallest steps and guard. Its remainder and rate are waiting, too."""
 
 
 @kernel()
@@ -112,21 +159,56 @@ def _copy(states: Array, k: int, to: int) -> None:
             states[to, row, i] = states[k, row, i]
 
 
+@kernel()
+def _enter(
+    g: int, mode: int, guard: int, order: int, clock: Array, rest: float, y: Array, log: Switches
+) -> None:
+    """Guard `g` has led to a mode, whose state is the start state, and a guard there: note it."""
+    k = int(clock[SWITCHES])
+    log.time[k] = clock[TIME]
+    log.rest[k] = rest
+    log.before[k] = int(clock[IMPACTS])
+    log.guard[k] = g
+    for row in range(2):
+        for i in range(y.shape[2]):
+            log.states[k, row, i] = y[START, row, i]
+    clock[SWITCHES] += 1.0
+    clock[MODE] = mode
+    clock[GUARD] = guard
+    clock[MOTION] = SWITCHED
+    clock[ORDER] = order
+
+
+@kernel(inline=True)
+def _note_impact(done: int, k: int, table: int, clock: Array, y: Array, log: Impacts) -> None:
+    """Write down the start state, just after an impact at guard `k`."""
+    log.time[done] = clock[TIME]
+    log.speed[done] = clock[SPEED]
+    log.guard[done] = k
+    for row in range(2):
+        for i in range(log.states.shape[2]):
+            log.states[done, row, i] = y[START, row, i]
+    if table < 0:
+        log.turn[done, 0] = clock[SINE]
+        log.turn[done, 1] = clock[COSINE]
+
+
 @kernel(entry=True, nogil=True)
 def run(
-    mechanics: Mechanics,
+    tables: Tables,
     clock: Array,
     count: int,
     noise: float | None,
     band_factor: float,
     limit: int,
     pause: int,
-    states: Array,
-    contacts: Array,
-    flight: Workspace,
-    contact: Workspace,
+    impacts: Impacts,
+    switches: Switches,
+    work: Workspace,
+    waiting: Indices,
+    waits: Array,
 ) -> tuple[int, int]:
-    """Simulate `count` impacts from (``flight.states[START]``, `clock`), modified in place.
+    """Simulate `count` impacts from (``work.states[START]``, `clock`), modified in place.
 
     Parameters
     ----------
@@ -135,208 +217,211 @@ def run(
     pause
         After so many cells, and twice as many at most, this call ends with RUN_PAUSED; a call with
         the same arguments, for the impacts that remain, goes on from there, bit for bit.
-    states
-        (count or 0, 2 * modes + 4), modified in place: the pairs of the modes, sine and cosine of
-        the phase, relative velocity (negative at the second stop), time, after each impact. With no
-        rows nothing is stored.
-    contacts
-        (k, 3), modified in place: impacts before the contact, its start and its end.
     noise
-        Relative size of a pseudo-random perturbation after each impact, for error estimates. With
+        Relative size of a pseudo-random perturbation after each event, for error estimates. With
         None, what perturbs is not compiled.
-    flight, contact
-        Workspaces of the free and of the stuck structure, modified in place.
+    impacts, switches
+        Logs, modified in place; that of impacts has `count` rows or none.
+    work, waiting, waits
+        Buffers (5 integers, 2 numbers), modified in place.
 
     Returns
     -------
     impacts, ending
     """
-    y = flight.states
-    slots = mechanics.modes
-    modes = slots.shape[0]
-    smallest = mechanics.stops[0].gap.smallest
-    table = mechanics.stops[0].gap.steady
-    store = states.shape[0] > 0
-    # Not literals: for every set of them the search would be compiled once more.
-    zero = count - count
-    for_ever = FOREVER + zero
-    # With two stops little is spent at first: what cannot be told of one of them for ever need not
-    # be, where the other one is reached.
-    # In flight the workspace of contact is free: it keeps what the search waits with.
-    waiting = contact.places
-    first_budget = min(limit, FIRST_CELLS) if len(mechanics.stops) == 2 else limit
-    budget = int(clock[BUDGET]) if clock[BUDGET] > 0.0 else first_budget
-    stage = int(clock[STAGE])
-    clock[STAGE] = NEXT
-    clock[BUDGET] = 0.0
+    y = work.states
+    ladders = tables.ladders
+    store = impacts.time.shape[0] > 0
+    # Not a literal: for every one of them the search would be compiled once more.
+    for_ever = FOREVER + (count - count)
     spent = 0
     done = 0
+    # Views of a guard are made where it is another one than before.
+    at = int(clock[GUARD])
+    gap = ladder_at(ladders, at)
     while done < count:
         if spent >= pause:
-            clock[BUDGET] = budget
             return done, RUN_PAUSED
-        side = int(clock[SIDE])
-        u = clock[SPEED]
-        order = 0
-        sticks = stage == ON_TABLE
-        if stage == NEXT:
+        if int(clock[SWITCHES]) + 2 > switches.time.shape[0]:
+            return done, SWITCHES_FULL
+        g = int(clock[GUARD])
+        order = int(clock[ORDER])
+        if waiting[WAITS] == 0:
             spent += PER_EVENT
-            phase = clock[PHASE_OF_MOTION]
+            if at != g:
+                at = g
+                gap = ladder_at(ladders, at)
             # Nothing drives it: then it may die out.
-            if table < 0 and died_out(mechanics.stops[side].gap, y, START):
+            if gap.steady < 0 and died_out(gap, y, START):
                 return done, DIED_OUT
-            if phase == RELEASED:
-                order = 3
-            elif phase != FLIGHT:
-                stop = mechanics.stops[side]
-                gap = stop.gap
+            if clock[MOTION] == FLIGHT:
+                order = 0
+            elif clock[MOTION] == BOUNCED:
+                u = clock[SPEED]
                 second, third, fourth, _ = start_sums(gap.rows, y, START)
-                error = chatter_error(mechanics, u, second)
+                r = tables.restitution[g]
+                # Largest change of a position or velocity by the rest of a chatter, at first order.
+                error = tables.coupling[g] * lifted(r, u, second)
                 if u > 0.0:
                     order = 1
-                    sticks = chatter_completes(mechanics, stop, u, second, third, fourth, error)
+                    sticks = chatter_completes(
+                        gap,
+                        tables.kick[g],
+                        r,
+                        tables.tolerance,
+                        u,
+                        second,
+                        third,
+                        fourth,
+                        error,
+                    )
                 else:
                     order = order_at_rest(gap.rows, y, band_factor)
-                    if order > 0 and stays_in_band(gap, y, START, mechanics.tolerance):
+                    if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
                         # It would never leave the table by more: all that moves is rounding.
                         order = 0
                     sticks = order <= 0
                 if sticks:
-                    k = int(clock[CONTACTS])
-                    if k == contacts.shape[0]:
-                        return done, CONTACTS_FULL
+                    held = tables.partner[g]
+                    if held < 0:
+                        clock[WANTED] = g
+                        return done, MODE_WANTED
                     spent += y.shape[2]
-                    transform(stop.to_stuck, y, START, contact.states)
-                    if pulls(stop.force, contact.states, band_factor):
+                    transform(tables.change[g], y, START, 0)
+                    if pulls(ladder_at(ladders, held), y, 0, band_factor):
                         # What rounding hid in flight is clear on the table: it does not hold the
                         # mass.
                         if u == 0.0:
-                            transform(stop.to_free, contact.states, START, y)
-                            normalise(y, table)
+                            transform(tables.change[held], y, 0, START)
+                            normalise(y, gap.steady)
                             order = order_at_rest(gap.rows, y, band_factor)
                         sticks = order <= 0
                 if sticks:
-                    contacts[k, 0] = clock[IMPACTS]
-                    contacts[k, 1] = clock[TIME]
-                    contacts[k, 2] = math.inf
+                    rest = 0.0
                     if u > 0.0:
-                        rest = chatter_rest(stop, mechanics.restitution, u, second, third)
-                        contacts[k, 1] += rest
+                        rest = chatter_rest(gap, tables.kick[g], r, u, second, third)
                         clock[CHATTER_ERROR] += error
                         if noise is not None:
-                            lost = lifted(mechanics.restitution, u, second)
-                            perturb_cut(mechanics.excursion, lost, y, clock)
-                            transform(stop.to_stuck, y, START, contact.states)
-        elif stage != ON_TABLE:
-            order = waiting[3]
-        if sticks:
-            stop = mechanics.stops[side]
-            outcome, n, e, _, cells = first_root(
-                stop.force, zero, 0.0, band_factor, count < 0, limit, pause, for_ever, contact
-            )
-            if outcome == PAUSED:
-                clock[STAGE] = ON_TABLE
-                return done, RUN_PAUSED
-            stage = NEXT
-            spent += cells
-            clock[CELLS] += cells
-            k = int(clock[CONTACTS])
-            clock[CONTACTS] += 1.0
-            if outcome == NEVER:
-                return done, CONTACT_FOR_EVER
-            if outcome == LIMIT:
-                return done, SEARCH_LIMIT
-            transform(stop.to_free, contact.states, FOUND, y)
-            normalise(y, table)
-            if noise is not None:
-                perturb_released(stop.to_free, slots, table, y, clock, noise)
-                perturb_reached(stop.gap.generator, slots, y, clock, noise)
-            advance_clock(clock, n, stop.force.smallest, e, mechanics.clock_rate)
-            contacts[k, 2] = clock[TIME]
-            u = 0.0
-            clock[SPEED] = u
-            clock[PHASE_OF_MOTION] = RELEASED
-            order = 3
-        gap = mechanics.stops[side].gap
-        if stage == OTHER_STOP:
-            outcome, n = waiting[1], waiting[2]
-            e, rate = contact.levels[0], contact.levels[1]
-        else:
-            outcome, n, e, rate, cells = first_root(
-                gap, order, u, band_factor, count > 0, budget, pause, for_ever, flight
-            )
-            if outcome == PAUSED:
-                waiting[3] = order
-                clock[STAGE], clock[BUDGET] = IN_FLIGHT, budget
-                return done, RUN_PAUSED
-            spent += cells
-            clock[CELLS] += cells
-            if len(mechanics.stops) == 2:
-                _copy(y, FOUND, KEPT)
-        if len(mechanics.stops) == 2:
-            # Whether the other stop is reached before.
-            found, m, d, slope, cells = first_root(
-                mechanics.stops[1 - side].gap,
-                zero,
-                0.0,
+                            lost = lifted(r, u, second)
+                            perturb_cut(tables.excursion[g], lost, y, clock)
+                            transform(tables.change[g], y, START, 0)
+                    _copy(y, START, LEFT)
+                    clock[LEFT_FROM] = g
+                    _copy(y, 0, START)
+                    order = 0
+                    _enter(g, tables.target[g], held, order, clock, rest, y, switches)
+                    g = held
+            clock[ORDER] = order
+        m = ladders.integers[g, GROUP]
+        first = tables.first[m]
+        guards = tables.first[m + 1] - first
+        smallest = ladders.smallest[m]
+        # With several guards little is spent on each at first: what cannot be told of one of them
+        # for ever need not be, where another one is reached.
+        budget = int(clock[BUDGET])
+        if budget == 0:
+            budget = min(limit, FIRST_CELLS) if guards > 1 else limit
+        turn = 0
+        outcome = NEVER
+        n = 0
+        best = g
+        e = 0.0
+        rate = 0.0
+        if waiting[WAITS] != 0:
+            waiting[WAITS] = 0
+            turn, outcome, n, best = waiting[TURN], waiting[OUTCOME], waiting[STEPS], waiting[BEST]
+            e, rate = waits[0], waits[1]
+        while turn < guards:
+            k = g + turn  # the one that was left first
+            if k >= first + guards:
+                k -= guards
+            if at != k:
+                at = k
+                gap = ladder_at(ladders, at)
+            found, steps, d, slope, cells = first_root(
+                gap,
+                order if turn == 0 else 0,
+                clock[SPEED] if turn == 0 else 0.0,
                 band_factor,
-                count > 0,
+                tables.event[k] == IMPACT,
                 budget,
                 pause,
                 for_ever if outcome == NEVER else n,
-                flight,
+                work,
             )
             if found == PAUSED:
-                waiting[1], waiting[2], waiting[3] = outcome, n, order
-                contact.levels[0], contact.levels[1] = e, rate
-                clock[STAGE], clock[BUDGET] = OTHER_STOP, budget
+                waiting[WAITS], waiting[TURN] = 1, turn
+                waiting[OUTCOME], waiting[STEPS], waiting[BEST] = outcome, n, best
+                waits[0], waits[1] = e, rate
+                clock[BUDGET] = budget
                 return done, RUN_PAUSED
             spent += cells
             clock[CELLS] += cells
-            # At the limit of cells the first search has come to n.
-            earlier = outcome == NEVER or (m - n) * smallest < e - d
-            if found in (ROOT, TOUCH) and earlier:
-                outcome = found
-                n = m
-                e = d
-                rate = slope
-                side = 1 - side
-            else:
-                _copy(y, KEPT, FOUND)
-                if found == LIMIT:
-                    outcome = LIMIT
-            if outcome == LIMIT and budget < limit:
-                budget = min(limit, 16 * budget)
-                stage = NEXT
-                continue
-            budget = first_budget
-        stage = NEXT
-        if outcome == NEVER:
-            return done, NO_FURTHER_CONTACT
-        if outcome == LIMIT:
-            return done, SEARCH_LIMIT
+            reached = found in (ROOT, TOUCH)
+            # At the limit of cells a search has come to n, and no further than another root.
+            if found == LIMIT or (reached and (outcome == NEVER or (steps - n) * smallest < e - d)):
+                outcome, n, best, e, rate = found, steps, k, d, slope
+                if guards > 1:
+                    _copy(y, FOUND, KEPT)
+            turn += 1
+        clock[BUDGET] = 0.0
+        if outcome == LIMIT and budget < limit:
+            clock[BUDGET] = min(limit, 16 * budget)
+            continue
+        if outcome in (NEVER, LIMIT):
+            held = int(clock[LEFT_FROM])
+            if held >= 0:  # contact does not end: the last event is the impact before it
+                _copy(y, LEFT, START)
+                clock[MODE] = ladders.integers[held, GROUP]
+                clock[GUARD] = held
+                clock[MOTION] = BOUNCED
+                clock[LEFT_FROM] = -1.0
+            if outcome == LIMIT:
+                return done, SEARCH_LIMIT
+            return done, CONTACT_FOR_EVER if held >= 0 else NO_FURTHER_CONTACT
+        if guards > 1:
+            _copy(y, KEPT, FOUND)
+        if tables.event[best] == SWITCH:
+            if tables.partner[best] < 0:
+                clock[WANTED] = best
+                return done, MODE_WANTED
+            after = ladder_at(ladders, tables.partner[best])
+            own = tables.target[best]
+            slots = tables.slots[own, : tables.counts[own]]
+            transform(tables.change[best], y, FOUND, START)
+            normalise(y, after.steady)
+            if noise is not None:
+                perturb_released(tables.change[best], slots, after.steady, y, clock, noise)
+                perturb_reached(after.generator, slots, y, clock, noise)
+            advance_clock(clock, n, smallest, e, tables.clock_rate)
+            clock[SPEED] = 0.0
+            clock[LEFT_FROM] = -1.0
+            if tables.order[best] == 1:
+                clock[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
+            order = tables.order[best]
+            _enter(best, own, tables.partner[best], order, clock, 0.0, y, switches)
+            continue
+        if at != best:
+            at = best
+            gap = ladder_at(ladders, at)
+        slots = tables.slots[m, : tables.counts[m]]
         if outcome == TOUCH:
             clock[TOUCHES] += 1.0
             if noise is not None:
-                rate = perturb_touch(mechanics.stops[side].gap, band_factor, y, clock)
+                rate = perturb_touch(gap, band_factor, y, clock)
         rate = min(rate, 0.0)
-        _add_jump(mechanics.stops[side].kick, -(1.0 + mechanics.restitution) * rate, y)
-        normalise(y, table)
-        clock[SIDE] = side
-        clock[SPEED] = 0.0 - mechanics.restitution * rate
-        clock[PHASE_OF_MOTION] = BOUNCED
-        advance_clock(clock, n, smallest, e, mechanics.clock_rate)
+        r = tables.restitution[best]
+        _add_jump(tables.kick[best], -(1.0 + r) * rate, y)
+        normalise(y, gap.steady)
+        clock[GUARD] = best
+        clock[SPEED] = 0.0 - r * rate
+        clock[MOTION] = BOUNCED
+        advance_clock(clock, n, smallest, e, tables.clock_rate)
         if noise is not None:
-            perturb(slots, table, y, clock, noise)
+            perturb(slots, gap.steady, y, clock, noise)
             perturb_reached(gap.generator, slots, y, clock, noise)
         if store:
-            for i in range(modes):
-                states[done, i] = y[START, 0, slots[i]]
-                states[done, modes + i] = y[START, 1, slots[i]]
-            states[done, 2 * modes] = y[START, 0, table] if table >= 0 else clock[SINE]
-            states[done, 2 * modes + 1] = y[START, 1, table] if table >= 0 else clock[COSINE]
-            states[done, 2 * modes + 2] = -clock[SPEED] if side == 1 else clock[SPEED]
-            states[done, 2 * modes + 3] = clock[TIME]
+            _note_impact(done, best, gap.steady, clock, y, impacts)
         done += 1
         clock[IMPACTS] += 1.0
     return done, COUNT_REACHED

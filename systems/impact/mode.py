@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, final
 
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import Propagators, cells_of_a_call, ladder, workspace
 from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements import Element, Watch
 from dynkit.systems.impact.forced import HIDDEN, Forced, Load
-from dynkit.systems.impact.structure import Drive, Stand, Structure
+from dynkit.systems.impact.structure import Drive, Structure
 
 
 @final
@@ -63,7 +65,7 @@ class Mode:
 
     def parts(self, states: Array) -> tuple[Array, Array, Array]:
         """Coordinates (..., 2, m), sine and cosine (...) of states (..., 2, slots)."""
-        q = states[..., self.layout.modes]
+        q = np.take(states, self.layout.modes, axis=-1)
         if self.layout.table < 0:
             none = np.zeros(q.shape[:-2])
             return q, none, none
@@ -234,19 +236,22 @@ def visible(rows: Array) -> NDArray[np.bool_]:
     return np.asarray((share > HIDDEN * share.max(axis=1, keepdims=True, initial=0.0)).any(axis=0))
 
 
-def free_mode(structure: Structure, drive: Drive) -> Mode:
-    """Free flight."""
+def free_mode(structure: Structure, drive: Drive, watched: Sequence[int] = ()) -> Mode:
+    """Free flight, in which the contact coordinate is watched, and others."""
     n = structure.size
     load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
     forced = Forced(structure.free, np.arange(n), load)
-    row = structure.free.position_row(np.eye(n)[structure.contact])
-    return Mode(forced, drive, visible(np.concatenate([row, structure.kick[:2]])))
+    rows = [structure.free.position_row(np.eye(n)[c]) for c in {structure.contact, *watched}]
+    return Mode(forced, drive, visible(np.concatenate([*rows, structure.kick[:2]])))
 
 
-def gap_of(mode: Mode, structure: Structure, drive: Drive, stand: Stand) -> Any:
-    """The gap between contact coordinate and table as an exponential sum."""
-    c = structure.contact
-    row = mode.row(np.eye(structure.size)[c])
+def sum_of(mode: Mode, drive: Drive, element: Element, watch: Watch) -> Any:
+    """What a guard watches of an element's gap, as an exponential sum."""
+    c, sign = element.coordinate, element.sign
+    row = mode.row(np.eye(len(mode.forced.rest))[c])
     if mode.layout.table >= 0:
         row[0, mode.layout.table] -= drive.amplitude
-    return mode.sum(stand.sign * row, stand.sign * (mode.forced.rest[c] - stand.offset))
+    total, offset = watch.gap * row, watch.gap * (mode.forced.rest[c] - element.offset)
+    if watch.rate:
+        total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
+    return mode.sum(sign * total, sign * offset)

@@ -300,4 +300,4 @@ class ImpactOscillator(ImpactMap):
     def _recorded(self, name: str, impacts: object) -> int:
         """How many impacts to record: so many that their states fit into memory."""
         count = positive_integer(name, impacts)
-        return within_memory(name, count, 8.0 * count * (2 * self.degrees_of_freedom + 4))
+        return within_memory(name, count, 8.0 * count * (2 * self._free.layout.slots + 3))

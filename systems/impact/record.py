@@ -6,7 +6,6 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -17,10 +16,10 @@ from dynkit.core.reprs import Facts, largest, told
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
-from dynkit.systems.impact.motion import longest_sample, sample_run
+from dynkit.systems.impact.motion import events_of, longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import ImpactState, on_table, phases
-from dynkit.systems.impact.trajectory import Ending, Trajectory
+from dynkit.systems.impact.trajectory import Ending, Events, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,11 +80,10 @@ def twin_errors(
 
 def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     """Take a twin on by as many impacts; the largest distances, (n,), are modified in place."""
-    system, states = batch.system, np.empty_like(batch._run.states)
     # One that has ended has no further impacts.
-    ended = twin.ending is not Ending.COUNT_REACHED
-    k = 0 if ended else twin.advance(len(batch), states)
-    other = ImpactRecord(system, replace(batch._run, states=states[:k], impacts=k))
+    more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
+    other = ImpactRecord(batch.system, batch._run.holding(twin.advance(more, store=True)))
+    system, k = batch.system, len(other)
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
     # Phases that are turns apart may look alike; what rounding of the times hides does not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
@@ -104,14 +102,14 @@ def batch_size(system: ImpactMap) -> int:
 class ImpactRecord(Result):
     """The impacts of one simulation, and the motion between them.
 
-    All quantities are dimensionless. Arrays are worked out when asked for, from 2N + 4 stored
+    All quantities are dimensionless. Arrays are worked out when asked for, from some 2N + 8 stored
     numbers per impact.
     """
 
     def __init__(self, system: ImpactMap, run: Trajectory) -> None:
         self.system = system
         self._run = run
-        for array in (run.states, run.contacts):
+        for array in (run.log.time, run.log.speed, run.log.states):
             array.setflags(write=False)
 
     @property
@@ -199,10 +197,22 @@ class ImpactRecord(Result):
         parts = [self.position[:, others], self.velocity[:, others], u[:, None], phase[:, None]]
         return np.concatenate(parts, axis=1)
 
+    @cached_property
+    def events(self) -> Events:
+        """Impacts, contacts and releases in their order.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> ImpactChain(frequency=0.408).simulate(impacts=300).events
+        <Events: 300 impacts, 4 contacts, 4 releases>
+        """
+        return events_of(self.system, self._run)
+
     @property
     def sticking(self) -> Array:
         """Begin and end (k, 2) of the contact intervals; infinite for contact for ever."""
-        return self._run.contacts[:, 1:]
+        return self._run.contacts
 
     @property
     def chatter_error(self) -> float:
@@ -258,13 +268,11 @@ class ImpactRecord(Result):
         """The record in successive parts, whose arrays need not exist at once."""
         size = batch_size(self.system)
         for low in range(0, len(self), size):
-            states = self._run.states[low : low + size]
-            yield ImpactRecord(self.system, replace(self._run, states=states, impacts=len(states)))
+            yield ImpactRecord(self.system, self._run.part(low, low + size))
 
     def _until(self, last: int) -> ImpactRecord:
         """The record up to an impact; its ending, final state and cost stay those of the whole."""
-        run = replace(self._run, states=self._run.states[: last + 1], impacts=last + 1)
-        return ImpactRecord(self.system, run)
+        return ImpactRecord(self.system, self._run.part(0, last + 1))
 
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times, exact between impacts and while stuck.

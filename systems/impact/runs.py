@@ -9,14 +9,19 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
+from dynkit.systems.impact.automaton import changed
+from dynkit.systems.impact.elements import SWITCH
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
-from dynkit.systems.impact.trajectory import Ending, Trajectory
+from dynkit.systems.impact.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
 
 MOST_CELLS = 1_000_000
 """Cells after which the search for the next event gives up, with an ending that says so."""
+
+_FEW = 32
+"""Switches that there is room for at first."""
 
 _MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE)
 
@@ -39,9 +44,8 @@ def trajectory_of(
     """Simulate `count` impacts from a state of this oscillator; see `Course`."""
     began = time.perf_counter()
     course = Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
-    states = np.empty((count if store else 0, 2 * oscillator.degrees_of_freedom + 4))
-    done = course.advance(count, states)
-    return course.trajectory(states[:done], time.perf_counter() - began)
+    log = course.advance(count, store=store)
+    return course.trajectory(log, time.perf_counter() - began)
 
 
 @final
@@ -78,8 +82,10 @@ class Course:
         q, turn = start._coordinates, start._turn
         clock = np.zeros(clock_kernels.CLOCK)
         clock[clock_kernels.SPEED] = abs(start.relative_velocity)
-        clock[clock_kernels.SIDE] = start._side
-        clock[clock_kernels.PHASE_OF_MOTION] = _MOTIONS.index(start.motion)
+        clock[clock_kernels.GUARD] = start._side
+        clock[clock_kernels.LEFT_FROM] = -1
+        clock[clock_kernels.MOTION] = _MOTIONS.index(start.motion)
+        clock[clock_kernels.ORDER] = 3 if start.motion is Motion.RELEASE else 0
         clock[clock_kernels.SEED] = seed
         clock[clock_kernels.LONGEST] = longest
         self._shifts: Array | None = None
@@ -93,58 +99,84 @@ class Course:
             q += oscillator._structure.free.coordinates(x, v)
             turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
             clock[clock_kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
-            self._shifts = noise * random.uniform(-1.0, 1.0, (2, 2))
+            elements = max(len(oscillator._elements), 2)
+            self._shifts = noise * random.uniform(-1.0, 1.0, (elements, 2))
         clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
-        flight = workspace(free.layout.slots)
-        flight.states[START] = free.states(q, *turn)
-        if noise > 0.0:
-            generator = oscillator._gaps[0].generator
-            slots = free.layout.modes
-            clock_kernels.perturb_reached(generator, slots, flight.states, clock, noise)
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
-        self._clock, self._flight = clock, flight
-        self._contacts = np.empty((16 if "_touching" in vars(oscillator) else 0, 3))
+        self._clock = clock
+        self._waiting = np.zeros(5, dtype=np.int64), np.zeros(2)
+        self._switches: Any = None
+        self._work = workspace(free.layout.slots)
+        state = free.states(q, *turn)
+        oscillator._automaton.check_start(state)
+        self._work.states[START] = state
         self._prepare()
+        if noise > 0.0:
+            generator, slots = oscillator._gaps[0].generator, free.layout.modes
+            clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
         self.impacts, self.ending = 0, Ending.COUNT_REACHED
 
     def _prepare(self) -> None:
-        oscillator = self._oscillator
-        self._mechanics, slots = oscillator._touching if len(self._contacts) else oscillator._flying
-        self._contact = workspace(slots)
+        """Tables and buffers of the modes that there are."""
+        oscillator, automaton = self._oscillator, self._oscillator._automaton
+        self._tables, slots = automaton.tables, automaton.slots
         if self._shifts is not None:
-            self._mechanics = _displaced(self._mechanics, self._oscillator, self._shifts)
+            self._tables = _displaced(self._tables, oscillator, self._shifts)
+        before, self._work = self._work, workspace(slots)
+        self._work.states[..., : before.states.shape[2]] = before.states
+        self._enlarge(slots)
 
-    def advance(self, count: int, states: Array) -> int:
-        """Simulate so many impacts more, and return how many there were.
+    def _enlarge(self, slots: int) -> None:
+        """Room for more switches."""
+        from dynkit.systems.impact import clock_kernels, kernels
 
-        Their states are written into `states`, (count, 2N + 4), which has no rows for none.
-        """
-        from dynkit.systems.impact import kernels
+        old, rows = self._switches, _FEW
+        if old is not None:
+            rows = max(_FEW, 2 * int(self._clock[clock_kernels.SWITCHES]))
+        before, guard = np.empty((2, rows), dtype=np.intp)
+        states = np.zeros((rows, 2, slots))
+        self._switches = kernels.Switches(np.empty(rows), np.empty(rows), before, guard, states)
+        for few, more in zip(old or (), self._switches, strict=False):
+            more[tuple(map(slice, few.shape))] = few
 
-        slots = self._oscillator._free.layout.slots
+    def advance(self, count: int, *, store: bool) -> Impacts:
+        """Simulate so many impacts more, or until there are no more, and return what is kept."""
+        from dynkit.systems.impact import clock_kernels, kernels
+
+        free, rows = self._oscillator._free, count if store else 0
+        slots = free.layout.slots
+        log: Any = kernels.Impacts(
+            np.empty(rows),
+            np.empty(rows),
+            np.empty(rows, dtype=np.intp),
+            np.empty((rows, 2, slots)),
+            np.empty((rows if free.layout.table < 0 else 0, 2)),
+        )
         done, ending = 0, kernels.RUN_PAUSED
-        while ending in (kernels.CONTACTS_FULL, kernels.RUN_PAUSED):
+        while ending in (kernels.MODE_WANTED, kernels.SWITCHES_FULL, kernels.RUN_PAUSED):
             impacts, ending = kernels.run(
-                self._mechanics,
+                self._tables,
                 self._clock,
                 count - done,
                 self._noise or None,
                 band_factor(slots),
                 self._most_cells,
                 cells_of_a_call(slots),
-                states[done:],
-                self._contacts,
-                self._flight,
-                self._contact,
+                log if not done else log._make(array[done:] for array in log),
+                self._switches,
+                self._work,
+                *self._waiting,
             )
             done += impacts
-            if ending == kernels.CONTACTS_FULL:
-                more = np.empty((max(16, len(self._contacts)), 3))
-                self._contacts = np.concatenate([self._contacts, more])
+            if ending == kernels.MODE_WANTED:
+                self._oscillator._automaton.enter(int(self._clock[clock_kernels.WANTED]))
                 self._prepare()
+            elif ending == kernels.SWITCHES_FULL:
+                self._enlarge(self._work.states.shape[2])
         self.impacts, self.ending = self.impacts + done, tuple(Ending)[ending]
-        return done
+        kept = Impacts(*log)
+        return kept if done == rows else kept.part(0, done)
 
     @property
     def cells(self) -> int:
@@ -153,25 +185,32 @@ class Course:
 
         return int(self._clock[clock_kernels.CELLS])
 
-    def trajectory(self, states: Array, seconds: float) -> Trajectory:
-        """The events so far, with the states that were kept of it."""
+    def trajectory(self, log: Impacts, seconds: float) -> Trajectory:
+        """The events so far, with what was written down of impacts."""
         from dynkit.exponential.evaluation_kernels import START
         from dynkit.systems.impact import clock_kernels
 
         oscillator, clock = self._oscillator, self._clock
-        free = oscillator._free
-        q, sine, cosine = free.parts(self._flight.states[START])
+        free, tables = oscillator._free, self._tables
+        slots, k = free.layout.slots, int(clock[clock_kernels.SWITCHES])
+        state, automaton = self._work.states[START], oscillator._automaton
+        if mode := int(clock[clock_kernels.MODE]):
+            phase, free_phase = automaton.phases[mode], automaton.phases[0]
+            own = state[None, :, : phase.mode.layout.slots]
+            state = changed(phase, free_phase, own)[0]
+        q, sine, cosine = free.parts(state[:, :slots])
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
             turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
-        speed, motion = clock[clock_kernels.SPEED], int(clock[clock_kernels.PHASE_OF_MOTION])
-        if clock[clock_kernels.SIDE] == 1.0:
-            speed = -speed
+        speed, motion = clock[clock_kernels.SPEED], int(clock[clock_kernels.MOTION])
+        element = int(tables.element[int(clock[clock_kernels.GUARD])])
         return Trajectory(
             self._start,
-            state_of(oscillator, q, turn, speed, _MOTIONS[motion]),
-            states,
-            self._contacts[: int(clock[clock_kernels.CONTACTS])],
+            state_of(oscillator, q, turn, -speed if element else speed, _MOTIONS[motion]),
+            log,
+            Switches(*(array[:k] for array in self._switches)),
+            automaton.regimes,
+            automaton.table,
             self.impacts,
             self.ending,
             float(clock[clock_kernels.CHATTER_ERROR]),
@@ -182,19 +221,20 @@ class Course:
         )
 
 
-def _displaced(mechanics: Any, oscillator: DrivenStructure, parts: Array) -> Any:
+def _displaced(tables: Any, oscillator: DrivenStructure, parts: Array) -> Any:
     """The same with gaps and forces (k, 2) changed by these parts of the terms of their rest.
 
     Where the structure rests on the table, all but exactly, their differences are rounding.
     """
+    from dynkit.exponential.stack_kernels import OFFSET
+
     structure, free = oscillator._structure, oscillator._free.forced
     if not free.rest_terms.any():
-        return mechanics
-    c, stops = structure.contact, []
+        return tables
+    c = structure.contact
     gap_terms = float(free.rest_terms[c])
     force_terms = float(abs(structure.stiffness[c]) @ free.rest_terms)
-    for stop, (place, push) in zip(mechanics.stops, parts.tolist(), strict=False):
-        gap = stop.gap._replace(offset=stop.gap.offset + place * gap_terms)
-        force = stop.force._replace(offset=stop.force.offset + push * force_terms)
-        stops.append(stop._replace(gap=gap, force=force))
-    return mechanics._replace(stops=tuple(stops))
+    numbers = tables.ladders.numbers.copy()
+    terms = np.where(tables.event == SWITCH, force_terms, gap_terms)
+    numbers[:, OFFSET] += parts[tables.element, tables.event] * terms
+    return tables._replace(ladders=tables.ladders._replace(numbers=numbers))

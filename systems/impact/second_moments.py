@@ -14,7 +14,6 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.systems.impact.eigen_coordinates import EigenCoordinates
 from dynkit.systems.impact.mode import Mode
-from dynkit.systems.impact.motion import stays
 from dynkit.systems.impact.runs import band_factor
 from dynkit.systems.impact.state import Motion
 from dynkit.systems.impact.tangents import before_impacts
@@ -94,7 +93,7 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
     moments = np.zeros((batches, n + 1, n + 1))
     lost = np.zeros((n + 1, n + 1))
     nodes = 0
-    for part in _intervals(oscillator, run):
+    for part in _intervals(run):
         inner, own_lost = _closed_form(part, edges)
         largest = inner[:, :n, :n].sum(axis=0).max(initial=0.0)
         if not own_lost[:n, :n].max(initial=0.0) <= _LOST * largest:
@@ -122,20 +121,17 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
     )
 
 
-def _intervals(oscillator: DrivenStructure, run: Trajectory) -> Iterator[_Intervals]:
-    """Flights, contacts, and flights after a release."""
-    free, starts, times = oscillator._free, run.free_states, run.times
-    flying = np.ones(run.impacts, dtype=bool)
-    flying[run.before[: run.ended]] = False
-    where = np.flatnonzero(flying)
-    flights = starts[where] if run.ended else starts[:-1]
-    yield _Intervals(free, flights, np.diff(times)[where], where)
-    for stay in stays(oscillator, run, starts) if run.ended else ():
-        now = stay.which < run.ended
-        own, ends = run.before[stay.which[now]], run.contacts[stay.which[now], 2]
-        held = stay.contact
-        yield _Intervals(held.mode, stay.stuck[now], stay.lasts[now], own)
-        yield _Intervals(free, stay.released[now], times[own + 1] - ends, own)
+def _intervals(run: Trajectory) -> Iterator[_Intervals]:
+    """What lies before the last impact, by the mode."""
+    parts = run.segments
+    last = int(np.searchsorted(parts.point, run.impacts))
+    durations = np.diff(parts.begin)[:last]
+    # Flights from a release are apart: those in a chatter are much shorter.
+    for after in (False, True):
+        now = np.flatnonzero(parts.switched[:last] == after)
+        for mode, here in run.modes(parts.mode[now]):
+            some = now[here]
+            yield _Intervals(mode, parts.of(mode, some), durations[some], parts.point[some])
 
 
 def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -311,7 +307,7 @@ def _positions(oscillator: DrivenStructure, run: Trajectory) -> Array:
 def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array) -> Array:
     """Bound (N + 1,) of the integrals that bounces, replaced by contact, would have added."""
     before = run.before[: run.ended]
-    speeds, rest = run.speeds[before], run.contacts[: run.ended, 1] - run.times[before]
+    speeds, rest = run.speeds[before], run.contacts[: run.ended, 0] - run.times[before]
     # The first bounce, a parabola, is the highest.
     height = 0.25 * speeds * rest * (1.0 - oscillator.restitution)
     squares = np.diagonal(moments.sum(axis=0))

@@ -127,7 +127,7 @@ def in_turn(angles: Any) -> Array:
 
 def on_table(oscillator: DrivenStructure, sine: Any, cosine: Any, u: Any) -> tuple[Any, Any]:
     """Position and velocity of the contact mass on the table, by phase and relative velocity."""
-    near, far = oscillator._stands[0], oscillator._stands[-1]
+    near, far = oscillator._stops[0], oscillator._stops[-1]
     beyond = np.signbit(u)
     offset, sign = np.where(beyond, far.offset, near.offset), np.where(beyond, far.sign, near.sign)
     amplitude, frequency = oscillator.amplitude, oscillator.frequency
@@ -158,7 +158,7 @@ def _rounding(place: float, amplitude: float, offset: float) -> float:
 
 def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
-    near, shape = oscillator._stands[0], oscillator.modal_matrix[:, 0]
+    near, shape = oscillator._stops[0], oscillator.modal_matrix[:, 0]
     c, play = oscillator.contact, oscillator.play
     place = float(shape[c])
     x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
@@ -191,11 +191,11 @@ def start(
     middle = oscillator.amplitude * float(turn[0])
     speed = oscillator.amplitude * oscillator.frequency * float(turn[1])
     place, moving = float(x[c]), float(v[c])
-    for side, stand in enumerate(oscillator._stands):
-        table = middle + stand.offset
-        gap, u = stand.sign * (place - table), stand.sign * (moving - speed)
-        rounding = _rounding(place, oscillator.amplitude, stand.offset)
-        word = "below" if stand.sign > 0 else "above"
+    for side, stop in enumerate(oscillator._stops):
+        table = middle + stop.offset
+        gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
+        rounding = _rounding(place, oscillator.amplitude, stop.offset)
+        word = "below" if stop.sign > 0 else "above"
         if gap < -rounding:
             raise Refused(f"position[{c}] must not be {word} the table at {table}; got {place}")
         if gap <= rounding:
@@ -207,7 +207,7 @@ def start(
                 )
             u = 0.0 if u <= rounding else u
             return state_at(oscillator, x, v, turn, -u if side else u, Motion.TABLE)
-    u = oscillator._stands[0].sign * (moving - speed)
+    u = oscillator._stops[0].sign * (moving - speed)
     return state_at(oscillator, x, v, turn, abs(u), Motion.FLIGHT)
 
 
@@ -224,19 +224,19 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
         raise ValueError(f"start must have {n} masses; got {start.position.size}")
     turn = start._turn
     x, v, u = start.position.copy(), start.velocity.copy(), start.relative_velocity
-    stands = oscillator._stands
+    stands = oscillator._stops
     if start.motion is Motion.FLIGHT:
-        for stand in stands:
-            table = oscillator.amplitude * float(turn[0]) + stand.offset
-            if stand.sign * (x[c] - table) < 0.0:
-                word = "below" if stand.sign > 0 else "above"
+        for stop in stands:
+            table = oscillator.amplitude * float(turn[0]) + stop.offset
+            if stop.sign * (x[c] - table) < 0.0:
+                word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {float(x[c])}")
         return state_at(oscillator, x, v, turn, u, Motion.FLIGHT)
     if start._side >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
-    stand = stands[start._side]
-    x[c] = oscillator.amplitude * float(turn[0]) + stand.offset
-    v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stand.sign * abs(u)
+    stop = stands[start._side]
+    x[c] = oscillator.amplitude * float(turn[0]) + stop.offset
+    v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stop.sign * abs(u)
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, Motion.TABLE)
 
@@ -251,20 +251,20 @@ def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
 def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     """The state just after an impact with these section coordinates (2N,); ValueError for none."""
     y = finite_array("state", coordinates, (oscillator.dimension,))
-    n, stands = oscillator.degrees_of_freedom, oscillator._stands
+    n, stands = oscillator.degrees_of_freedom, oscillator._stops
     others = oscillator._structure.others
     u, phase = float(y[-2]), float(y[-1])
     if len(stands) == 1:
         if u < 0.0:
             raise Refused(f"state[{2 * n - 2}] must not be negative; got {u}")
         u += 0.0
-    stand = stands[int(math.copysign(1.0, u) < 0.0)]
+    stop = stands[int(math.copysign(1.0, u) < 0.0)]
     turn = np.array([math.sin(phase), math.cos(phase)])
     x, v = np.empty(n), np.empty(n)
     x[others], v[others] = y[: n - 1], y[n - 1 : -2]
-    x[oscillator.contact] = oscillator.amplitude * turn[0] + stand.offset
+    x[oscillator.contact] = oscillator.amplitude * turn[0] + stop.offset
     v[oscillator.contact] = oscillator.amplitude * oscillator.frequency * turn[1]
-    v[oscillator.contact] += stand.sign * abs(u)
+    v[oscillator.contact] += stop.sign * abs(u)
     return state_at(oscillator, x, v, turn, u, Motion.TABLE)
 
 

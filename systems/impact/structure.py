@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, final
 from weakref import WeakKeyDictionary
@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.bases import Basis, basis_of
+from dynkit.systems.impact.elements import Element, Regime
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Modes
 
@@ -29,6 +30,20 @@ class Structure:
         self.free = basis_of(modes, mass, damping, stiffness)
         self.size = len(mass)
         self.others = np.delete(np.arange(self.size), contact)
+        self._stiffened: dict[tuple[int, float, float], Structure] = {}
+
+    def stiffened(self, coordinate: int, stiffness: float, damping: float) -> Structure:
+        """The same with a spring and a dashpot more at a coordinate; kept."""
+        if stiffness == damping == 0.0:
+            return self
+        key = coordinate, stiffness, damping
+        if key not in self._stiffened:
+            c, k = self.damping.copy(), self.stiffness.copy()
+            c[coordinate, coordinate] += damping
+            k[coordinate, coordinate] += stiffness
+            modes = Modes.from_matrices(self.mass, c, k)
+            self._stiffened[key] = Structure(modes, self.mass, c, k, self.contact)
+        return self._stiffened[key]
 
     @cached_property
     def kick_velocity(self) -> Array:
@@ -59,7 +74,7 @@ class Structure:
             return np.zeros((0, 2))
         x, v = self.free.units()
         v = v - np.outer(v[:, self.contact], self.kick_velocity)
-        return _flat(self.stuck.coordinates(x[:, self.others], v[:, self.others]))
+        return flat(self.stuck.coordinates(x[:, self.others], v[:, self.others]))
 
     @cached_property
     def released(self) -> Array:
@@ -68,7 +83,7 @@ class Structure:
             return np.zeros((2, 0))
         x, v = np.zeros((2, 2 * len(self.others), self.size))
         x[:, self.others], v[:, self.others] = self.stuck.units()
-        return _flat(self.free.coordinates(x, v))
+        return flat(self.free.coordinates(x, v))
 
     @cached_property
     def excursion(self) -> Array:
@@ -106,7 +121,7 @@ class Structure:
         return np.asarray(-np.linalg.solve(self.mass[place], forces))
 
 
-def _flat(units: Array) -> Array:
+def flat(units: Array) -> Array:
     """Matrix (2 n, k) of the coordinates (k, 2, n) of k units."""
     return np.ascontiguousarray(units.reshape(len(units), -1).T)
 
@@ -143,11 +158,12 @@ class Drive:
         """Whether anything depends on the phase."""
         return self.amplitude > 0.0 or bool(self.harmonic.any())
 
-
-@final
-@dataclass(frozen=True)
-class Stand:
-    """One place of the table: its middle, and on which side of it the structure stays (1 or -1)."""
-
-    offset: float
-    sign: int
+    def pulled(self, element: Element, regime: Regime) -> Drive:
+        """The same with what an element, which moves, adds to the forces."""
+        k, c, place = regime.stiffness, regime.damping, element.coordinate
+        if k == c == 0.0:
+            return self
+        harmonic, constant = np.array(self.harmonic, dtype=complex), self.constant.copy()
+        harmonic[place] += self.amplitude * (k + 1j * self.frequency * c)
+        constant[place] += k * element.offset
+        return replace(self, harmonic=harmonic, constant=constant)

@@ -18,11 +18,11 @@ import numpy as np
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
-from dynkit.systems.impact.motion import stays, transformed
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState, on_section, section_of
 from dynkit.systems.impact.trajectory import Trajectory, in_steps
+from dynkit.systems.impact.transitions import closing, release, saltation
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
@@ -206,11 +206,8 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
     """Bend and kick (n, 2) of the impacts, and how many directions they lose, (n,)."""
     r = oscillator.restitution
     rates, bends = before_impacts(oscillator, run)
-    impact = rates < 0.0
-    jumps = np.zeros((run.impacts, 2))
-    jumps[impact, 0] = (1.0 + r) * bends[impact] / rates[impact]
-    jumps[impact, 1] = -(1.0 + r)
-    return jumps, np.where(impact & (r == 0.0), 1, 0)
+    rates = np.minimum(rates, 0.0)
+    return saltation(r, rates, bends), np.where((rates < 0.0) & (r == 0.0), 1, 0)
 
 
 def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
@@ -219,12 +216,11 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
     sides, speeds, states = run.sides[1:], run.speeds[1:], run.free_states
     kick = free.placed(oscillator._structure.kick[:2])
     if r == 0.0:  # the states after impacts do not tell how fast they were
-        starts = states.copy()
-        for stay in stays(oscillator, run, states):
-            starts[run.before[stay.which]] = stay.released
-        ends = free.after(starts, np.arange(run.impacts), run.durations[0])
+        parts = run.segments
+        last = np.flatnonzero(~parts.switched)[1:] - 1
+        ends = free.after(parts.of(free, last), np.arange(run.impacts), run.durations[0])
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
-    for side, (gap, stand) in enumerate(zip(oscillator._gaps, oscillator._stands, strict=True)):
+    for side, (gap, stop) in enumerate(zip(oscillator._gaps, oscillator._stops, strict=True)):
         here = sides == side
         rows = np.zeros((2, 2, free.layout.slots))
         rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
@@ -232,7 +228,7 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
             rates[here], bends[here] = np.einsum("mij,kij->mk", rows, ends[here])
         else:
             rates[here] = -speeds[here] / r
-            turn = stand.sign * float((rows[1] * kick).sum())
+            turn = stop.sign * float((rows[1] * kick).sum())
             for now in in_steps(run.impacts):
                 own = here[now]
                 bends[now][own] = np.einsum("ij,kij->k", rows[1], states[1:][now][own])
@@ -241,12 +237,7 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
 
 
 def _contact_matrices(oscillator: DrivenStructure, run: Trajectory, durations: Array) -> Array:
-    """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it.
-
-    Another motion comes onto the table at another time; see `onto`. At the release the force
-    vanishes, and with it the jump of the rate of the state: that another motion is released at
-    another time makes no difference.
-    """
+    """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it."""
     d = oscillator.dimension
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
@@ -255,43 +246,11 @@ def _contact_matrices(oscillator: DrivenStructure, run: Trajectory, durations: A
     speeds, states = run.speeds[before], run.free_states[before]
     for side in np.unique(sides).tolist():
         here = np.flatnonzero(sides == side)
-        mode = oscillator._contacts[side].mode
+        mode = oscillator._automaton.held(side).mode
         moved = mode.transitions(durations[here]).matrices(mode.layout.modes)
-        down = onto(oscillator, side, states[here], speeds[here])
-        out[here] = off(oscillator, side) @ moved @ down
+        down = closing(oscillator, side, states[here], speeds[here])
+        out[here] = release(oscillator, side) @ moved @ down
     return out
-
-
-def off(oscillator: DrivenStructure, side: int) -> Array:
-    """Derivative (2N, 2 stuck modes) of the free state by the stuck one that is released."""
-    contact = oscillator._contacts[side]
-    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
-    rows = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, oscillator._free.layout.modes]
-    return np.asarray(rows[..., modes].reshape(oscillator.dimension, 2 * len(modes)))
-
-
-def onto(oscillator: DrivenStructure, side: int, states: Array, speeds: Array) -> Array:
-    """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
-
-    A disturbance that opens the gap by g makes the impact, from which on contact stands for the
-    rest of the chatter, later by -g / u, while the rates of both motions differ.
-    """
-    contact, gap = oscillator._contacts[side], oscillator._gaps[side]
-    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
-    free_modes, n = oscillator._free.layout.modes, oscillator.degrees_of_freedom
-    down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
-    rates = oscillator._free.rate(states).reshape(len(states), -1)
-    stuck = contact.mode.rate(transformed(contact.to_stuck, states))
-    change = (rates @ contact.to_stuck[:, :-1].T).reshape(-1, 2, slots) - stuck
-    change = change[..., modes].reshape(len(states), 2 * len(modes))
-    place = np.zeros((2, oscillator._free.layout.slots))
-    place[:, : gap.rows.shape[1]] = gap.rows[:2]
-    bounces = speeds > 0.0
-    by_gap = np.zeros_like(change)
-    by_gap[bounces] = -change[bounces] / speeds[bounces, None]
-    return np.asarray(
-        down.reshape(-1, 2 * n) + by_gap[:, :, None] * place[:, free_modes].reshape(2 * n)
-    )
 
 
 def _spread(motion: FreeMotion) -> float:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import Enum
-from typing import final
+from dataclasses import dataclass, replace
+from enum import Enum, IntEnum
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.automaton import changed
+from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.state import ImpactState
 
 Indices = NDArray[np.intp]
@@ -29,22 +32,166 @@ class Ending(Enum):
     DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
 
 
+class EventKind(IntEnum):
+    """What happened: an impact, the begin of contact, or its end."""
+
+    IMPACT = 0
+    CONTACT = 1
+    RELEASE = 2
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Events:
+    """All events of a motion in their order: impacts, contacts and releases.
+
+    Attributes
+    ----------
+    time : (k,)
+        From the start; of a contact whose chatter was cut, when its bounces have come to an end.
+    kind : (k,) of int
+        See `EventKind`.
+    element : (k,) of int
+        With what: 0 is the table, 1 the far stop of a play.
+    mode : (k,) of int
+        In which mode the motion goes on: 0 is free flight.
+    position, velocity : (k, N)
+        Of all coordinates, just after the event.
+    """
+
+    time: Array
+    kind: Indices
+    element: Indices
+    mode: Indices
+    position: Array
+    velocity: Array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        impacts, contacts, releases = (int((self.kind == kind).sum()) for kind in EventKind)
+        return f"<Events: {impacts} impacts, {contacts} contacts, {releases} releases>"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """What is kept of impacts.
+
+    Attributes
+    ----------
+    time, speed : (n,)
+        Times, and rates of the gap just after them.
+    guard : (n,)
+        Number of the guard that each of them was at.
+    states : (n, 2, slots)
+        States just after them.
+    turn : (n, 2)
+        Sine and cosine of the phase where states do not hold them, else no rows.
+    """
+
+    time: Array
+    speed: Array
+    guard: Indices
+    states: Array
+    turn: Array
+
+    def part(self, low: int, high: int) -> Impacts:
+        """Some of them."""
+        now = slice(low, high)
+        return Impacts(
+            self.time[now], self.speed[now], self.guard[now], self.states[now], self.turn[now]
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Switches:
+    """Changes of the mode.
+
+    Attributes
+    ----------
+    time, rest : (k,)
+        When they happen, for contact at the last impact that is not left out, and how long the
+        bounces last that are left out.
+    before : (k,)
+        Number of impacts before.
+    guard : (k,)
+        Number of the guard that each of them was at.
+    states : (k, 2, slots)
+        States in that mode; slots beyond its own hold zeros.
+    """
+
+    time: Array
+    rest: Array
+    before: Indices
+    guard: Indices
+    states: Array
+
+    def until(self, count: int) -> Switches:
+        """The first ones."""
+        return Switches(
+            self.time[:count],
+            self.rest[:count],
+            self.before[:count],
+            self.guard[:count],
+            self.states[:count],
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Parts of a motion, in one mode each: from the start, and from every event on.
+
+    Attributes
+    ----------
+    begin : (k,)
+        Times at which they begin.
+    point : (k,)
+        Number of impacts before.
+    mode, element : (k,)
+        Numbers of the mode, and of the element of the event that they begin with.
+    rest : (k,)
+        How long bounces last that are left out at first.
+    switched : (k,)
+        Whether they begin with a switch.
+    states : (k, 2, slots)
+        States at the begin; slots beyond those of the mode hold zeros.
+    """
+
+    begin: Array
+    point: Indices
+    mode: Indices
+    element: Indices
+    rest: Array
+    switched: Any
+    states: Array
+
+    def of(self, mode: Mode, some: Any) -> Array:
+        """States (n, 2, slots) of some of them, which are in this mode."""
+        return np.ascontiguousarray(self.states[some, :, : mode.layout.slots])
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Impacts of one motion, and contacts between them.
+    """Events of one motion: impacts, and switches between the modes of its oscillator.
 
-    Points are the start and the impacts; contact number k begins after point ``before[k]``. Stops
-    are numbered: 0 the table, 1 the far stop of a play.
+    Points are the start and the impacts. Contact number k begins after point ``before[k]``.
+    Elements are numbered: 0 the table, 1 the far stop of a play.
 
     Attributes
     ----------
     start, final : ImpactState
-    states : (impacts, 2N + 4)
-        Coordinates, sine and cosine of the phase, relative velocity, time; no rows when not asked
-        for.
-    contacts : (k, 3)
-        Impacts before the contact, its start, its end (infinite for ever).
+    log : Impacts
+        None in it when not asked for.
+    switches : Switches
+    regimes : tuple of tuple
+        Of each mode, numbered from zero, those of all elements.
+    guards : (g, 3)
+        Of each guard its mode, its element, and the mode that a switch leads to.
     impacts : int
     ending : Ending
     chatter_error, cells, touches, seconds
@@ -55,8 +202,10 @@ class Trajectory:
 
     start: ImpactState
     final: ImpactState
-    states: Array
-    contacts: Array
+    log: Impacts
+    switches: Switches
+    regimes: tuple[tuple[int, ...], ...]
+    guards: Indices
     impacts: int
     ending: Ending
     chatter_error: float
@@ -65,24 +214,49 @@ class Trajectory:
     seconds: float
     longest: float
 
+    def part(self, low: int, high: int) -> Trajectory:
+        """Some of the impacts; all else is that of the whole."""
+        return self.holding(self.log.part(low, high))
+
+    def holding(self, log: Impacts) -> Trajectory:
+        """The same with other impacts."""
+        return replace(self, log=log, impacts=len(log.time))
+
     # --- impacts (n,) -----------------------------------------------------------------------------
 
     @property
     def time(self) -> Array:
         """Times of the impacts."""
-        return self.states[:, -1]
+        return self.log.time
+
+    @property
+    def element(self) -> Indices:
+        """The stop of each of them."""
+        return np.asarray(self.guards[self.log.guard, 1])
 
     @property
     def relative_velocity(self) -> Array:
         """Rates of the gap just after them; negative at the far stop."""
-        return self.states[:, -2]
+        return np.where(self.element == 1, -self.log.speed, self.log.speed)
 
     @property
     def coordinates(self) -> tuple[Array, Array, Array]:
         """Modal coordinates (n, 2, N), sine and cosine of the phase (n,)."""
-        rows, width = self.states.shape
-        q = self.states[:, : width - 4].reshape(rows, 2, (width - 4) // 2)
-        return q, self.states[:, -4], self.states[:, -3]
+        q, sine, cosine = self.start._system._free.parts(self._free_impacts)
+        return (q, *self.log.turn.T) if len(self.log.turn) else (q, sine, cosine)
+
+    @property
+    def _free_impacts(self) -> Array:
+        """States (n, 2, slots) just after them as those of free flight."""
+        modes = self.guards[self.log.guard, 0]
+        if not modes.any():
+            return self.log.states
+        automaton, out = self.start._system._automaton, self.log.states.copy()
+        for number in np.unique(modes[modes > 0]).tolist():
+            here, phase = modes == number, automaton.phase(self.regimes[number])
+            states = self.log.states[here, :, : phase.mode.layout.slots]
+            out[here] = changed(phase, automaton.phases[0], states)
+        return out
 
     # --- points (n + 1,) --------------------------------------------------------------------------
 
@@ -94,30 +268,70 @@ class Trajectory:
     @property
     def speeds(self) -> Array:
         """Rates of the gap of the stop that is left, just after the points."""
-        return np.asarray(abs(np.append(self.start.relative_velocity, self.relative_velocity)))
+        return np.append(abs(self.start.relative_velocity), self.log.speed)
 
     @property
     def sides(self) -> Indices:
         """The stop at each point."""
-        speeds = np.append(self.start.relative_velocity, self.relative_velocity)
-        return np.asarray(np.signbit(speeds), dtype=np.intp)
+        return np.append(self.start._side, self.element)
 
     @property
     def free_states(self) -> Array:
         """States (n + 1, 2, slots) in free flight just after the points."""
-        free = self.start._system._free
-        out = np.empty((len(self.states) + 1, 2, free.layout.slots))
-        out[0] = free.states(self.start._coordinates, *self.start._turn)
-        for now in in_steps(len(self.states)):
-            out[1:][now] = free.states(*(part[now] for part in self.coordinates))
-        return out
+        return np.concatenate([self._begin[None], self._free_impacts])
+
+    @property
+    def _begin(self) -> Array:
+        return self.start._system._free.states(self.start._coordinates, *self.start._turn)
+
+    # --- segments (k,) ----------------------------------------------------------------------------
+
+    @cached_property
+    def segments(self) -> Segments:
+        """The parts of the motion in one mode each, from the start and from every event on."""
+        s, place = self.switches, self.switches.before + 1
+        point = np.arange(len(self.log.time) + 1)
+        guards = np.insert(np.append(self.start._side, self.log.guard), place, s.guard)
+        switched = np.insert(np.zeros(len(point), dtype=bool), place, True)
+        states = np.concatenate([self._begin[None], self.log.states])
+        if len(place):
+            wider = s.states.shape[2] - states.shape[2]
+            states = np.pad(states, ((0, 0), (0, 0), (0, wider)))
+            states = np.insert(states, place, s.states, axis=0)
+        return Segments(
+            np.insert(self.times, place, s.time),
+            np.insert(point, place, s.before),
+            np.where(switched, self.guards[guards, 2], self.guards[guards, 0]),
+            np.asarray(self.guards[guards, 1]),
+            np.insert(np.zeros(len(point)), place, s.rest),
+            switched,
+            states,
+        )
+
+    def modes(self, numbers: Indices) -> Iterator[tuple[Mode, Any]]:
+        """The modes of some segments, and which of these are in each."""
+        automaton = self.start._system._automaton
+        for number in np.unique(numbers).tolist():
+            yield automaton.phase(self.regimes[number]).mode, numbers == number
 
     # --- contacts (k,) ----------------------------------------------------------------------------
+
+    @cached_property
+    def contacts(self) -> Array:
+        """Begin, after the bounces that are left out, and end (k, 2), infinite for ever."""
+        s, held = self.switches, self._held
+        ends = np.append(s.time, np.inf)[np.flatnonzero(held) + 1]
+        return np.stack([s.time[held] + s.rest[held], ends], axis=1)
 
     @property
     def before(self) -> Indices:
         """The point after which each contact begins."""
-        return self.contacts[:, 0].astype(np.intp)
+        return np.asarray(self.switches.before[self._held])
+
+    @property
+    def _held(self) -> Any:
+        """Which of the switches are to contact."""
+        return self.guards[self.switches.guard, 2] > 0
 
     @property
     def contact_sides(self) -> Indices:
@@ -129,7 +343,7 @@ class Trajectory:
         """Durations (n,) of the flights before impacts, and (j,) of the contacts before these."""
         count, flights = self.ended, np.diff(self.time, prepend=0.0)
         before = self.before[:count]
-        held = self.contacts[:count, 2] - self.times[before]
+        held = self.contacts[:count, 1] - self.times[before]
         flights[before] -= held
         return flights, held
 

@@ -39,8 +39,8 @@ ROOT = Path(__file__).parents[2]
 def numbers(found: Trajectory) -> tuple[Any, ...]:
     """Every bit of a run but for its seconds."""
     return (
-        found.states.tobytes(),
-        found.contacts.tobytes(),
+        *(array.tobytes() for array in vars(found.log).values()),
+        *(array.tobytes() for array in vars(found.switches).values()),
         found.final._coordinates.tobytes(),
         found.final._turn.tobytes(),
         (found.final.relative_velocity, found.final.motion, found.final._side),

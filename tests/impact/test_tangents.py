@@ -141,7 +141,7 @@ def test_contact_acts_as_the_jacobian_in_other_coordinates(name: str) -> None:
     size = (abs(there) @ abs(jacobian) + abs(found) @ abs(before)).max()
     gap = abs(found @ before - there @ jacobian)
     # As in flight, with two changes of basis besides; and the times of events are rounded.
-    time = float(run.states[0, -1])
+    time = float(run.time[0])
     assert gap.max() <= (12.0 * system.dimension + 4.0 * time) * ROUNDING * size
 
 
@@ -194,9 +194,8 @@ def test_a_touch_counts_as_no_impact() -> None:
     chain = FLYING["P(1,3)"]
     state = chain.impact_state(start("P(1,3)"))
     run = chain._run(state, 1, store=True)
-    touching = run.states.copy()
-    touching[0, -2] = 0.0
-    steps = steps_of(chain, dataclasses.replace(run, states=touching))
+    touching = dataclasses.replace(run.log, speed=np.zeros(1))
+    steps = steps_of(chain, run.holding(touching))
     assert (steps.jumps == 0.0).all()
     assert (steps.lost == 0).all()
 

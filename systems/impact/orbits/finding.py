@@ -116,7 +116,7 @@ def orbit_at(
         raise ValueError(
             f"phases must ascend and span less than {m} periods of 2 pi; got {given.tolist()}"
         )
-    stops = len(oscillator._stands)
+    stops = len(oscillator._stops)
     at = finite_array("sides", np.zeros(len(given)) if sides is None else sides, (len(given),))
     if not np.isin(at, range(stops)).all():
         raise ValueError(f"sides must lie in [0, {stops - 1}]; got {at.tolist()}")
@@ -210,20 +210,20 @@ def closed_forms(oscillator: ImpactMap, periods: int) -> Iterator[tuple[ImpactPr
     With the steady gap Im(C exp(i phase)) + c and the periodic response G, G' just after a unit
     impulse, C exp(i phase) = J s / w - i (c + J G), where s = r / (1 + r) - G'.
     """
-    for side, stand in enumerate(oscillator._stands):
+    for side, stop in enumerate(oscillator._stops):
         problem = make_problem(oscillator, periods, [side])
         s = Solution(*problem.parts(_NONE), periods, problem.sides, np.zeros(2))
         t = s.terms
         g, rate = s.responses[:2, 0, 0].tolist()
         slope = (t.restitution / (1.0 + t.restitution) - rate) / t.frequency
-        middle = stand.sign * (t.rest - float(t.places[side]))
+        middle = stop.sign * (t.rest - float(t.places[side]))
         square, linear = g * g + slope * slope, middle * g
         discriminant = linear * linear - square * (middle * middle - abs(t.drive) ** 2)
         if discriminant < 0.0:
             continue
         for root in (1.0, -1.0):
             impulse = (root * discriminant**0.5 - linear) / square
-            place = complex(impulse * slope, -(middle + impulse * g)) / (stand.sign * t.drive)
+            place = complex(impulse * slope, -(middle + impulse * g)) / (stop.sign * t.drive)
             yield problem, np.array([np.angle(place), impulse])
 
 
@@ -232,7 +232,7 @@ def random_guesses(
 ) -> Iterator[tuple[ImpactProblem, Array]]:
     """Return equations and guesses (2n,) of P(n,m) from `STARTS` sets of random phases."""
     random = np.random.default_rng(0)
-    stops = len(oscillator._stands)
+    stops = len(oscillator._stops)
     problems: dict[bytes, ImpactProblem] = {}
     for _ in range(STARTS):
         phases = np.sort(random.uniform(0.0, TWO_PI * periods, impacts))

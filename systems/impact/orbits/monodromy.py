@@ -9,6 +9,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.systems.impact.orbits.solution import LATE, ROUNDING
+from dynkit.systems.impact.transitions import saltation
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.mode import Transitions
@@ -73,31 +74,20 @@ def _jumped(matrices: Array, slots: Any, jumps: list[tuple[Array, Array]]) -> Ar
 def _passages(solution: Solution) -> tuple[Transitions, list[tuple[Array, Array]]]:
     """Flights after each impact in turn, and what the next impact makes of their ends.
 
-    An impact takes a disturbance of the free state times 1 + U V', both (2, slots, 2): with the
-    kick b, the rows c and c' of place and velocity of the contact coordinate, the impulse J and the
-    rate g' and acceleration g'' of the gap before it,
-
-        1 - (1 + r) b c' + ((1 + r) g'' b + J A b) c / g'.
-
-    References
-    ----------
-    P. C. Mueller, Calculation of Lyapunov exponents for dynamic systems with discontinuities,
-    Chaos, Solitons & Fractals 5 (1995) 1671-1681 (saltation matrices).
+    An impact takes a disturbance of the free state times 1 + U V', both (2, slots, 2): see
+    `saltation`.
     """
     motion, t = solution.motion, solution.terms
-    r = t.restitution
     place, speed, bend = motion.rows[:3].reshape(3, 2, -1)
-    kick, pushed = motion.kick, motion.mode.rate(motion.kick)
     order = np.argsort(solution.phases)
     flights = motion.mode.transitions(solution.lasts[order])
-    before = solution.gaps(2) - solution.impulses * float((bend * kick).sum())
-    jumps = []
-    for i in np.roll(order, -1).tolist():
-        impulse = float(solution.impulses[i])
-        rate = -impulse / (1.0 + r)
-        left = np.stack([kick, pushed], axis=-1)
-        shift = (1.0 + r) * before[i] / rate * place - (1.0 + r) * speed
-        jumps.append((left, np.stack([shift, impulse / rate * place], axis=-1)))
+    rates = -solution.impulses / (1.0 + t.restitution)
+    bends = solution.gaps(2) - solution.impulses * float((bend * motion.kick).sum())
+    left = np.stack([motion.kick, motion.mode.rate(motion.kick)], axis=-1)
+    jumps = [
+        (left, np.stack([p * place + q * speed, q * place], axis=-1))
+        for p, q in saltation(t.restitution, rates, bends)[np.roll(order, -1)]
+    ]
     return flights, jumps
 
 

@@ -53,7 +53,7 @@ def flights_are_open(oscillator: Callable[[], ImpactMap], solution: Solution) ->
         run = system._run(system.impact_state(state), 1, store=True)
         if run.impacts < 1 or len(run.contacts):
             return False
-        if abs(float(run.states[0, -1]) - lasts) > SAME * solution.period:
+        if abs(float(run.time[0]) - lasts) > SAME * solution.period:
             return False
     return True
 

@@ -141,13 +141,13 @@ def _releases(
     count = 256
     while True:
         run = oscillator._run(state, count, store=True)
-        ended = run.contacts[np.isfinite(run.contacts[:, 2])][:most]
+        ended = np.flatnonzero(np.isfinite(run.contacts[:, 1]))[:most]
         if len(ended) >= most or run.impacts < count or count >= _MOST:
             break
         count *= 4
-    sides = run.sides[ended[:, 0].astype(int)].tolist()
-    phases = state.phase + oscillator.frequency * ended[:, 2]
-    return list(zip(sides, _places(oscillator, run, ended[:, 2]), phases.tolist(), strict=True))
+    sides, ends = run.contact_sides[ended].tolist(), run.contacts[ended, 1]
+    phases = state.phase + oscillator.frequency * ends
+    return list(zip(sides, _places(oscillator, run, ends), phases.tolist(), strict=True))
 
 
 def _places(oscillator: ImpactMap, run: Trajectory, times: Array) -> Array:
@@ -170,7 +170,7 @@ def _course(
         if run.impacts < count or run.time[-1] > wanted or count >= _MOST:
             break
         count *= 2
-    ends = run.contacts[:, 2]
+    ends = run.contacts[:, 1]
     near = np.flatnonzero(abs(ends - periods * period) < 0.25 * period)
     if not len(near):
         return None

@@ -32,7 +32,7 @@ class Holding:
 
     def __init__(self, system: ImpactMap, side: int) -> None:
         self.system, self.side = system, side
-        self.contact = system._contacts[side]
+        self.contact = system._automaton.held(side)
         self.mode = self.contact.mode
         modes = self.mode.layout.modes
         self._state, self._places = self._affine()

@@ -116,9 +116,8 @@ class StickingOrbit(DrivenOrbit):
         """
         parts = []
         for q in self._passages:
-            chatter = q.run.states[:, -2:]
-            phases = np.append(q.phases[1:-1], q.phases[-2] + q.w * chatter[:, 1])
-            parts.append([phases, np.append(self._named(q), chatter[:, 0])])
+            phases = np.append(q.phases[1:-1], q.phases[-2] + q.w * q.run.time)
+            parts.append([phases, np.append(self._named(q), q.run.relative_velocity)])
         phases, speeds = np.concatenate(parts, axis=1)
         time = (phases - self.phases[0]) / self.system.frequency
         impacts = np.stack([time, phases % TWO_PI, speeds], axis=1)

@@ -14,8 +14,9 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.state import Motion, state_of
 from dynkit.systems.impact.sticking.holding import Holding
-from dynkit.systems.impact.tangents import chatter_carried, off, onto
+from dynkit.systems.impact.tangents import chatter_carried
 from dynkit.systems.impact.trajectory import Trajectory
+from dynkit.systems.impact.transitions import by_time, closing, release, reset
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -67,7 +68,7 @@ class Scene:
     def __init__(self, system: ImpactMap) -> None:
         self.system = system
         self.motion: FreeMotion = free_motion(system._structure)
-        self.holdings = tuple(Holding(system, side) for side in range(len(system._stands)))
+        self.holdings = tuple(Holding(system, side) for side in range(len(system._stops)))
         structure, free = system._structure, system._free
         self.kick = free.placed(structure.kick[:2])
         unit = np.eye(structure.size)[structure.contact]
@@ -136,7 +137,7 @@ class Passage:
             rate = float(scene.gap(state, side, 1))
             self.before.append(state)
             self.rates.append(rate)
-            sign = system._stands[side].sign
+            sign = system._stops[side].sign
             state = state - (1.0 + self.r) * rate * sign * scene.kick
             self.states.append(state)
         self._chatter()
@@ -152,7 +153,7 @@ class Passage:
         if self.rates[-1] > 0.0:
             raise NoSolution("the chatter must begin with an impact that pushes")
         # From here on the gap is taken to be zero, so the contact coordinate is put onto the stop.
-        sign = scene.system._stands[side].sign
+        sign = scene.system._stops[side].sign
         self.states[-1] = self.states[-1] - sign * self.gaps[-1] * scene.shift
         q, sine, cosine = free.parts(self.states[-1])
         u = math.copysign(self.r * self.rates[-1], 0.5 - side)
@@ -191,7 +192,7 @@ class Passage:
             k = int(np.argmin(speeds[: most + 1]))
             if speeds[k] > _NEARLY * max(abs(rate) for rate in self.rates):
                 raise NoSolution("the chatter must be complete")
-        return replace(run, states=run.states[:k], contacts=run.contacts[:0], impacts=k)
+        return replace(run.part(0, k), switches=run.switches.until(0))
 
     def _lifts_off(self, run: Trajectory, count: int) -> Any:
         """Whether each of the first flights, (count,), leaves the chatter.
@@ -247,18 +248,18 @@ class Passage:
         moved[:, :d] = holding.inward
         moved[:, d] = self._stuck_modes(holding, holding.turned(float(self.phases[0])))
         moved[:, d] -= self._stuck_modes(holding, holding.mode.rate(self.start)) / w
-        moved = off(scene.system, word.start) @ moved
+        moved = release(scene.system, word.start) @ moved
         flights = motion.mode.transitions(self.durations).matrices(motion.mode.layout.modes)
         gaps = np.empty((n, d + n + 2))
         for k, side in enumerate(word.sides):
-            sign = scene.system._stands[side].sign
+            sign = scene.system._stops[side].sign
             moved = flights[k] @ moved
             gaps[k] = sign * (rows[2] @ moved)
             gaps[k, d + 1 + k] += self.rates[k] / w
-            rate = sign * (rows[3] @ moved)
-            rate[d + 1 + k] += float(scene.gap(self.before[k], side, 2)) / w
-            moved = moved - (1.0 + self.r) * sign * np.outer(rows[0], rate)
-            moved[:, d + 1 + k] += (1.0 + self.r) * sign * self.rates[k] / w * rows[1]
+            kick, bend = sign * rows[0], float(scene.gap(self.before[k], side, 2))
+            moved = moved + reset(self.r, kick, sign * (rows[3] @ moved))
+            later = by_time(self.r, kick, sign * rows[1], self.rates[k], bend)
+            moved[:, d + 1 + k] += later / w
         moved = moved - sign * np.outer(scene.flat(scene.shift), gaps[-1])
         ended = self._ended(moved)
         end = scene.holdings[word.sides[-1]]
@@ -269,7 +270,7 @@ class Passage:
         """Changes of the places at the end by disturbances (2N, m) after the last impact."""
         system, side = self.scene.system, self.word.sides[-1]
         moved = chatter_carried(system, self.run, moved)
-        moved = onto(system, side, self.last[None], np.array([self.speed]))[0] @ moved
+        moved = closing(system, side, self.last[None], np.array([self.speed]))[0] @ moved
         mode = self.scene.holdings[side].mode
         moved = mode.transitions(np.array([self.lasts])).matrices(mode.layout.modes)[0] @ moved
         return np.asarray(self.scene.holdings[side].outward @ moved)

@@ -152,7 +152,7 @@ def _is_motion(passage: Passage) -> bool:
     run = system._run(start, n + passage.run.impacts + 3, store=True)
     if run.impacts < n or not len(run.contacts) or run.before[0] < n:
         return False
-    times = np.append(run.time[:n], run.contacts[0, 2])
+    times = np.append(run.time[:n], run.contacts[0, 1])
     expected = (passage.phases[1:] - passage.phases[0]) / passage.w
     if tuple(run.sides[1 : n + 1].tolist()) != word.sides:
         return False

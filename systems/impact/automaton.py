@@ -1,0 +1,264 @@
+"""Modes of an oscillator and the guards that join them, as the kernels take them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from threading import RLock
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.no_motion import Refused
+from dynkit.core.validation import Array
+from dynkit.exponential.stacks import stacked
+from dynkit.systems.impact.contact import Contact, change_of_basis, transformed
+from dynkit.systems.impact.elements import IMPACT, Element
+from dynkit.systems.impact.mode import Mode, free_mode, sum_of
+from dynkit.systems.impact.structure import Drive, Structure, flat
+
+
+@final
+@dataclass(eq=False)
+class Guard:
+    """What ends a flight in a mode, and what then happens.
+
+    Attributes
+    ----------
+    mode, element : int
+        Numbers of the mode that it is of, and of what it belongs to.
+    watch : Watch
+    sum : the exponential sum that is positive before
+    target, partner : int
+        The mode that it leads to, for an impact that of contact, and the first guard of the same
+        element there; -1 where it has not been entered.
+    change : (2 slots, 2 slots + 1), of both modes, or None
+        What becomes of the state, and one.
+    """
+
+    mode: int
+    element: int
+    watch: Any
+    sum: Any
+    target: int = -1
+    partner: int = -1
+    change: Array | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """A mode and what it was made of.
+
+    Attributes
+    ----------
+    regimes : tuple of int
+        Of all elements.
+    structure, drive : with the stiffness, damping and forces that elements add
+    mode : Mode
+    contact : Contact or None
+        What holds a coordinate, where one does.
+    """
+
+    regimes: tuple[int, ...]
+    structure: Structure
+    drive: Drive
+    mode: Mode
+    contact: Contact | None
+
+
+@final
+class Automaton:
+    """The modes that motions of one oscillator entered so far; in the first all regimes are 0.
+
+    Attributes
+    ----------
+    phases : list of Phase
+    guards : list of Guard
+        In the order of their modes.
+    regimes : tuple of tuple
+        Of each mode, those of all elements.
+    table : (guards, 3)
+        Of each guard its mode, its element, and the mode that it leads to.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        drive: Drive,
+        elements: Sequence[Element],
+        restitution: float,
+        tolerance: float,
+    ) -> None:
+        self._structure, self._drive, self._elements = structure, drive, tuple(elements)
+        self._restitution, self._tolerance = restitution, tolerance
+        self._lock = RLock()
+        self._tables: Any = None
+        self.regimes: tuple[tuple[int, ...], ...] = ()
+        self.table: NDArray[np.intp] = np.empty((0, 3), dtype=np.intp)
+        self.phases: list[Phase] = []
+        self.guards: list[Guard] = []
+        self.phase((0,) * len(self._elements))
+        self._acting = [guard for guard in self.guards if guard.watch.event != IMPACT]
+
+    def phase(self, regimes: Sequence[int]) -> Phase:
+        """The mode of some regimes, built where no motion has entered it."""
+        return self.phases[self._number(tuple(regimes))]
+
+    def held(self, element: int) -> Contact:
+        """Contact with one element, the others in their first regime."""
+        contact = self.phase([int(k == element) for k in range(len(self._elements))]).contact
+        assert contact is not None
+        return contact
+
+    def enter(self, number: int) -> None:
+        """Build the mode that a guard leads to, where no motion has done so."""
+        with self._lock:
+            guard = self.guards[number]
+            target = self._number(self._after(guard))
+            for g in (guard, *(g for g in self.guards if g.mode == target)):
+                if g.partner < 0 and self._after(g) in map(_regimes, self.phases):
+                    self._join(g)
+            self._tables = None
+
+    def check_start(self, state: Array) -> None:
+        """Refuse a free state (2, slots) from which an element that is no stop acts at once."""
+        for guard in self._acting:
+            row, element = guard.sum.rows[:2], self._elements[guard.element]
+            gap = float((row * state[:, : row.shape[1]]).sum()) + guard.sum.offset
+            if gap < 0.0:
+                raise Refused(f"a motion must not begin where {element!r} acts; got a gap of {gap}")
+
+    @property
+    def slots(self) -> int:
+        """Slots of the states of all modes."""
+        return int(self.tables.ladders.step.shape[3])
+
+    @property
+    def tables(self) -> Any:
+        """What the kernels take."""
+        with self._lock:
+            if self._tables is None:
+                self._tables = self._stacked()
+            return self._tables
+
+    # --- building ---------------------------------------------------------------------------------
+
+    def _number(self, regimes: tuple[int, ...]) -> int:
+        with self._lock:
+            known = [phase.regimes for phase in self.phases]
+            if regimes not in known:
+                self._build(regimes)
+                known.append(regimes)
+            return known.index(regimes)
+
+    def _after(self, guard: Guard) -> tuple[int, ...]:
+        """The regimes that a guard leads to."""
+        regimes = list(self.phases[guard.mode].regimes)
+        regimes[guard.element] = guard.watch.to
+        return tuple(regimes)
+
+    def _build(self, regimes: tuple[int, ...]) -> None:
+        now = [e.regimes[k] for e, k in zip(self._elements, regimes, strict=True)]
+        structure, drive = self._structure, self._drive
+        for element, regime in zip(self._elements, now, strict=True):
+            structure = structure.stiffened(element.coordinate, regime.stiffness, regime.damping)
+            drive = drive.pulled(element, regime)
+        watched = [element.coordinate for element in self._elements]
+        mode, contact = free_mode(structure, drive, watched), None
+        holding = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
+        if len(holding) > 1:
+            raise NotImplementedError("no two elements may hold a structure at a time")
+        if holding:
+            contact = Contact(structure, drive, mode, holding[0])
+            mode = contact.mode
+        number = len(self.phases)
+        self.phases.append(Phase(regimes, structure, drive, mode, contact))
+        for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
+            if regime.holds or not holding:
+                for watch in regime.guards:
+                    force = contact.force if contact and regime.holds else None
+                    watched_sum = force or sum_of(mode, drive, element, watch)
+                    self.guards.append(Guard(number, k, watch, watched_sum))
+
+    def _join(self, guard: Guard) -> None:
+        """Find what becomes of the state where a guard is zero."""
+        one, guard.target = self.phases[guard.mode], self._number(self._after(guard))
+        other = self.phases[guard.target]
+        guard.partner = next(
+            k
+            for k, g in enumerate(self.guards)
+            if g.mode == guard.target and g.element == guard.element
+        )
+        if other.contact and not one.contact:
+            guard.change = other.contact.to_stuck
+        elif one.contact and not other.contact:
+            guard.change = one.contact.to_free
+        else:
+            modes = flat(other.structure.free.coordinates(*one.structure.free.units()))
+            guard.change = change_of_basis(one.mode, other.mode, modes)
+
+    def _stacked(self) -> Any:
+        from dynkit.systems.impact.contact_kernels import Tables
+
+        modes, guards = [phase.mode for phase in self.phases], self.guards
+        ladders = stacked([[g.sum for g in guards if g.mode == m] for m in range(len(modes))])
+        slots = ladders.step.shape[3]
+        places = np.zeros((len(modes), self._structure.size), dtype=np.intp)
+        for place, mode in zip(places, modes, strict=True):
+            place[: len(mode.layout.modes)] = mode.layout.modes
+        kick, excursion = np.zeros((len(guards), 4, slots)), np.zeros((len(guards), 2, slots))
+        change = np.zeros((len(guards) if len(modes) > 1 else 0, 2 * slots, 2 * slots + 1))
+        for k, guard in enumerate(guards):
+            phase = self.phases[guard.mode]
+            free, basis = phase.mode, phase.structure.free
+            if guard.watch.event == IMPACT:
+                own = free.placed(phase.structure.kick)
+                own[:, free.layout.seen :] = 0.0
+                kick[k, :, : free.layout.slots] = self._elements[guard.element].sign * own
+                brief = basis.coordinates(*phase.structure.excursion)
+                excursion[k, :, : free.layout.slots] = free.placed(brief)
+            if guard.change is not None:
+                change[k] = _padded(guard.change, slots)
+        self.regimes = tuple(phase.regimes for phase in self.phases)
+        self.table = np.array([(g.mode, g.element, g.target) for g in guards])
+        return Tables(
+            ladders=ladders,
+            first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
+            slots=places,
+            counts=np.array([len(mode.layout.modes) for mode in modes]),
+            element=np.array([g.element for g in guards]),
+            event=np.array([g.watch.event for g in guards]),
+            target=np.array([g.target for g in guards]),
+            partner=np.array([g.partner for g in guards]),
+            order=np.array([g.watch.order for g in guards]),
+            change=change,
+            kick=kick,
+            excursion=excursion,
+            coupling=np.full(len(guards), self._structure.coupling),
+            restitution=np.full(len(guards), self._restitution),
+            tolerance=self._tolerance,
+            clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
+        )
+
+
+def changed(one: Phase, other: Phase, states: Array) -> Array:
+    """States (k, 2, slots) of a mode in another one, where nothing jumps."""
+    modes = flat(other.structure.free.coordinates(*one.structure.free.units()))
+    return transformed(change_of_basis(one.mode, other.mode, modes), states)
+
+
+def _regimes(phase: Phase) -> tuple[int, ...]:
+    return phase.regimes
+
+
+def _padded(change: Array, slots: int) -> Array:
+    """A change of basis (2 b, 2 a + 1) as (2 slots, 2 slots + 1)."""
+    b, a = len(change) // 2, change.shape[1] // 2
+    out = np.zeros((2, slots, 2 * slots + 1))
+    both = change.reshape(2, b, change.shape[1])
+    out[:, :b, :a] = both[..., :a]
+    out[:, :b, slots : slots + a] = both[..., a:-1]
+    out[:, :b, -1] = both[..., -1]
+    return out.reshape(2 * slots, -1)
