@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.exponential.stacks import stacked
-from dynkit.systems.impact.contact import Contact, change_of_basis, transformed
+from dynkit.systems.impact.contact import Contact
 from dynkit.systems.impact.elements import IMPACT, Element
 from dynkit.systems.impact.mode import Mode, free_mode, sum_of
-from dynkit.systems.impact.structure import Drive, Structure, flat
+from dynkit.systems.impact.structure import Drive, Structure
 
 
 @final
@@ -47,38 +47,16 @@ class Guard:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class Phase:
-    """A mode and what it was made of.
-
-    Attributes
-    ----------
-    regimes : tuple of int
-        Of all elements.
-    structure, drive : with the stiffness, damping and forces that elements add
-    mode : Mode
-    contact : Contact or None
-        What holds a coordinate, where one does.
-    """
-
-    regimes: tuple[int, ...]
-    structure: Structure
-    drive: Drive
-    mode: Mode
-    contact: Contact | None
-
-
-@final
 class Automaton:
     """The modes that motions of one oscillator entered so far; in the first all regimes are 0.
 
     Attributes
     ----------
-    phases : list of Phase
+    modes : list of Mode
+    regimes : list of tuple
+        Of each mode, those of all elements.
     guards : list of Guard
         In the order of their modes.
-    regimes : tuple of tuple
-        Of each mode, those of all elements.
     table : (guards, 3)
         Of each guard its mode, its element, and the mode that it leads to.
     """
@@ -95,22 +73,22 @@ class Automaton:
         self._restitution, self._tolerance = restitution, tolerance
         self._lock = RLock()
         self._tables: Any = None
-        self.regimes: tuple[tuple[int, ...], ...] = ()
         self.table: NDArray[np.intp] = np.empty((0, 3), dtype=np.intp)
-        self.phases: list[Phase] = []
+        self.modes: list[Mode] = []
+        self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []
-        self.phase((0,) * len(self._elements))
+        self._contacts: dict[int, Contact] = {}
+        self._number((0,) * len(self._elements))
         self._acting = [guard for guard in self.guards if guard.watch.event != IMPACT]
 
-    def phase(self, regimes: Sequence[int]) -> Phase:
+    def mode(self, regimes: tuple[int, ...]) -> Mode:
         """The mode of some regimes, built where no motion has entered it."""
-        return self.phases[self._number(tuple(regimes))]
+        return self.modes[self._number(regimes)]
 
     def held(self, element: int) -> Contact:
         """Contact with one element, the others in their first regime."""
-        contact = self.phase([int(k == element) for k in range(len(self._elements))]).contact
-        assert contact is not None
-        return contact
+        regimes = tuple(int(k == element) for k in range(len(self._elements)))
+        return self._contacts[self._number(regimes)]
 
     def enter(self, number: int) -> None:
         """Build the mode that a guard leads to, where no motion has done so."""
@@ -118,9 +96,9 @@ class Automaton:
             guard = self.guards[number]
             target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
-                if g.partner < 0 and self._after(g) in map(_regimes, self.phases):
+                if g.partner < 0 and self._after(g) in self.regimes:
                     self._join(g)
-            self._tables = None
+                    self._tables = None
 
     def check_start(self, state: Array) -> None:
         """Refuse a free state (2, slots) from which an element that is no stop acts at once."""
@@ -147,15 +125,13 @@ class Automaton:
 
     def _number(self, regimes: tuple[int, ...]) -> int:
         with self._lock:
-            known = [phase.regimes for phase in self.phases]
-            if regimes not in known:
+            if regimes not in self.regimes:
                 self._build(regimes)
-                known.append(regimes)
-            return known.index(regimes)
+            return self.regimes.index(regimes)
 
     def _after(self, guard: Guard) -> tuple[int, ...]:
         """The regimes that a guard leads to."""
-        regimes = list(self.phases[guard.mode].regimes)
+        regimes = list(self.regimes[guard.mode])
         regimes[guard.element] = guard.watch.to
         return tuple(regimes)
 
@@ -166,43 +142,43 @@ class Automaton:
             structure = structure.stiffened(element.coordinate, regime.stiffness, regime.damping)
             drive = drive.pulled(element, regime)
         watched = [element.coordinate for element in self._elements]
-        mode, contact = free_mode(structure, drive, watched), None
+        number, mode = len(self.modes), free_mode(structure, drive, watched)
         holding = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
         if len(holding) > 1:
             raise NotImplementedError("no two elements may hold a structure at a time")
+        force = None
         if holding:
-            contact = Contact(structure, drive, mode, holding[0])
-            mode = contact.mode
-        number = len(self.phases)
-        self.phases.append(Phase(regimes, structure, drive, mode, contact))
+            self._contacts[number] = contact = Contact(drive, mode, holding[0])
+            mode, force = contact.mode, contact.force
+        self.modes.append(mode)
+        self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             if regime.holds or not holding:
                 for watch in regime.guards:
-                    force = contact.force if contact and regime.holds else None
-                    watched_sum = force or sum_of(mode, drive, element, watch)
-                    self.guards.append(Guard(number, k, watch, watched_sum))
+                    found = force or sum_of(mode, drive, element, watch)
+                    self.guards.append(Guard(number, k, watch, found))
 
     def _join(self, guard: Guard) -> None:
         """Find what becomes of the state where a guard is zero."""
-        one, guard.target = self.phases[guard.mode], self._number(self._after(guard))
-        other = self.phases[guard.target]
+        one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
+        other = self.modes[guard.target]
         guard.partner = next(
             k
             for k, g in enumerate(self.guards)
             if g.mode == guard.target and g.element == guard.element
         )
-        if other.contact and not one.contact:
-            guard.change = other.contact.to_stuck
-        elif one.contact and not other.contact:
-            guard.change = one.contact.to_free
+        before, after = map(self._contacts.get, (guard.mode, guard.target))
+        if after and not before:
+            guard.change = after.to_stuck
+        elif before and not after:
+            guard.change = before.to_free
         else:
-            modes = flat(other.structure.free.coordinates(*one.structure.free.units()))
-            guard.change = change_of_basis(one.mode, other.mode, modes)
+            guard.change = other.seen_from(one)
 
     def _stacked(self) -> Any:
         from dynkit.systems.impact.contact_kernels import Tables
 
-        modes, guards = [phase.mode for phase in self.phases], self.guards
+        modes, guards = self.modes, self.guards
         ladders = stacked([[g.sum for g in guards if g.mode == m] for m in range(len(modes))])
         slots = ladders.step.shape[3]
         places = np.zeros((len(modes), self._structure.size), dtype=np.intp)
@@ -211,17 +187,15 @@ class Automaton:
         kick, excursion = np.zeros((len(guards), 4, slots)), np.zeros((len(guards), 2, slots))
         change = np.zeros((len(guards) if len(modes) > 1 else 0, 2 * slots, 2 * slots + 1))
         for k, guard in enumerate(guards):
-            phase = self.phases[guard.mode]
-            free, basis = phase.mode, phase.structure.free
+            mode = modes[guard.mode]
             if guard.watch.event == IMPACT:
-                own = free.placed(phase.structure.kick)
-                own[:, free.layout.seen :] = 0.0
-                kick[k, :, : free.layout.slots] = self._elements[guard.element].sign * own
-                brief = basis.coordinates(*phase.structure.excursion)
-                excursion[k, :, : free.layout.slots] = free.placed(brief)
+                own = mode.placed(mode.structure.kick)
+                own[:, mode.layout.seen :] = 0.0
+                kick[k, :, : mode.layout.slots] = self._elements[guard.element].sign * own
+                brief = mode.structure.free.coordinates(*mode.structure.excursion)
+                excursion[k, :, : mode.layout.slots] = mode.placed(brief)
             if guard.change is not None:
                 change[k] = _padded(guard.change, slots)
-        self.regimes = tuple(phase.regimes for phase in self.phases)
         self.table = np.array([(g.mode, g.element, g.target) for g in guards])
         return Tables(
             ladders=ladders,
@@ -241,16 +215,6 @@ class Automaton:
             tolerance=self._tolerance,
             clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
         )
-
-
-def changed(one: Phase, other: Phase, states: Array) -> Array:
-    """States (k, 2, slots) of a mode in another one, where nothing jumps."""
-    modes = flat(other.structure.free.coordinates(*one.structure.free.units()))
-    return transformed(change_of_basis(one.mode, other.mode, modes), states)
-
-
-def _regimes(phase: Phase) -> tuple[int, ...]:
-    return phase.regimes
 
 
 def _padded(change: Array, slots: int) -> Array:

@@ -8,8 +8,7 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.validation import Array
-from dynkit.systems.impact.contact import transformed
-from dynkit.systems.impact.mode import Mode
+from dynkit.systems.impact.mode import Mode, transformed
 from dynkit.systems.impact.orbits.terms import changes_alone
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState

@@ -132,7 +132,7 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _free(self) -> Mode:
-        return self._automaton.phases[0].mode
+        return self._automaton.modes[0]
 
     @cached_property
     def _gaps(self) -> tuple[Any, ...]:

@@ -6,8 +6,6 @@ to positions.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,11 +18,7 @@ from dynkit.exponential.evaluation_kernels import (
     KEPT,
     LEFT,
     START,
-    Ladder,
     Workspace,
-    propagate_steps,
-    shift,
-    shift_linked,
     start_sums,
     value_and_rates,
 )
@@ -35,17 +29,14 @@ from dynkit.systems.impact.clock_kernels import (
     BUDGET,
     CELLS,
     CHATTER_ERROR,
-    COSINE,
     GUARD,
     IMPACTS,
     LEFT_FROM,
     MODE,
     MOTION,
     ORDER,
-    SINE,
     SPEED,
     SWITCHES,
-    TIME,
     TOUCHES,
     WANTED,
     advance_clock,
@@ -65,48 +56,16 @@ from dynkit.systems.impact.contact_kernels import (
     pulls,
     transform,
 )
+from dynkit.systems.impact.log_kernels import (
+    BOUNCED,
+    FLIGHT,
+    Impacts,
+    Switches,
+    enter,
+    note_impact,
+)
 
 Indices = NDArray[np.intp]
-
-FLIGHT, BOUNCED, SWITCHED = 0, 1, 2
-"""Where a run starts or goes on: gap open, just after an impact (u >= 0), just after a switch."""
-
-
-class Impacts(NamedTuple):
-    """What is written down of impacts: nothing where there are no rows.
-
-    Attributes
-    ----------
-    time, speed : (n,) times, and rates of the gap just after them
-    guard : (n,) number of the guard that each was at
-    states : (n, 2, slots) just after them
-    turn : (n, 2) sine and cosine of the phase where no slot holds them; else no rows
-    """
-
-    time: Array
-    speed: Array
-    guard: Indices
-    states: Array
-    turn: Array
-
-
-class Switches(NamedTuple):
-    """What is written down of changes of the mode.
-
-    Attributes
-    ----------
-    time : (k,) when they happen: for contact, at the last impact that is not left out
-    rest : (k,) how long the bounces last that are left out
-    before : (k,) number of impacts before
-    guard : (k,) number of the guard that each was at
-    states : (k, 2, slots) just after them, in the new mode
-    """
-
-    time: Array
-    rest: Array
-    before: Indices
-    guard: Indices
-    states: Array
 
 
 (
@@ -157,40 +116,6 @@ def _copy(states: Array, k: int, to: int) -> None:
     for row in range(2):
         for i in range(states.shape[2]):
             states[to, row, i] = states[k, row, i]
-
-
-@kernel()
-def _enter(
-    g: int, mode: int, guard: int, order: int, clock: Array, rest: float, y: Array, log: Switches
-) -> None:
-    """Guard `g` has led to a mode, whose state is the start state, and a guard there: note it."""
-    k = int(clock[SWITCHES])
-    log.time[k] = clock[TIME]
-    log.rest[k] = rest
-    log.before[k] = int(clock[IMPACTS])
-    log.guard[k] = g
-    for row in range(2):
-        for i in range(y.shape[2]):
-            log.states[k, row, i] = y[START, row, i]
-    clock[SWITCHES] += 1.0
-    clock[MODE] = mode
-    clock[GUARD] = guard
-    clock[MOTION] = SWITCHED
-    clock[ORDER] = order
-
-
-@kernel(inline=True)
-def _note_impact(done: int, k: int, table: int, clock: Array, y: Array, log: Impacts) -> None:
-    """Write down the start state, just after an impact at guard `k`."""
-    log.time[done] = clock[TIME]
-    log.speed[done] = clock[SPEED]
-    log.guard[done] = k
-    for row in range(2):
-        for i in range(log.states.shape[2]):
-            log.states[done, row, i] = y[START, row, i]
-    if table < 0:
-        log.turn[done, 0] = clock[SINE]
-        log.turn[done, 1] = clock[COSINE]
 
 
 @kernel(entry=True, nogil=True)
@@ -309,7 +234,7 @@ def run(
                     clock[LEFT_FROM] = g
                     _copy(y, 0, START)
                     order = 0
-                    _enter(g, tables.target[g], held, order, clock, rest, y, switches)
+                    enter(g, tables.target[g], held, order, clock, rest, y, switches)
                     g = held
             clock[ORDER] = order
         m = ladders.integers[g, GROUP]
@@ -399,7 +324,7 @@ def run(
             if tables.order[best] == 1:
                 clock[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
             order = tables.order[best]
-            _enter(best, own, tables.partner[best], order, clock, 0.0, y, switches)
+            enter(best, own, tables.partner[best], order, clock, 0.0, y, switches)
             continue
         if at != best:
             at = best
@@ -421,39 +346,7 @@ def run(
             perturb(slots, gap.steady, y, clock, noise)
             perturb_reached(gap.generator, slots, y, clock, noise)
         if store:
-            _note_impact(done, best, gap.steady, clock, y, impacts)
+            note_impact(done, best, gap.steady, clock, y, impacts)
         done += 1
         clock[IMPACTS] += 1.0
     return done, COUNT_REACHED
-
-
-@kernel(entry=True)
-def sample(
-    ladder: Ladder, starts: Array, which: Indices, durations: Array, work: Workspace, out: Array
-) -> None:
-    """States after given durations from given starts; `out` and `work` are modified in place.
-
-    Parameters
-    ----------
-    starts
-        (k, 2, slots)
-    which, durations
-        (m,) start and time of each sample.
-    out
-        (m, 2, slots)
-    """
-    states = work.states
-    for m in range(which.shape[0]):
-        for i in range(starts.shape[2]):
-            states[START, 0, i] = starts[which[m], 0, i]
-            states[START, 1, i] = starts[which[m], 1, i]
-        n = int(durations[m] / ladder.smallest)
-        e = durations[m] - n * ladder.smallest
-        last = starts.shape[2]
-        k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, last)
-        shift(ladder.generator, e, states, k, FOUND, 0, last)
-        if ladder.links.shape[0] > 0:
-            shift_linked(ladder, e, states, k, FOUND)
-        for i in range(starts.shape[2]):
-            out[m, 0, i] = states[FOUND, 0, i]
-            out[m, 1, i] = states[FOUND, 1, i]

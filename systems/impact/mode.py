@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import Propagators, cells_of_a_call, ladder, workspace
 from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.bases import row_by_row
 from dynkit.systems.impact.elements import Element, Watch
 from dynkit.systems.impact.forced import HIDDEN, Forced, Load
-from dynkit.systems.impact.structure import Drive, Structure
+from dynkit.systems.impact.structure import Drive, Structure, flat
 
 
 @final
@@ -23,12 +24,20 @@ class Mode:
 
     Attributes
     ----------
+    structure : Structure
     forced : Forced
     layout : Layout
     pairs : Pairs
     """
 
-    def __init__(self, forced: Forced, drive: Drive, seen: NDArray[np.bool_]) -> None:
+    def __init__(
+        self,
+        structure: Structure,
+        forced: Forced,
+        drive: Drive,
+        seen: NDArray[np.bool_],
+    ) -> None:
+        self.structure = structure
         self.forced = forced
         self.layout, self.pairs = forced.arranged(~seen, turns=drive.turns)
 
@@ -85,6 +94,41 @@ class Mode:
         shape = 2 * layout.slots, len(forced.rest)
         return x.reshape(shape), v.reshape(shape)
 
+    def driven(self) -> tuple[Array, Array]:
+        """Positions and velocities (3, N) of the sine, of the cosine, and at rest."""
+        forced = self.forced
+        x = np.stack([forced.shape.real, forced.shape.imag, forced.rest])
+        v = np.stack([forced.turning.real, forced.turning.imag, forced.drift])
+        return x, v
+
+    def change_of_basis(self, one: Mode, modes: Array, x: Any = None, v: Any = None) -> Array:
+        """Affine change of basis (2 slots, 2 slots of another mode + 1) from that mode.
+
+        From that of the modes alone, and the positions and velocities that it has of the sine, of
+        the cosine, and at rest, (3, N) each; by default its own, which do not jump.
+        """
+        if x is None:
+            x, v = one.driven()
+        (sine, cosine), forced = np.eye(2, 3), self.forced
+        x[2] -= forced.rest
+        v[2] -= forced.drift
+        driven = self.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
+        a, b = one.layout, self.layout
+        if b.constant >= 0:
+            driven[:2, 0, b.constant] = 0.0
+        out = np.zeros((2 * b.slots, 2 * a.slots + 1))
+        places = (np.append(layout.modes, layout.slots + layout.modes) for layout in (b, a))
+        out[np.ix_(*places)] = modes
+        if a.table >= 0:
+            out[:, a.table], out[:, a.slots + a.table] = driven[:2].reshape(2, -1)
+        out[:, -1] = driven[2].ravel()
+        return out
+
+    def seen_from(self, one: Mode) -> Array:
+        """The change of basis from another mode, in which nothing is held and nothing jumps."""
+        x, v = one.structure.free.units()
+        return self.change_of_basis(one, flat(self.structure.free.coordinates(x, v)))
+
     def sum(self, row: Array, offset: float) -> Any:
         """The exponential sum ``offset + row . y`` as the kernels take it."""
         row = row[:, : self.layout.seen]
@@ -99,7 +143,7 @@ class Mode:
 
     def after(self, starts: Array, which: Any, durations: Array) -> Array:
         """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""
-        from dynkit.systems.impact.kernels import sample
+        from dynkit.exponential.sampling_kernels import sample
 
         ladder, slots = self.propagators.ladder, starts.shape[2]
         out, starts = np.empty((len(durations), 2, slots)), np.ascontiguousarray(starts)
@@ -242,7 +286,7 @@ def free_mode(structure: Structure, drive: Drive, watched: Sequence[int] = ()) -
     load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
     forced = Forced(structure.free, np.arange(n), load)
     rows = [structure.free.position_row(np.eye(n)[c]) for c in {structure.contact, *watched}]
-    return Mode(forced, drive, visible(np.concatenate([*rows, structure.kick[:2]])))
+    return Mode(structure, forced, drive, visible(np.concatenate([*rows, structure.kick[:2]])))
 
 
 def sum_of(mode: Mode, drive: Drive, element: Element, watch: Watch) -> Any:
@@ -255,3 +299,12 @@ def sum_of(mode: Mode, drive: Drive, element: Element, watch: Watch) -> Any:
     if watch.rate:
         total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
     return mode.sum(sign * total, sign * offset)
+
+
+def transformed(matrix: Array, states: Array) -> Array:
+    """States (k, 2, slots) in the other basis, by a `change_of_basis`."""
+    flat = states.reshape(len(states), states.shape[1] * states.shape[2])
+    out = np.broadcast_to(matrix[:, -1], (len(flat), len(matrix)))
+    if flat.shape[1]:  # a single mass on a table at rest has no state
+        out = row_by_row(flat, matrix[:, :-1]) + out
+    return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))

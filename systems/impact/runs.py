@@ -9,8 +9,8 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.automaton import changed
 from dynkit.systems.impact.elements import SWITCH
+from dynkit.systems.impact.mode import transformed
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.systems.impact.trajectory import Ending, Impacts, Switches, Trajectory
 
@@ -129,24 +129,24 @@ class Course:
 
     def _enlarge(self, slots: int) -> None:
         """Room for more switches."""
-        from dynkit.systems.impact import clock_kernels, kernels
+        from dynkit.systems.impact import clock_kernels, log_kernels
 
         old, rows = self._switches, _FEW
         if old is not None:
             rows = max(_FEW, 2 * int(self._clock[clock_kernels.SWITCHES]))
         before, guard = np.empty((2, rows), dtype=np.intp)
         states = np.zeros((rows, 2, slots))
-        self._switches = kernels.Switches(np.empty(rows), np.empty(rows), before, guard, states)
+        self._switches = log_kernels.Switches(np.empty(rows), np.empty(rows), before, guard, states)
         for few, more in zip(old or (), self._switches, strict=False):
             more[tuple(map(slice, few.shape))] = few
 
     def advance(self, count: int, *, store: bool) -> Impacts:
         """Simulate so many impacts more, or until there are no more, and return what is kept."""
-        from dynkit.systems.impact import clock_kernels, kernels
+        from dynkit.systems.impact import clock_kernels, kernels, log_kernels
 
         free, rows = self._oscillator._free, count if store else 0
         slots = free.layout.slots
-        log: Any = kernels.Impacts(
+        log: Any = log_kernels.Impacts(
             np.empty(rows),
             np.empty(rows),
             np.empty(rows, dtype=np.intp),
@@ -195,9 +195,9 @@ class Course:
         slots, k = free.layout.slots, int(clock[clock_kernels.SWITCHES])
         state, automaton = self._work.states[START], oscillator._automaton
         if mode := int(clock[clock_kernels.MODE]):
-            phase, free_phase = automaton.phases[mode], automaton.phases[0]
-            own = state[None, :, : phase.mode.layout.slots]
-            state = changed(phase, free_phase, own)[0]
+            one = automaton.modes[mode]
+            own = state[None, :, : one.layout.slots]
+            state = transformed(free.seen_from(one), own)[0]
         q, sine, cosine = free.parts(state[:, :slots])
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
@@ -209,7 +209,7 @@ class Course:
             state_of(oscillator, q, turn, -speed if element else speed, _MOTIONS[motion]),
             log,
             Switches(*(array[:k] for array in self._switches)),
-            automaton.regimes,
+            tuple(automaton.regimes),
             automaton.table,
             self.impacts,
             self.ending,

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.automaton import changed
-from dynkit.systems.impact.mode import Mode
+from dynkit.systems.impact.mode import Mode, transformed
 from dynkit.systems.impact.state import ImpactState
 
 Indices = NDArray[np.intp]
@@ -253,9 +252,9 @@ class Trajectory:
             return self.log.states
         automaton, out = self.start._system._automaton, self.log.states.copy()
         for number in np.unique(modes[modes > 0]).tolist():
-            here, phase = modes == number, automaton.phase(self.regimes[number])
-            states = self.log.states[here, :, : phase.mode.layout.slots]
-            out[here] = changed(phase, automaton.phases[0], states)
+            here, mode = modes == number, automaton.mode(self.regimes[number])
+            change = automaton.modes[0].seen_from(mode)
+            out[here] = transformed(change, self.log.states[here, :, : mode.layout.slots])
         return out
 
     # --- points (n + 1,) --------------------------------------------------------------------------
@@ -312,7 +311,7 @@ class Trajectory:
         """The modes of some segments, and which of these are in each."""
         automaton = self.start._system._automaton
         for number in np.unique(numbers).tolist():
-            yield automaton.phase(self.regimes[number]).mode, numbers == number
+            yield automaton.mode(self.regimes[number]), numbers == number
 
     # --- contacts (k,) ----------------------------------------------------------------------------
 

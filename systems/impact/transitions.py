@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.contact import transformed
+from dynkit.systems.impact.mode import transformed
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure

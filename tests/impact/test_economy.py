@@ -60,7 +60,7 @@ def test_without_contact_there_is_no_basis_for_it() -> None:
     chain = ImpactChain(masses=4, springs=(1.0, 1.0, 1.0, 1.25), frequency=1.31)
     record = chain.simulate(impacts=20)
     assert not len(record.sticking)
-    assert len(chain._automaton.phases) == 1
+    assert len(chain._automaton.modes) == 1
     assert "stuck" not in vars(chain._structure)
 
 

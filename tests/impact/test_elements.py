@@ -163,7 +163,7 @@ def test_a_spring_that_is_not_touched_costs_nothing() -> None:
     chain = BufferedChain(masses=2, frequency=0.9, restitution=0.6, offset=10.0)
     run, _ = motion(chain, 20)
     assert not len(run.switches.time)
-    assert len(chain._automaton.phases) == 1
+    assert len(chain._automaton.modes) == 1
 
 
 def test_more_guards_and_modes_are_not_compiled_for() -> None:
