@@ -14,7 +14,7 @@ from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.exponential.stacks import stacked
 from dynkit.systems.impact.contact import Contact
-from dynkit.systems.impact.elements import IMPACT, Element
+from dynkit.systems.impact.elements import IMPACT, Element, EventKind
 from dynkit.systems.impact.mode import Mode, free_mode, sum_of
 from dynkit.systems.impact.structure import Drive, Structure
 
@@ -57,8 +57,8 @@ class Automaton:
         Of each mode, those of all elements.
     guards : list of Guard
         In the order of their modes.
-    table : (guards, 3)
-        Of each guard its mode, its element, and the mode that it leads to.
+    table : (guards, 4)
+        Of each guard its mode, its element, the mode that it leads to, and the kind of this switch.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Automaton:
         self._restitution, self._tolerance = restitution, tolerance
         self._lock = RLock()
         self._tables: Any = None
-        self.table: NDArray[np.intp] = np.empty((0, 3), dtype=np.intp)
+        self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
         self.modes: list[Mode] = []
         self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []
@@ -144,8 +144,10 @@ class Automaton:
         watched = [element.coordinate for element in self._elements]
         number, mode = len(self.modes), free_mode(structure, drive, watched)
         holding = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
-        if len(holding) > 1:
-            raise NotImplementedError("no two elements may hold a structure at a time")
+        if holding and any(e.coordinate != holding[0].coordinate for e in self._elements):
+            raise NotImplementedError(
+                f"{holding[0]!r} must not hold a structure on which elements act elsewhere"
+            )
         force = None
         if holding:
             self._contacts[number] = contact = Contact(drive, mode, holding[0])
@@ -175,6 +177,13 @@ class Automaton:
         else:
             guard.change = other.seen_from(one)
 
+    def _kind(self, guard: Guard) -> EventKind:
+        """What it is to be led to another mode."""
+        if guard.watch.event == IMPACT:
+            return EventKind.CONTACT
+        regime = self._elements[guard.element].regimes[self.regimes[guard.mode][guard.element]]
+        return EventKind.RELEASE if regime.holds else EventKind.SWITCH
+
     def _stacked(self) -> Any:
         from dynkit.systems.impact.contact_kernels import Tables
 
@@ -196,7 +205,7 @@ class Automaton:
                 excursion[k, :, : mode.layout.slots] = mode.placed(brief)
             if guard.change is not None:
                 change[k] = _padded(guard.change, slots)
-        self.table = np.array([(g.mode, g.element, g.target) for g in guards])
+        self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
         return Tables(
             ladders=ladders,
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),

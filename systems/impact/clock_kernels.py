@@ -25,7 +25,6 @@ Indices = NDArray[np.intp]
     TIME,
     TIME_LOW,
     SPEED,
-    MODE,
     GUARD,
     MOTION,
     ORDER,
@@ -41,8 +40,8 @@ Indices = NDArray[np.intp]
     SINE,
     COSINE,
     LONGEST,
-) = range(19)
-CLOCK = 19
+) = range(18)
+CLOCK = 18
 """Numbers of a clock; above, the places of them."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import final
 
 IMPACT, SWITCH = range(2)
@@ -48,6 +49,15 @@ class Regime:
     holds: bool = False
     stiffness: float = 0.0
     damping: float = 0.0
+
+
+class EventKind(IntEnum):
+    """What happened: an impact, the begin of contact, its end, or another regime of an element."""
+
+    IMPACT = 0
+    CONTACT = 1
+    RELEASE = 2
+    SWITCH = 3
 
 
 class Element(ABC):

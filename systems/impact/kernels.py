@@ -32,7 +32,6 @@ from dynkit.systems.impact.clock_kernels import (
     GUARD,
     IMPACTS,
     LEFT_FROM,
-    MODE,
     MOTION,
     ORDER,
     SPEED,
@@ -234,7 +233,7 @@ def run(
                     clock[LEFT_FROM] = g
                     _copy(y, 0, START)
                     order = 0
-                    enter(g, tables.target[g], held, order, clock, rest, y, switches)
+                    enter(g, held, order, clock, rest, y, switches)
                     g = held
             clock[ORDER] = order
         m = ladders.integers[g, GROUP]
@@ -297,7 +296,6 @@ def run(
             held = int(clock[LEFT_FROM])
             if held >= 0:  # contact does not end: the last event is the impact before it
                 _copy(y, LEFT, START)
-                clock[MODE] = ladders.integers[held, GROUP]
                 clock[GUARD] = held
                 clock[MOTION] = BOUNCED
                 clock[LEFT_FROM] = -1.0
@@ -319,12 +317,12 @@ def run(
                 perturb_released(tables.change[best], slots, after.steady, y, clock, noise)
                 perturb_reached(after.generator, slots, y, clock, noise)
             advance_clock(clock, n, smallest, e, tables.clock_rate)
-            clock[SPEED] = 0.0
-            clock[LEFT_FROM] = -1.0
-            if tables.order[best] == 1:
-                clock[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
             order = tables.order[best]
-            enter(best, own, tables.partner[best], order, clock, 0.0, y, switches)
+            clock[LEFT_FROM] = -1.0
+            clock[SPEED] = 0.0
+            if order == 1:
+                clock[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
+            enter(best, tables.partner[best], order, clock, 0.0, y, switches)
             continue
         if at != best:
             at = best

@@ -14,7 +14,6 @@ from dynkit.systems.impact.clock_kernels import (
     COSINE,
     GUARD,
     IMPACTS,
-    MODE,
     MOTION,
     ORDER,
     SINE,
@@ -68,9 +67,9 @@ class Switches(NamedTuple):
 
 @kernel()
 def enter(
-    g: int, mode: int, guard: int, order: int, clock: Array, rest: float, y: Array, log: Switches
+    g: int, guard: int, order: int, clock: Array, rest: float, y: Array, log: Switches
 ) -> None:
-    """Guard `g` has led to a mode, whose state is the start state, and a guard there: note it."""
+    """Guard `g` has led to another mode, whose state is the start state, and a guard there."""
     k = int(clock[SWITCHES])
     log.time[k] = clock[TIME]
     log.rest[k] = rest
@@ -80,7 +79,6 @@ def enter(
         for i in range(y.shape[2]):
             log.states[k, row, i] = y[START, row, i]
     clock[SWITCHES] += 1.0
-    clock[MODE] = mode
     clock[GUARD] = guard
     clock[MOTION] = SWITCHED
     clock[ORDER] = order

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.trajectory import EventKind, Events, Trajectory
+from dynkit.systems.impact.trajectory import Events, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
@@ -37,10 +37,8 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
     """Impacts, contacts and releases of a run."""
     parts = run.segments
     time = (parts.begin + parts.rest)[1:]
-    mode, switched = parts.mode[1:], parts.switched[1:]
-    after = np.where(mode > 0, EventKind.CONTACT, EventKind.RELEASE)
-    kind = np.where(switched, after, EventKind.IMPACT)
-    return Events(time, kind, parts.element[1:], mode, *sample_run(oscillator, run, time))
+    numbers = parts.kind[1:], parts.element[1:], parts.mode[1:]
+    return Events(time, *numbers, *sample_run(oscillator, run, time))
 
 
 def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:

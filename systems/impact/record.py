@@ -18,7 +18,7 @@ from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.motion import events_of, longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Course
-from dynkit.systems.impact.state import ImpactState, on_table, phases
+from dynkit.systems.impact.state import ImpactState, on_stop, phases
 from dynkit.systems.impact.trajectory import Ending, Events, Trajectory
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ class ImpactRecord(Result):
     def _on_table(self) -> tuple[Array, Array]:
         # Of the contact mass; its coordinates may be differences of numbers that are much larger.
         _, sine, cosine = self._run.coordinates
-        return on_table(self.system, sine, cosine, self.relative_velocity)
+        return on_stop(self.system, self._run.element, sine, cosine, self._run.log.speed)
 
     @cached_property
     def energy(self) -> Array:

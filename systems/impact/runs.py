@@ -191,19 +191,18 @@ class Course:
         from dynkit.systems.impact import clock_kernels
 
         oscillator, clock = self._oscillator, self._clock
-        free, tables = oscillator._free, self._tables
-        slots, k = free.layout.slots, int(clock[clock_kernels.SWITCHES])
+        free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
         state, automaton = self._work.states[START], oscillator._automaton
-        if mode := int(clock[clock_kernels.MODE]):
+        mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
+        if mode:
             one = automaton.modes[mode]
             own = state[None, :, : one.layout.slots]
             state = transformed(free.seen_from(one), own)[0]
-        q, sine, cosine = free.parts(state[:, :slots])
+        q, sine, cosine = free.parts(state[:, : free.layout.slots])
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
             turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
         speed, motion = clock[clock_kernels.SPEED], int(clock[clock_kernels.MOTION])
-        element = int(tables.element[int(clock[clock_kernels.GUARD])])
         return Trajectory(
             self._start,
             state_of(oscillator, q, turn, -speed if element else speed, _MOTIONS[motion]),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.systems.impact.eigen_coordinates import EigenCoordinates
+from dynkit.systems.impact.elements import EventKind
 from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.runs import band_factor
 from dynkit.systems.impact.state import Motion
@@ -128,7 +129,7 @@ def _intervals(run: Trajectory) -> Iterator[_Intervals]:
     durations = np.diff(parts.begin)[:last]
     # Flights from a release are apart: those in a chatter are much shorter.
     for after in (False, True):
-        now = np.flatnonzero(parts.switched[:last] == after)
+        now = np.flatnonzero((parts.kind[:last] != EventKind.IMPACT) == after)
         for mode, here in run.modes(parts.mode[now]):
             some = now[here]
             yield _Intervals(mode, parts.of(mode, some), durations[some], parts.point[some])

@@ -77,7 +77,7 @@ class ImpactState:
             raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
         if self.motion is not Motion.FLIGHT:
             c = system.contact
-            x[c], v[c] = on_table(system, sine, cosine, self.relative_velocity)
+            x[c], v[c] = on_stop(system, self._side, sine, cosine, abs(self.relative_velocity))
         x.setflags(write=False)
         v.setflags(write=False)
         return x, v
@@ -125,13 +125,13 @@ def in_turn(angles: Any) -> Array:
     return np.where(turned < TWO_PI, turned, 0.0)
 
 
-def on_table(oscillator: DrivenStructure, sine: Any, cosine: Any, u: Any) -> tuple[Any, Any]:
-    """Position and velocity of the contact mass on the table, by phase and relative velocity."""
-    near, far = oscillator._stops[0], oscillator._stops[-1]
-    beyond = np.signbit(u)
-    offset, sign = np.where(beyond, far.offset, near.offset), np.where(beyond, far.sign, near.sign)
+def on_stop(
+    oscillator: DrivenStructure, element: Any, sine: Any, cosine: Any, speed: Any
+) -> tuple[Any, Any]:
+    """Position and velocity of the contact mass on a stop, by phase and rate of the gap."""
+    offset, sign = np.array([(stop.offset, stop.sign) for stop in oscillator._stops])[element].T
     amplitude, frequency = oscillator.amplitude, oscillator.frequency
-    return amplitude * sine + offset, amplitude * frequency * cosine + sign * abs(u)
+    return amplitude * sine + offset, amplitude * frequency * cosine + sign * speed
 
 
 def state_at(

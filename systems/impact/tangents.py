@@ -18,6 +18,7 @@ import numpy as np
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
+from dynkit.systems.impact.elements import EventKind
 from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState, on_section, section_of
@@ -217,7 +218,7 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
     kick = free.placed(oscillator._structure.kick[:2])
     if r == 0.0:  # the states after impacts do not tell how fast they were
         parts = run.segments
-        last = np.flatnonzero(~parts.switched)[1:] - 1
+        last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
         ends = free.after(parts.of(free, last), np.arange(run.impacts), run.durations[0])
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
     for side, (gap, stop) in enumerate(zip(oscillator._gaps, oscillator._stops, strict=True)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from enum import Enum, IntEnum
+from enum import Enum
 from functools import cached_property
 from typing import Any, final
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements import EventKind
 from dynkit.systems.impact.mode import Mode, transformed
 from dynkit.systems.impact.state import ImpactState
 
@@ -29,14 +30,6 @@ class Ending(Enum):
     CONTACT_FOR_EVER = "the mass stays on the table for ever"
     SEARCH_LIMIT = "no further event was found within the search limit"
     DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
-
-
-class EventKind(IntEnum):
-    """What happened: an impact, the begin of contact, or its end."""
-
-    IMPACT = 0
-    CONTACT = 1
-    RELEASE = 2
 
 
 @final
@@ -69,8 +62,9 @@ class Events:
         return len(self.time)
 
     def __repr__(self) -> str:
-        impacts, contacts, releases = (int((self.kind == kind).sum()) for kind in EventKind)
-        return f"<Events: {impacts} impacts, {contacts} contacts, {releases} releases>"
+        impacts, contacts, releases, others = (int((self.kind == k).sum()) for k in EventKind)
+        more = f", {others} other switches" if others else ""
+        return f"<Events: {impacts} impacts, {contacts} contacts, {releases} releases{more}>"
 
 
 @final
@@ -154,8 +148,8 @@ class Segments:
         Numbers of the mode, and of the element of the event that they begin with.
     rest : (k,)
         How long bounces last that are left out at first.
-    switched : (k,)
-        Whether they begin with a switch.
+    kind : (k,) of int
+        Of that event, see `EventKind`; the start counts as an impact.
     states : (k, 2, slots)
         States at the begin; slots beyond those of the mode hold zeros.
     """
@@ -165,7 +159,7 @@ class Segments:
     mode: Indices
     element: Indices
     rest: Array
-    switched: Any
+    kind: Indices
     states: Array
 
     def of(self, mode: Mode, some: Any) -> Array:
@@ -189,8 +183,8 @@ class Trajectory:
     switches : Switches
     regimes : tuple of tuple
         Of each mode, numbered from zero, those of all elements.
-    guards : (g, 3)
-        Of each guard its mode, its element, and the mode that a switch leads to.
+    guards : (g, 4)
+        Of each guard its mode, its element, and the mode that a switch leads to, and its kind.
     impacts : int
     ending : Ending
     chatter_error, cells, touches, seconds
@@ -291,7 +285,8 @@ class Trajectory:
         s, place = self.switches, self.switches.before + 1
         point = np.arange(len(self.log.time) + 1)
         guards = np.insert(np.append(self.start._side, self.log.guard), place, s.guard)
-        switched = np.insert(np.zeros(len(point), dtype=bool), place, True)
+        impact = EventKind.IMPACT
+        kind = np.insert(np.full(len(point), impact), place, self.guards[s.guard, 3])
         states = np.concatenate([self._begin[None], self.log.states])
         if len(place):
             wider = s.states.shape[2] - states.shape[2]
@@ -300,10 +295,10 @@ class Trajectory:
         return Segments(
             np.insert(self.times, place, s.time),
             np.insert(point, place, s.before),
-            np.where(switched, self.guards[guards, 2], self.guards[guards, 0]),
+            np.where(kind == impact, self.guards[guards, 0], self.guards[guards, 2]),
             np.asarray(self.guards[guards, 1]),
             np.insert(np.zeros(len(point)), place, s.rest),
-            switched,
+            kind,
             states,
         )
 
@@ -318,9 +313,12 @@ class Trajectory:
     @cached_property
     def contacts(self) -> Array:
         """Begin, after the bounces that are left out, and end (k, 2), infinite for ever."""
-        s, held = self.switches, self._held
-        ends = np.append(s.time, np.inf)[np.flatnonzero(held) + 1]
-        return np.stack([s.time[held] + s.rest[held], ends], axis=1)
+        s, held, element = self.switches, self._held, self.guards[self.switches.guard, 1]
+        ends = np.full(len(held), np.inf)
+        for number in np.unique(element).tolist():
+            (own,) = np.nonzero(element == number)
+            ends[own[:-1]] = s.time[own[1:]]
+        return np.stack([s.time[held] + s.rest[held], ends[held]], axis=1)
 
     @property
     def before(self) -> Indices:
@@ -330,7 +328,7 @@ class Trajectory:
     @property
     def _held(self) -> Any:
         """Which of the switches are to contact."""
-        return self.guards[self.switches.guard, 2] > 0
+        return self.guards[self.switches.guard, 3] == EventKind.CONTACT
 
     @property
     def contact_sides(self) -> Indices:

@@ -263,5 +263,4 @@ def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactO
             f"the motion is still too far from P({impacts},{periods}): its impacts are at phases "
             f"{phases.tolist()}"
         )
-    sides = np.signbit(record.relative_velocity[:impacts]).astype(np.intp)
-    return orbit_at(record.system, periods, phases, sides)
+    return orbit_at(record.system, periods, phases, record._run.element[:impacts])

@@ -146,5 +146,5 @@ def _near(
     )
     if not ascend(phases, periods):
         return None
-    problem = make_problem(record.system, periods, np.signbit(record.relative_velocity[part]))
+    problem = make_problem(record.system, periods, record._run.element[part])
     return problem, with_impulses(problem, phases)
