@@ -12,7 +12,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.systems.impact.blocks import real_blocks
-from dynkit.systems.structure.modes import Modes
+from dynkit.systems.structure.modes import Derivation, Modes
 
 _CACHED = 2**14
 """So many numbers are summed up at a time: processors hold them close by."""
@@ -199,10 +199,10 @@ class CoupledModes(Basis):
     stiffness: Array
 
     @staticmethod
-    def of(mass: Array, damping: Array, stiffness: Array) -> CoupledModes:
+    def of(given: Derivation) -> CoupledModes:
         """The blocks of a structure, complex modes where they are well apart."""
-        blocks = real_blocks(mass, damping, stiffness)
-        g, n = blocks.generator, len(mass)
+        blocks = real_blocks(given)
+        g, n = blocks.generator, given.mass.size
         # Two rates that have nothing in common, and rigid-body motions, are bounded one by one.
         apart = (g[2] == 0.0) & ((g[1] == 0.0) | (g[0] == 0.0))
         links = np.stack([blocks.target, blocks.source])
@@ -224,8 +224,8 @@ class CoupledModes(Basis):
             blocks.matrix[:n],
             blocks.matrix[n:],
             blocks.inverse,
-            mass,
-            stiffness,
+            given.mass.dense,
+            given.stiffness.dense,
         )
 
     def _flat(self, y: Array) -> Array:
@@ -257,8 +257,8 @@ class CoupledModes(Basis):
         return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
 
 
-def basis_of(modes: Modes, mass: Array, damping: Array, stiffness: Array) -> Basis:
+def basis_of(given: Derivation) -> Basis:
     """Normal modes where the damping allows, coupled ones elsewhere."""
-    if modes.proportional:
-        return NormalModes.of(modes, mass)
-    return CoupledModes.of(mass, damping, stiffness)
+    if given.modes.proportional:
+        return NormalModes.of(given.modes, given.mass.dense)
+    return CoupledModes.of(given)

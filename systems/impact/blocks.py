@@ -20,6 +20,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.clusters import Cluster, clusters_of
 from dynkit.systems.impact.energy_coordinates import EnergyCoordinates
 from dynkit.systems.structure.double_double import DoubleDouble
+from dynkit.systems.structure.modes import Derivation
 
 # Below this, relative to its blocks, a coupling is the rounding error of two equal rates.
 _NO_COUPLING = 2.0**-70
@@ -69,18 +70,8 @@ class Blocks:
     condition: float
 
 
-def real_blocks(mass: Array, damping: Array, stiffness: Array) -> Blocks:
+def real_blocks(given: Derivation) -> Blocks:
     """Blocks of M x'' + C x' + K x = 0.
-
-    Parameters
-    ----------
-    mass, damping, stiffness : (N, N) arrays
-        M, positive definite; C and K, positive semidefinite; all symmetric.
-
-    Raises
-    ------
-    ValueError
-        When a matrix is not as required.
 
     References
     ----------
@@ -92,12 +83,12 @@ def real_blocks(mass: Array, damping: Array, stiffness: Array) -> Blocks:
     Two equal oscillators, joined by a dashpot that damps their difference critically:
 
     >>> joint = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    >>> blocks = real_blocks(np.eye(2), joint, np.eye(2))
+    >>> blocks = real_blocks(Derivation.from_matrices(np.eye(2), joint, np.eye(2)))
     >>> critical = np.argmin(blocks.generator[0])
     >>> np.abs(blocks.generator[:, critical]).round(12)
     array([1., 2., 0., 1.])
     """
-    coordinates = EnergyCoordinates.of(mass, damping, stiffness)
+    coordinates = EnergyCoordinates.of(given)
     clusters = clusters_of(coordinates)
     vectors = DoubleDouble(
         *(np.concatenate(part, axis=1) for part in zip(*(c.vectors for c in clusters), strict=True))

@@ -9,8 +9,8 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import ROUNDING, DoubleDouble, add, divide, negative
-from dynkit.systems.structure.modes import Modes
-from dynkit.systems.structure.symmetric import exact_slices_product
+from dynkit.systems.structure.modes import Derivation
+from dynkit.systems.structure.symmetric import SymmetricMatrix, exact_slices_product
 
 
 @final
@@ -33,7 +33,9 @@ class EnergyCoordinates:
         of the others.
     matrix : DoubleDouble, (2N, 2N)
         Derivatives of the coordinates. The columns of rigid-body positions vanish.
-    mass, damping : (N, N) arrays
+    mass : (N, N) array
+    drag_rounding : (N, N) array
+        What the elements of the damping matrix may owe to rounding.
     """
 
     shapes: Array
@@ -41,28 +43,30 @@ class EnergyCoordinates:
     scale: Array
     matrix: DoubleDouble
     mass: Array
-    damping: Array
+    drag_rounding: Array
 
     @staticmethod
-    def of(mass: Array, damping: Array, stiffness: Array) -> EnergyCoordinates:
-        """Of checked matrices; whether a motion is rigid is decided up to rounding of K."""
-        modes = Modes.from_matrices(mass, damping, stiffness)
+    def of(given: Derivation) -> EnergyCoordinates:
+        """Of a structure whose modes say which motions are rigid."""
+        modes = given.modes
         shapes = np.ascontiguousarray(modes.matrix)
         rigid = int(np.sum(modes.frequencies == 0.0))
         scale = modes.frequencies.copy()
         scale[:rigid] = scale[rigid] if rigid < len(scale) else 1.0
-        inertia, drag, springs = (_congruent(shapes, m) for m in (mass, damping, stiffness))
+        parts = (given.mass, given.damping, given.stiffness)
+        inertia, drag, springs = (_congruent(shapes, part) for part in parts)
         for part in springs:
             part[:rigid] = part[:, :rigid] = 0.0
-        deviation = add(inertia, _double_double(-np.eye(len(mass))))
+        deviation = add(inertia, _double_double(-np.eye(len(scale))))
         drag = _divided(drag, deviation)
         springs = divide(_divided(springs, deviation), _double_double(scale[None]))
-        zero = np.zeros_like(mass)
+        zero = np.zeros_like(shapes)
         matrix = DoubleDouble(
             np.block([[zero, np.diag(scale)], [-springs.high, -drag.high]]),
             np.block([[zero, zero], [-springs.low, -drag.low]]),
         )
-        return EnergyCoordinates(shapes, rigid, scale, matrix, mass, damping)
+        drag_rounding = given.rounding * np.abs(given.damping.dense)
+        return EnergyCoordinates(shapes, rigid, scale, matrix, given.mass.dense, drag_rounding)
 
     def states(self, columns: DoubleDouble) -> DoubleDouble:
         """Positions and velocities (2N, m) of coordinates (2N, m)."""
@@ -75,7 +79,7 @@ class EnergyCoordinates:
     def uncertain_drag(self, column: Array) -> float:
         """How much the decay of a motion (2N,) may owe to a rounding of the dashpots."""
         velocity = np.abs(self.shapes @ column[len(self.scale) :])
-        return float(8.0 * 2.0**-53 * (velocity @ np.abs(self.damping) @ velocity))
+        return float(velocity @ self.drag_rounding @ velocity)
 
     def inverse(self, matrix: DoubleDouble) -> Array:
         """The inverse of a matrix (2N, 2N) of states, to the last bits of its entries.
@@ -104,9 +108,9 @@ def _times(a: Array, b: DoubleDouble) -> DoubleDouble:
     return add(exact_slices_product(a, b.high), _double_double(a @ b.low))
 
 
-def _congruent(shapes: Array, matrix: Array) -> DoubleDouble:
+def _congruent(shapes: Array, matrix: SymmetricMatrix) -> DoubleDouble:
     """The matrix shapes' matrix shapes."""
-    return _times(np.ascontiguousarray(shapes.T), exact_slices_product(matrix, shapes))
+    return _times(np.ascontiguousarray(shapes.T), matrix.times(shapes))
 
 
 def _divided(matrix: DoubleDouble, deviation: DoubleDouble) -> DoubleDouble:

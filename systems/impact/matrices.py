@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.core.validation import finite_array
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
-from dynkit.systems.structure.lagrangian import Derivation
+from dynkit.systems.structure.modes import Derivation
 from dynkit.systems.structure.symmetric import SymmetricMatrix
 
 if TYPE_CHECKING:

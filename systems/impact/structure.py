@@ -13,22 +13,22 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.bases import Basis, basis_of
 from dynkit.systems.impact.elements import Element, Regime
 from dynkit.systems.structure.lagrangian import LagrangianStructure
-from dynkit.systems.structure.modes import Modes
+from dynkit.systems.structure.modes import Derivation
 
 
 @final
 class Structure:
     """What follows from mass, damping, stiffness and contact: shared by all other parameters."""
 
-    def __init__(
-        self, modes: Modes, mass: Array, damping: Array, stiffness: Array, contact: int
-    ) -> None:
-        self.mass = mass
-        self.damping = damping
-        self.stiffness = stiffness
+    def __init__(self, given: Derivation, contact: int) -> None:
+        # Not `given` itself: structures are kept for as long as it lives.
+        self.mass = given.mass.dense
+        self.damping = given.damping.dense
+        self.stiffness = given.stiffness.dense
         self.contact = contact
-        self.free = basis_of(modes, mass, damping, stiffness)
-        self.size = len(mass)
+        self.free = basis_of(given)
+        self.size = len(self.mass)
+        self._held = given.without(contact)
         self.others = np.delete(np.arange(self.size), contact)
         self._stiffened: dict[tuple[int, float, float], Structure] = {}
 
@@ -61,11 +61,7 @@ class Structure:
         """Basis of the structure whose contact coordinate is held; None when nothing is left."""
         if self.size == 1:
             return None
-        place = np.ix_(self.others, self.others)
-        mass, damping, stiffness = (
-            np.ascontiguousarray(m[place]) for m in (self.mass, self.damping, self.stiffness)
-        )
-        return basis_of(Modes.from_matrices(mass, damping, stiffness), mass, damping, stiffness)
+        return basis_of(self._held)
 
     @cached_property
     def caught(self) -> Array:
@@ -134,9 +130,7 @@ def structure_of(given: LagrangianStructure, contact: int) -> Structure:
     known = _structures.setdefault(given._derivation, {})
     place = contact % given.degrees_of_freedom
     if place not in known:
-        known[place] = Structure(
-            given.modes, given.mass, given.damping_matrix, given.stiffness, place
-        )
+        known[place] = Structure(given._derivation, place)
     return known[place]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Hashable
-from dataclasses import dataclass
 from functools import cached_property
 from threading import RLock
 from typing import TYPE_CHECKING, ClassVar
@@ -16,8 +15,7 @@ from dynkit.core.reprs import Facts, Shown
 from dynkit.core.validation import Array, positive_integer
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.energies import quadratic_form, symbols
-from dynkit.systems.structure.modes import Modes, modes_of
-from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure.modes import Derivation, Modes
 
 if TYPE_CHECKING:
     import sympy
@@ -162,22 +160,6 @@ class LagrangianStructure(Shown, ABC):
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in vars(self).items() if name != "_derivation"}
-
-
-@dataclass(frozen=True, eq=False)
-class Derivation:
-    """What follows from the energies: exact, unless the matrices were given rounded."""
-
-    mass: SymmetricMatrix
-    damping: SymmetricMatrix
-    stiffness: SymmetricMatrix
-    exact: bool
-
-    @cached_property
-    def modes(self) -> Modes:
-        """Normal modes, derived when first asked for."""
-        with _lock:
-            return modes_of(self.mass, self.damping, self.stiffness, exact=self.exact)
 
 
 _lock = RLock()

@@ -3,6 +3,8 @@
 import time
 from dataclasses import dataclass, fields
 from fractions import Fraction
+from functools import cached_property
+from threading import RLock
 
 import numpy as np
 
@@ -124,33 +126,73 @@ class Modes:
         >>> modes.frequencies  # the golden ratio and its inverse
         array([0.61803399, 1.61803399])
         """
-        m = _checked("mass", mass, None)
-        c = _checked("damping", damping, len(m))
-        k = _checked("stiffness", stiffness, len(m))
-        check_definite("mass", m)
-        check_semidefinite("damping", c)
-        check_semidefinite("stiffness", k)
-        return modes_of(*map(SymmetricMatrix.from_dense, (m, c, k)), exact=False)
+        return Derivation.from_matrices(mass, damping, stiffness).modes
 
 
-def modes_of(
-    mass: SymmetricMatrix, damping: SymmetricMatrix, stiffness: SymmetricMatrix, *, exact: bool
-) -> Modes:
-    """The modes of checked matrices.
+_lock = RLock()
+
+
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """The matrices of a structure as they were derived, never rounded since, and its modes.
 
     Parameters
     ----------
     mass, damping, stiffness : SymmetricMatrix
         M, C and K, definite as required.
     exact : bool
-        Whether K is exact to double-double precision; otherwise it is taken as rounded to doubles.
-        That decides which frequencies are zero.
+        Whether they are exact to double-double precision; otherwise they are taken as rounded to
+        doubles.
     """
+
+    mass: SymmetricMatrix
+    damping: SymmetricMatrix
+    stiffness: SymmetricMatrix
+    exact: bool
+
+    @classmethod
+    def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Derivation":
+        """Of given matrices; parameters and refusals are those of `Modes.from_matrices`."""
+        m = _checked("mass", mass, None)
+        c = _checked("damping", damping, len(m))
+        k = _checked("stiffness", stiffness, len(m))
+        check_definite("mass", m)
+        check_semidefinite("damping", c)
+        check_semidefinite("stiffness", k)
+        inertia, drag, springs = map(SymmetricMatrix.from_dense, (m, c, k))
+        return cls(inertia, drag, springs, exact=False)
+
+    @property
+    def rounding(self) -> float:
+        """A sum of terms that is below this part of their sizes is zero: rounding may have made it.
+
+        0 where the matrices are exact.
+        """
+        return 0.0 if self.exact else 8.0 * _HALF_ULP
+
+    def without(self, coordinate: int) -> "Derivation":
+        """The structure whose coordinate of this number is held."""
+        return Derivation(
+            self.mass.without(coordinate),
+            self.damping.without(coordinate),
+            self.stiffness.without(coordinate),
+            self.exact,
+        )
+
+    @cached_property
+    def modes(self) -> Modes:
+        """Normal modes, derived when first asked for: they decide which motions are rigid."""
+        with _lock:
+            return _modes_of(self)
+
+
+def _modes_of(given: Derivation) -> Modes:
     began = time.perf_counter()
+    mass, damping, stiffness = given.mass, given.damping, given.stiffness
     # Powers of two, so that no square over- or underflows on the way.
     heavy, stiff = mass.exponent, stiffness.exponent
     solved = refine(stiffness.scaled(-stiff), mass.scaled(-heavy))
-    squared = _without_rounding_modes(solved, exact=exact)
+    squared = _without_rounding_modes(solved, given.rounding)
     root = square_root(squared)
     frequencies = power_of_two(root, (stiff - heavy) // 2)
     positive = squared.high > 0.0
@@ -183,10 +225,9 @@ def _checked(name: str, value: object, size: int | None) -> Array:
     return matrix
 
 
-def _without_rounding_modes(solved: Eigenpairs, *, exact: bool) -> DoubleDouble:
+def _without_rounding_modes(solved: Eigenpairs, rounding: float) -> DoubleDouble:
     """The squared frequencies, those that rounding alone keeps from zero set to zero."""
-    level = 0.0 if exact else 8.0 * _HALF_ULP
-    rigid = solved.values.high <= np.maximum(solved.values_error, level * solved.rounding_level)
+    rigid = solved.values.high <= np.maximum(solved.values_error, rounding * solved.rounding_level)
     return DoubleDouble(
         np.where(rigid, 0.0, solved.values.high), np.where(rigid, 0.0, solved.values.low)
     )

@@ -125,6 +125,18 @@ class SymmetricMatrix:
             np.ldexp(self.low, exponent),
         )
 
+    def without(self, place: int) -> "SymmetricMatrix":
+        """The matrix without one row and the column of the same number."""
+        kept = (self.rows != place) & (self.columns != place)
+        rows, columns = self.rows[kept], self.columns[kept]
+        return SymmetricMatrix(
+            self.size - 1,
+            rows - (rows > place),
+            columns - (columns > place),
+            self.high[kept],
+            self.low[kept],
+        )
+
     @cached_property
     def _layers(self) -> list[_Layer]:
         """The elements sorted into layers with at most one element of each row."""

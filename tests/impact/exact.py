@@ -6,6 +6,7 @@ the events. It starts from the event times of the record under test: this tells 
 are right, and not whether others were missed (for that the gap is sampled).
 
 Unlike `tests.reference.impact_chain` it knows no modes: mass, damping and stiffness are arbitrary.
+They are those of the system as rounded to doubles, unless they are given exactly.
 """
 
 from __future__ import annotations
@@ -29,18 +30,38 @@ BITS = 256
 Real: TypeAlias = Any
 """An mpf, which no type checker can name."""
 
+ExactMatrices: TypeAlias = tuple[Any, Any, Any]
+"""Mass, damping and stiffness in ball arithmetic."""
+
+
+def chain_matrices(masses: Any, dashpots: Any, springs: Any) -> ExactMatrices:
+    """Those of a chain whose first element is at the wall, without any rounding."""
+    n = len(masses)
+    mass, damping, stiffness = (arb_mat(n, n) for _ in range(3))
+    with ctx.workprec(BITS):
+        for i in range(n):
+            mass[i, i] = masses[i]
+            for matrix, constants in ((damping, dashpots), (stiffness, springs)):
+                k = arb(constants[i])
+                matrix[i, i] += k
+                if i:
+                    matrix[i - 1, i - 1] += k
+                    matrix[i, i - 1] = matrix[i - 1, i] = -k
+    return mass, damping, stiffness
+
 
 class ExactMotion:
     """Follows the impacts and contacts of a record."""
 
-    def __init__(self, system: ImpactMap) -> None:
+    def __init__(self, system: ImpactMap, matrices: ExactMatrices | None = None) -> None:
         self.size = n = system.degrees_of_freedom
         amplitude, offset = arb(float(system.amplitude)), arb(float(system.offset))
         self.restitution = arb(float(system.restitution))
         with ctx.workprec(BITS):
-            inverse = arb_mat(system.mass.tolist()).inv()
-            spring = inverse * arb_mat(system.stiffness.tolist())
-            dashpot = inverse * arb_mat(system.damping_matrix.tolist())
+            rounded = (system.mass, system.damping_matrix, system.stiffness)
+            mass, damping, stiffness = matrices or (arb_mat(m.tolist()) for m in rounded)
+            inverse = mass.inv()
+            spring, dashpot = inverse * stiffness, inverse * damping
             free = arb_mat(2 * n + 3, 2 * n + 3)
             for i in range(n):
                 free[i, n + i] = 1

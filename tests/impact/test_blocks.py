@@ -17,7 +17,7 @@ from hypothesis import given, settings, strategies as st
 from dynkit.core.validation import Array
 from dynkit.systems.impact.blocks import Blocks, real_blocks
 from dynkit.systems.impact.clusters import LARGEST_PROJECTOR, SMALL_PROJECTOR
-from dynkit.systems.structure.modes import Modes
+from dynkit.systems.structure.modes import Derivation, Modes
 
 BITS = 500
 HALF_ULP = 2.0**-53
@@ -76,6 +76,10 @@ def unequal(matrices: Matrices) -> Matrices:
 def twice(matrices: Matrices) -> Matrices:
     mass, damping, stiffness = (np.asarray(np.kron(np.eye(2), matrix)) for matrix in matrices)
     return mass, damping, stiffness
+
+
+def blocks_of(mass: Array, damping: Array, stiffness: Array) -> Blocks:
+    return real_blocks(Derivation.from_matrices(mass, damping, stiffness))
 
 
 # --- measures -------------------------------------------------------------------------------------
@@ -145,7 +149,7 @@ def errors(matrices: Matrices, times: tuple[float, ...]) -> tuple[Blocks, Array,
     fly. Rounding the basis T turns exp(A t) into (1 + E) exp(A t) (1 - E), E the change times the
     inverse of T.
     """
-    blocks = real_blocks(*matrices)
+    blocks = blocks_of(*matrices)
     with ctx.workprec(BITS):
         measure = energy_measure(matrices)
         back = measure.inv()
@@ -189,7 +193,7 @@ def test_motion_near_merging_modes_is_exact_to_rounding(matrices: Matrices, off:
     ids=["critical", "double", "fourfold", "triple", "unequal", "graded"],
 )
 def test_only_modes_that_merge_are_linked(matrices: Matrices, count: int) -> None:
-    assert len(real_blocks(*matrices).target) == count
+    assert len(blocks_of(*matrices).target) == count
 
 
 @pytest.mark.parametrize("n", [10, 30])
@@ -213,7 +217,7 @@ def test_a_hundred_graded_dashpots_leave_residuals_of_rounding() -> None:
     # The modes by themselves have a condition number of 5e9. Bounds of the residuals: every entry
     # of basis, inverse and couplings is rounded once.
     matrices = graded(100)
-    blocks = real_blocks(*matrices)
+    blocks = blocks_of(*matrices)
     assert blocks.condition <= largest_condition(matrices, LARGEST_PROJECTOR)
     with ctx.workprec(200):
         measure = energy_measure(matrices)
@@ -309,7 +313,7 @@ def test_rigid_bodies_move_exactly_to_rounding(matrices: Matrices) -> None:
 
 
 def test_a_free_rigid_body_is_position_and_velocity() -> None:
-    blocks = real_blocks(*chain(ONES, (0.0, 1.0, 1.0, 1.0), (0.0, 0.25, 0.0, 0.125)))
+    blocks = blocks_of(*chain(ONES, (0.0, 1.0, 1.0, 1.0), (0.0, 0.25, 0.0, 0.125)))
     free = ~blocks.generator[[0, 2, 3]].any(axis=0)
     assert np.sum(free) == 1
     assert blocks.generator[1, free] > 0.0
@@ -318,14 +322,14 @@ def test_a_free_rigid_body_is_position_and_velocity() -> None:
 
 @pytest.mark.parametrize("drag", [2.0**-26, 0.25, 2.0**26])
 def test_a_resisted_rigid_body_has_a_rate_of_exactly_zero(drag: float) -> None:
-    blocks = real_blocks(*chain(ONES, (0.0, 1.0, 1.0, 1.0), (drag, 0.25, 0.0, 0.125)))
+    blocks = blocks_of(*chain(ONES, (0.0, 1.0, 1.0, 1.0), (drag, 0.25, 0.0, 0.125)))
     still = (blocks.generator[0] == 0.0) & (blocks.generator[2] == 0.0)
     assert np.sum(still) == 1
     assert (blocks.generator[1, still] != 0.0).all()
 
 
 def test_equal_oscillators_need_no_links() -> None:
-    blocks = real_blocks(np.eye(3), 0.25 * np.eye(3), np.eye(3))
+    blocks = blocks_of(np.eye(3), 0.25 * np.eye(3), np.eye(3))
     assert not len(blocks.target)
 
 
@@ -333,7 +337,7 @@ def test_equal_oscillators_need_no_links() -> None:
     "matrices", [chain(ONES, ONES, (0.02, 1.7, 0.3, 40.0)), graded(10)], ids=["unequal", "graded"]
 )
 def test_separate_rates_are_right_beyond_double_precision(matrices: Matrices) -> None:
-    blocks = real_blocks(*matrices)
+    blocks = blocks_of(*matrices)
     with ctx.workprec(BITS):
         wanted = state_matrix(matrices).charpoly()
         found = block_matrix(blocks).charpoly()
@@ -349,7 +353,7 @@ LINKED_NAMES = ["double", "fourfold", "triple", "two_double", "graded"]
 
 @pytest.mark.parametrize("matrices", LINKED, ids=LINKED_NAMES)
 def test_links_lead_to_earlier_pairs_and_are_closed(matrices: Matrices) -> None:
-    blocks = real_blocks(*matrices)
+    blocks = blocks_of(*matrices)
     assert (blocks.target < blocks.source).all()
     linked = np.zeros((len(matrices[0]),) * 2, dtype=bool)
     linked[blocks.target, blocks.source] = True
@@ -358,14 +362,14 @@ def test_links_lead_to_earlier_pairs_and_are_closed(matrices: Matrices) -> None:
 
 @pytest.mark.parametrize("matrices", LINKED, ids=LINKED_NAMES)
 def test_the_square_sum_of_linked_coordinates_never_grows(matrices: Matrices) -> None:
-    generator = rounded(block_matrix(real_blocks(*matrices)))
+    generator = rounded(block_matrix(blocks_of(*matrices)))
     growth = np.linalg.eigvalsh(generator + generator.T)
     assert growth.max() <= 8.0 * len(generator) * HALF_ULP * norm(generator)
 
 
 def test_an_indefinite_stiffness_is_refused() -> None:
     with pytest.raises(ValueError, match="stiffness must be positive semidefinite"):
-        real_blocks(np.eye(2), np.eye(2), np.diag([1.0, -1.0]))
+        blocks_of(np.eye(2), np.eye(2), np.diag([1.0, -1.0]))
 
 
 # --- random structures ----------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.trajectory import Ending
 from tests.impact.exact import exact_errors
+from tests.structure.reference import links_matrix
 
 if TYPE_CHECKING:
     import sympy
@@ -164,11 +165,10 @@ def test_rates_of_coupled_modes_are_right_beyond_double_precision() -> None:
     chain = ImpactChain(masses=4, damping=damping, frequency=1.0)
     pairs = chain._structure.free.pairs
     with mp.workdps(50):
-        inverse = mpmath.matrix(chain.mass.tolist()) ** -1
         matrix = mpmath.matrix(8)
         matrix[:4, 4:] = mpmath.eye(4)
-        matrix[4:, :4] = -inverse * mpmath.matrix(chain.stiffness.tolist())
-        matrix[4:, 4:] = -inverse * mpmath.matrix(chain.damping_matrix.tolist())
+        matrix[4:, :4] = -links_matrix((1.0,) * 4)
+        matrix[4:, 4:] = -links_matrix(damping)
         exact, _ = mpmath.eig(matrix)
         assert not pairs.links.size
         for parts in zip(pairs.generator.T.tolist(), pairs.generator_low.T.tolist(), strict=True):
