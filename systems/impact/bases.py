@@ -188,15 +188,16 @@ class CoupledModes(Basis):
     position_matrix, velocity_matrix : (N, 2 N) from the coordinates, both rows of pairs one after
         the other
     inverse : (2 N, 2 N) from positions and velocities
-    mass, stiffness : (N, N)
+    energy : (2 N, 2 N) numbers from the coordinates whose square sum is twice the energy
+    mass : (N, N)
     """
 
     pairs: Pairs
     position_matrix: Array
     velocity_matrix: Array
     inverse: Array
+    energy: Array
     mass: Array
-    stiffness: Array
 
     @staticmethod
     def of(given: Derivation) -> CoupledModes:
@@ -224,8 +225,8 @@ class CoupledModes(Basis):
             blocks.matrix[:n],
             blocks.matrix[n:],
             blocks.inverse,
+            blocks.energy,
             given.mass.dense,
-            given.stiffness.dense,
         )
 
     def _flat(self, y: Array) -> Array:
@@ -252,9 +253,7 @@ class CoupledModes(Basis):
         return self.coordinates(np.zeros_like(force), np.asarray(velocity, dtype=np.float64))
 
     def energies(self, y: Array) -> Array:
-        x, v = self.positions(y), self.velocities(y)
-        momentum, force = row_by_row(v, self.mass), row_by_row(x, self.stiffness)
-        return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
+        return np.asarray(0.5 * (row_by_row(self._flat(y), self.energy) ** 2).sum(axis=-1))
 
 
 def basis_of(given: Derivation) -> Basis:

@@ -44,6 +44,8 @@ class Blocks:
         Positions and velocities from coordinates: first those of all pairs, then the second ones.
     inverse : (2N, 2N) array
         Coordinates from positions and velocities.
+    energy : (2N, 2N) array
+        Numbers from coordinates whose square sum is twice the energy.
     condition : float
         Condition number of the basis where states are measured by the roots of their energies. It
         tells by how much conversions of states and coordinates enlarge rounding errors.
@@ -67,6 +69,7 @@ class Blocks:
     coupling: Array
     matrix: Array
     inverse: Array
+    energy: Array
     condition: float
 
 
@@ -97,6 +100,8 @@ def real_blocks(given: Derivation) -> Blocks:
     order = np.array(pairs).T.ravel()
     states = coordinates.states(vectors)
     matrix = DoubleDouble(*(np.ascontiguousarray(part[:, order]) for part in states))
+    energy = vectors.high[:, order]
+    energy[: coordinates.rigid] = 0.0
     high, low = (_pairwise(part[np.ix_(order, order)]) for part in generator)
     target, source = _links(high)
     own = np.arange(len(pairs))
@@ -108,6 +113,7 @@ def real_blocks(given: Derivation) -> Blocks:
         coupling=high[target, source],
         matrix=matrix.high,
         inverse=coordinates.inverse(matrix),
+        energy=energy,
         condition=float(np.linalg.cond(vectors.high)),
     )
 

@@ -143,3 +143,12 @@ def test_a_soft_dashpot_stops_what_no_spring_holds(drag: float) -> None:
         assert sum(rate == 0 for rate in found) == 1
         slow = min(abs(rate) for rate in found if rate)
         assert float(abs(slow / sorted(map(abs, exact))[1] - 1)) < 1e-27 + 1e-30 / drag
+
+
+@pytest.mark.parametrize("damping", [PROPORTIONAL, COUPLED], ids=["proportional", "coupled"])
+@pytest.mark.parametrize("soft", [0.0, *SOFT])
+def test_a_soft_spring_stores_the_energy_that_stretches_it(soft: float, damping: Damping) -> None:
+    basis = soft_chain(soft, damping)._structure.free
+    found = basis.energies(basis.coordinates(np.ones(3), np.zeros(3)))
+    # The other springs, stretched by rounding, store 1e-32.
+    assert found == pytest.approx(0.5 * soft, rel=1e-11, abs=1e-31)
