@@ -1,4 +1,8 @@
-"""Real Schur forms to 30 digits, their blocks in any order."""
+"""Real Schur forms to 30 digits, their blocks in any order.
+
+In doubles, errors of the motion exceed their estimates from stiffness ratios of 1e4 on, see
+docs/mathematics/errors.md.
+"""
 
 from __future__ import annotations
 
