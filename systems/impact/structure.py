@@ -21,14 +21,14 @@ class Structure:
     """What follows from mass, damping, stiffness and contact: shared by all other parameters."""
 
     def __init__(self, given: Derivation, contact: int) -> None:
-        # Not `given` itself: structures are kept for as long as it lives.
         self.mass = given.mass.dense
         self.damping = given.damping.dense
         self.stiffness = given.stiffness.dense
         self.contact = contact
         self.free = basis_of(given)
         self.size = len(self.mass)
-        self._held = given.without(contact)
+        # A copy, as structures are kept for as long as `given` lives.
+        self._given = replace(given)
         self.others = np.delete(np.arange(self.size), contact)
         self._stiffened: dict[tuple[int, float, float], Structure] = {}
 
@@ -61,7 +61,7 @@ class Structure:
         """Basis of the structure whose contact coordinate is held; None when nothing is left."""
         if self.size == 1:
             return None
-        return basis_of(self._held)
+        return basis_of(self._given.without(self.contact))
 
     @cached_property
     def caught(self) -> Array:
