@@ -7,7 +7,7 @@ same operations in the same order. Distances are those of `distance`; Euclidean 
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,87 @@ SHIFT = 52 - CELLS
 _BOX_PAIRS, _DISTANCES = 0, 1
 
 
+class Boxes(NamedTuple):
+    """Points in a balanced tree of boxes.
+
+    Parameters
+    ----------
+    low, high : (nodes, d)
+        The boxes; nodes = 2 leaves - 1, a power of two less one, and the leaves come last.
+    sizes : (nodes,)
+        How many points each box holds.
+    points : (leaves, d, slots)
+        The points of each leaf; slots beyond those that are filled hold anything finite.
+    filled : (leaves,)
+        How many slots hold points.
+    blocks : (leaves, slots)
+        The block of each point.
+    turns : (d,)
+        One turn of each coordinate that is an angle, in [0, turn]; zero for others.
+    every : (d,)
+        0, 1, ..., d - 1.
+    """
+
+    low: Array
+    high: Array
+    sizes: Integers
+    points: Array
+    filled: Integers
+    blocks: Integers
+    turns: Array
+    every: Integers
+
+
+class Bins(NamedTuple):
+    """Bins of distances, and the norm that these are measured in.
+
+    Parameters
+    ----------
+    euclidean
+        Norm: Euclidean, with squares of distances, or maximum.
+    edges : (k + 1,)
+        Ascending; a distance counts in the first bin whose edge it does not exceed. The last is
+        infinite, and its bin is not counted in full.
+    first : (cells + 1,)
+        For each cell of leading bits, from that of the first edge on, the first bin that it meets;
+        last the number of the first cell.
+    """
+
+    euclidean: bool
+    edges: Array
+    first: Integers
+
+
+class Buffers(NamedTuple):
+    """What a thread modifies in place.
+
+    Parameters
+    ----------
+    row, row_bits : (slots,)
+        Scratch: floats, and the same memory as integers.
+    widest, chosen : (d,)
+        Scratch.
+    stack : (any, 2)
+        Pairs of nodes that are left to do; room for six for each level of the tree and some more.
+    shares : (blocks, k + 1)
+        For each pair measured, one in the blocks of both of its points; and what single points
+        share with whole boxes.
+    lumps : (nodes, k + 1)
+        How many points are at such distances of every point of the node, besides those in `shares`.
+    work : (2,)
+        Pairs of boxes looked at, distances measured.
+    """
+
+    row: Array
+    row_bits: Integers
+    widest: Array
+    chosen: Integers
+    stack: Integers
+    shares: Integers
+    lumps: Integers
+    work: Integers
+
+
 @kernel(inline=True)
 def _gap_bounds(
     low: float, high: float, other_low: float, other_high: float, turn: float
@@ -42,14 +123,13 @@ def _gap_bounds(
 
 
 @kernel()
-def _box_bounds(
-    low: Array, high: Array, turns: Array, a: int, b: int, euclidean: bool
-) -> tuple[float, float]:
+def _box_bounds(tree: Boxes, a: int, b: int, euclidean: bool) -> tuple[float, float]:
     """Bounds of the distances between points of two boxes."""
+    low, high = tree.low, tree.high
     near = 0.0
     far = 0.0
     for k in range(low.shape[1]):
-        least, most = _gap_bounds(low[a, k], high[a, k], low[b, k], high[b, k], turns[k])
+        least, most = _gap_bounds(low[a, k], high[a, k], low[b, k], high[b, k], tree.turns[k])
         near = near + least * least if euclidean else max(near, least)
         far = far + most * most if euclidean else max(far, most)
     return near, far
@@ -57,22 +137,14 @@ def _box_bounds(
 
 @kernel()
 def _point_bounds(
-    points: Array,
-    a: int,
-    i: int,
-    low: Array,
-    high: Array,
-    node: int,
-    turns: Array,
-    euclidean: bool,
-    widest: Array,
+    tree: Boxes, a: int, i: int, node: int, euclidean: bool, widest: Array
 ) -> tuple[float, float]:
     """Bounds of the distances of a point to those of a box; along each coordinate in `widest`."""
     near = 0.0
     far = 0.0
-    for k in range(points.shape[1]):
-        x = points[a, k, i]
-        least, most = _gap_bounds(x, x, low[node, k], high[node, k], turns[k])
+    for k in range(widest.size):
+        x = tree.points[a, k, i]
+        least, most = _gap_bounds(x, x, tree.low[node, k], tree.high[node, k], tree.turns[k])
         widest[k] = most
         near = near + least * least if euclidean else max(near, least)
         far = far + most * most if euclidean else max(far, most)
@@ -106,20 +178,13 @@ def _bin_of(distance: float, edges: Array) -> int:
 
 @kernel()
 def _distances(
-    points: Array,
-    a: int,
-    i: int,
-    b: int,
-    turns: Array,
-    euclidean: bool,
-    least: float,
-    chosen: Integers,
-    out: Array,
+    tree: Boxes, a: int, i: int, b: int, euclidean: bool, least: float, chosen: Integers, out: Array
 ) -> None:
     """Distances of a point to all slots of a leaf; `out` is modified in place.
 
     Only coordinates that are chosen count; in the maximum norm no distance is below the least.
     """
+    points, turns = tree.points, tree.turns
     slots = points.shape[2]
     for j in range(slots):
         out[j] = least
@@ -172,86 +237,49 @@ def _distances(
 
 
 @kernel()
-def _count_leaves(
-    points: Array,
-    filled: Integers,
-    blocks: Integers,
-    a: int,
-    b: int,
-    node: int,
-    low: Array,
-    high: Array,
-    turns: Array,
-    euclidean: bool,
-    edges: Array,
-    bins: Integers,
-    row: Array,
-    row_bits: Integers,
-    widest: Array,
-    every: Integers,
-    chosen: Integers,
-    shares: Integers,
-    lumps: Integers,
-) -> int:
-    """Count the pairs of two leaves, of which b is that node; return how many were measured."""
+def _count_leaves(tree: Boxes, a: int, b: int, bins: Bins, own: Buffers) -> int:
+    """Count the pairs of points of two leaves, given as nodes; return how many were measured."""
+    euclidean, edges, first_bins, shares = bins.euclidean, bins.edges, bins.first, own.shares
     top = edges[edges.size - 2]
-    first = bins[bins.size - 1]
+    first = first_bins[first_bins.size - 1]
+    node = b
+    a -= tree.filled.size - 1
+    b -= tree.filled.size - 1
+    held = tree.filled[b]
     measured = 0
-    for i in range(filled[a]):
+    for i in range(tree.filled[a]):
+        block = tree.blocks[a, i]
         least = 0.0
-        coordinates = every
+        coordinates = tree.every
         if a != b:
-            near, far = _point_bounds(points, a, i, low, high, node, turns, euclidean, widest)
+            near, far = _point_bounds(tree, a, i, node, euclidean, own.widest)
             if near > top:
                 continue
             found = _bin_of(near, edges)
             if far <= edges[found]:
-                shares[blocks[a, i], found] += filled[b]
-                lumps[node, found] += 1
+                shares[block, found] += held
+                own.lumps[node, found] += 1
                 continue
             if not euclidean:
                 least = near
-                coordinates = chosen[: _deciding(near, widest, chosen)]
+                coordinates = own.chosen[: _deciding(near, own.widest, own.chosen)]
         begin = i + 1 if a == b else 0
-        measured += filled[b] - begin
-        _distances(points, a, i, b, turns, euclidean, least, coordinates, row)
-        block = blocks[a, i]
-        for j in range(begin, filled[b]):
-            distance = row[j]
+        measured += held - begin
+        _distances(tree, a, i, b, euclidean, least, coordinates, own.row)
+        for j in range(begin, held):
+            distance = own.row[j]
             if distance <= top:
-                cell = (row_bits[j] >> SHIFT) - first
-                found = bins[cell if cell > 0 else 0]
+                cell = (own.row_bits[j] >> SHIFT) - first
+                found = first_bins[cell if cell > 0 else 0]
                 while distance > edges[found]:
                     found += 1
                 shares[block, found] += 1
-                shares[blocks[b, j], found] += 1
+                shares[tree.blocks[b, j], found] += 1
     return measured
 
 
 @kernel(entry=True, nogil=True)
-def count_pairs(
-    height: int,
-    pause: int,
-    points: Array,
-    filled: Integers,
-    blocks: Integers,
-    low: Array,
-    high: Array,
-    sizes: Integers,
-    turns: Array,
-    euclidean: bool,
-    edges: Array,
-    bins: Integers,
-    every: Integers,
-    row: Array,
-    row_bits: Integers,
-    widest: Array,
-    chosen: Integers,
-    stack: Integers,
-    shares: Integers,
-    lumps: Integers,
-    work: Integers,
-) -> int:
+def count_pairs(height: int, pause: int, tree: Boxes, bins: Bins, own: Buffers) -> int:
     """Count the pairs of points of pairs of nodes by their distances.
 
     Parameters
@@ -261,56 +289,24 @@ def count_pairs(
         that share no point.
     pause
         After so many pairs of boxes and distances the call returns, for its time to be bounded.
-    points : (leaves, d, slots)
-        The points of each leaf; slots beyond those that are filled hold anything finite.
-    filled : (leaves,)
-        How many slots hold points.
-    blocks : (leaves, slots)
-        The block of each point.
-    low, high : (nodes, d)
-        The boxes; nodes = 2 leaves - 1, a power of two less one, and the leaves come last.
-    sizes : (nodes,)
-        How many points each box holds.
-    turns : (d,)
-        One turn of each coordinate that is an angle, in [0, turn]; zero for others.
-    euclidean
-        Norm: Euclidean, with squares of distances, or maximum.
-    edges : (k + 1,)
-        Ascending; a distance counts in the first bin whose edge it does not exceed. The last is
-        infinite, and its bin is not counted in full.
-    bins : (cells + 1,)
-        For each cell of leading bits, from that of the first edge on, the first bin that it meets;
-        last the number of the first cell.
-    every : (d,)
-        0, 1, ..., d - 1.
-    row, row_bits : (slots,)
-        Scratch: floats, and the same memory as integers.
-    widest, chosen : (d,)
-        Scratch.
-    stack : (any, 2)
-        Pairs of nodes that are left to do, modified in place; room for six for each level of the
-        tree and some more.
-    shares : (blocks, k + 1)
-        Modified in place: for each pair measured, one in the blocks of both of its points; and what
-        single points share with whole boxes.
-    lumps : (nodes, k + 1)
-        Modified in place: how many points are at such distances of every point of the node, besides
-        those in `shares`.
-    work : (2,)
-        Modified in place: pairs of boxes looked at, distances measured.
+    tree
+    bins
+    own
+        Modified in place.
 
     Returns
     -------
     height : what is left on the stack; 0 when all is done
     """
+    edges, sizes, stack, lumps, work = bins.edges, tree.sizes, own.stack, own.lumps, own.work
     top = edges[edges.size - 2]
-    leaves = filled.size
+    leaves = tree.filled.size
     last = work[_BOX_PAIRS] + work[_DISTANCES] + pause
     while height > 0 and work[_BOX_PAIRS] + work[_DISTANCES] < last:
         height -= 1
         a = stack[height, 0]
         b = stack[height, 1]
-        near, far = _box_bounds(low, high, turns, a, b, euclidean)
+        near, far = _box_bounds(tree, a, b, bins.euclidean)
         work[_BOX_PAIRS] += 1
         if near > top:
             continue
@@ -322,27 +318,7 @@ def count_pairs(
                 lumps[a, found] += sizes[b]
                 lumps[b, found] += sizes[a]
         elif a >= leaves - 1 and b >= leaves - 1:
-            work[_DISTANCES] += _count_leaves(
-                points,
-                filled,
-                blocks,
-                a - (leaves - 1),
-                b - (leaves - 1),
-                b,
-                low,
-                high,
-                turns,
-                euclidean,
-                edges,
-                bins,
-                row,
-                row_bits,
-                widest,
-                every,
-                chosen,
-                shares,
-                lumps,
-            )
+            work[_DISTANCES] += _count_leaves(tree, a, b, bins, own)
         elif a == b:
             for i in range(3):
                 stack[height + i, 0] = 2 * a + 1 + i // 2

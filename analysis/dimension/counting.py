@@ -15,13 +15,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, pairwise
 from threading import Event
-from typing import NamedTuple, TypeAlias, final
+from typing import TYPE_CHECKING, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.analysis.dimension.trees import BoxTree
+from dynkit.analysis.dimension.trees import boxes_of
 from dynkit.core.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.analysis.dimension.correlation_kernels import Boxes, Buffers
 
 Counts: TypeAlias = NDArray[np.int64]
 
@@ -54,35 +57,6 @@ class Counted:
     distances: int
 
 
-class _Buffers(NamedTuple):
-    """What a thread modifies: the last arguments of `count_pairs`, in their order."""
-
-    row: Array
-    row_bits: Counts
-    widest: Array
-    chosen: Counts
-    stack: Counts
-    shares: Counts
-    lumps: Counts
-    work: Counts
-
-    @classmethod
-    def of(cls, tree: BoxTree, blocks: int, bins: int) -> _Buffers:
-        """Return buffers without any counts."""
-        _, d, slots = tree.points.shape
-        row = np.zeros(slots)
-        return cls(
-            row,
-            row.view(np.int64),
-            np.zeros(d),
-            np.zeros(d, dtype=np.int64),
-            np.zeros((6 * tree.leaves.bit_length() + 8, 2), dtype=np.int64),
-            np.zeros((blocks, bins), dtype=np.int64),
-            np.zeros((len(tree.sizes), bins), dtype=np.int64),
-            np.zeros(2, dtype=np.int64),
-        )
-
-
 def count(
     points: Array,
     turns: Array,
@@ -109,40 +83,28 @@ def count(
     threads : int, optional
         By default one for each processor, 16 at most. The result does not depend on it.
     """
-    from dynkit.analysis.dimension.correlation_kernels import count_pairs, uncount_near_in_time
+    from dynkit.analysis.dimension.correlation_kernels import (
+        Bins,
+        count_pairs,
+        uncount_near_in_time,
+    )
 
     n, d = points.shape
     blocks = np.arange(n) * min(BLOCKS, n) // n
     number = int(blocks[-1]) + 1
     # the maximum does not mind the order of coordinates: the widest part most
     order = np.arange(d) if euclidean else np.argsort(-np.ptp(points, axis=0))
-    tree = BoxTree.of(np.ascontiguousarray(points[:, order]))
-    filled, members = np.ascontiguousarray(tree.sizes[-tree.leaves :]), blocks[tree.members]
-    bins, every, turned = _first_bins(edges), np.arange(d, dtype=np.int64), turns[order]
+    tree = boxes_of(np.ascontiguousarray(points[:, order]), turns[order], blocks)
+    bins = Bins(euclidean, edges, _first_bins(edges))
 
-    def count_part(nodes: _Part, own: _Buffers) -> Iterator[None]:
+    def count_part(nodes: _Part, own: Buffers) -> Iterator[None]:
         own.stack[0] = nodes
         height = 1
         while height > 0:
-            height = count_pairs(
-                height,
-                _PAIRS_OF_A_CALL,
-                tree.points,
-                filled,
-                members,
-                tree.low,
-                tree.high,
-                tree.sizes,
-                turned,
-                euclidean,
-                edges,
-                bins,
-                every,
-                *own,
-            )
+            height = count_pairs(height, _PAIRS_OF_A_CALL, tree, bins, own)
             yield
 
-    def uncount_part(rows: _Part, own: _Buffers) -> Iterator[None]:
+    def uncount_part(rows: _Part, own: Buffers) -> Iterator[None]:
         size = max(_PAIRS_OF_A_CALL // max(window, 1), 1)
         for begin in range(*rows, size):
             end = min(begin + size, rows[1])
@@ -152,15 +114,15 @@ def count(
             yield
 
     threads = threads or min(_processors(), _MOST_THREADS)
-    buffers = [_Buffers.of(tree, number, len(edges)) for _ in range(threads)]
-    _share_out(count_part, _node_pairs(tree.leaves), buffers)
+    buffers = [_buffers(tree, number, len(edges)) for _ in range(threads)]
+    _share_out(count_part, _node_pairs(len(tree.filled)), buffers)
     _share_out(uncount_part, pairwise(n * k // number for k in range(number + 1)), buffers)
     total = buffers[0]
     for other in buffers[1:]:
         total.shares[:] += other.shares
         total.lumps[:] += other.lumps
         total.work[:] += other.work
-    _share_lumps(total.lumps, filled, members, total.shares)
+    _share_lumps(tree, total)
     near = n * window - window * (window + 1) // 2
     return Counted(total.shares, int(total.work[0]), int(total.work[1]) + near)
 
@@ -179,9 +141,9 @@ def _node_pairs(leaves: int) -> Iterator[_Part]:
 
 
 def _share_out(
-    task: Callable[[_Part, _Buffers], Iterator[None]],
+    task: Callable[[_Part, Buffers], Iterator[None]],
     parts: Iterable[_Part],
-    buffers: Sequence[_Buffers],
+    buffers: Sequence[Buffers],
 ) -> None:
     """Do a task for all its parts, in one thread for each of the buffers.
 
@@ -189,7 +151,7 @@ def _share_out(
     """
     left, ended = deque(parts), Event()
 
-    def work(own: _Buffers) -> None:
+    def work(own: Buffers) -> None:
         while True:
             try:
                 part = left.popleft()
@@ -208,15 +170,26 @@ def _share_out(
             ended.set()
 
 
-def _share_lumps(lumps: Counts, filled: Counts, members: Counts, shares: Counts) -> None:
-    """Add what nodes have in common, (nodes, k + 1), to the shares; both are modified in place."""
-    leaves = len(filled)
+def _share_lumps(tree: Boxes, total: Buffers) -> None:
+    """Add what nodes have in common to the shares; both are modified in place."""
+    lumps, leaves = total.lumps, len(tree.filled)
     for v in range(leaves - 1):  # what holds for a node holds for its children
         lumps[2 * v + 1 : 2 * v + 3] += lumps[v]
-    for blocks, points, lump in zip(members, filled, lumps[-leaves:], strict=True):
-        held = np.bincount(blocks[:points], minlength=len(shares))
+    for blocks, points, lump in zip(tree.blocks, tree.filled, lumps[-leaves:], strict=True):
+        held = np.bincount(blocks[:points], minlength=len(total.shares))
         there = np.flatnonzero(held)
-        shares[there] += held[there, None] * lump
+        total.shares[there] += held[there, None] * lump
+
+
+def _buffers(tree: Boxes, blocks: int, bins: int) -> Buffers:
+    """Buffers without any counts."""
+    from dynkit.analysis.dimension.correlation_kernels import Buffers
+
+    leaves, d, slots = tree.points.shape
+    row = np.zeros(slots)
+    sizes = d, (6 * leaves.bit_length() + 8, 2), (blocks, bins), (len(tree.sizes), bins), 2
+    counts = (np.zeros(size, dtype=np.int64) for size in sizes)
+    return Buffers(row, row.view(np.int64), np.zeros(d), *counts)
 
 
 def _first_bins(edges: Array) -> Counts:
