@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.plotting.figures import ink
+from dynkit.plotting.figures import ink, size_in_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,7 +66,7 @@ def write_intervals(axes: Axes, intervals: Sequence[LabelInterval]) -> None:
     )
     middles = 0.5 * (edges[1:] + edges[:-1])
     widths = np.diff(edges) / (high - low)
-    widest = np.argsort(-widths, kind="stable")[: int(_width_in_points(axes) / _PITCH)]
+    widest = np.argsort(-widths, kind="stable")[: int(size_in_points(axes)[0] / _PITCH)]
     chosen = np.sort(widest[widths[widest] >= _NARROWEST])
     _write(axes, [ordered[i].label for i in chosen], middles[chosen], _PITCH, 90.0)
 
@@ -112,7 +112,7 @@ def _write(
     """Write names above the axes, a pitch (in points) apart or more, with lines to their places."""
     low, high = axes.get_xlim()
     place = axes.get_xaxis_transform()
-    standing = spread(at, pitch * (high - low) / _width_in_points(axes))
+    standing = spread(at, pitch * (high - low) / size_in_points(axes)[0])
     for name, x, text_x in zip(names, at.tolist(), standing.tolist(), strict=True):
         axes.plot(
             [x, text_x],
@@ -155,22 +155,8 @@ def spread(wanted: Array, pitch: float) -> Array:
     >>> spread(np.array([0.0, 1.0, 1.0, 5.0]), 1.0).tolist()
     [-0.3333333333333333, 0.6666666666666667, 1.6666666666666667, 5.0]
     """
-    # pool adjacent violators: less the pitches, the places only have to ascend
-    blocks: list[list[float]] = []
-    for offset in (wanted - pitch * np.arange(len(wanted))).tolist():
-        blocks.append([offset, 1.0])
-        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
-            mean, weight = blocks.pop()
-            before, count = blocks[-1]
-            blocks[-1] = [(before * count + mean * weight) / (count + weight), count + weight]
-    means = [mean for mean, weight in blocks for _ in range(int(weight))]
-    return np.array(means, dtype=np.float64) + pitch * np.arange(len(wanted))
+    from scipy.optimize import isotonic_regression
 
-
-def _width_in_points(axes: Axes) -> float:
-    from matplotlib.figure import Figure
-
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)
-    figure.draw_without_rendering()
-    return float(axes.get_window_extent().width) * 72.0 / figure.dpi
+    # less the pitches, the places only have to ascend
+    pitches = pitch * np.arange(len(wanted))
+    return np.asarray(isotonic_regression(wanted - pitches).x + pitches)

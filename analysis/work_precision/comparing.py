@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import final
 
@@ -81,29 +80,15 @@ def matched(found: Array, exact: Array, near: float) -> tuple[NDArray[np.intp], 
     >>> matched(np.array([1.0, 1.9, 3.1]), np.array([0.9, 3.0, 4.0]), 0.2)
     (array([0, 2]), array([0, 1]))
     """
-    k, n = len(found), len(exact)
-    # an unmatched one costs more than half of the largest distance: pairs are as many as can be
-    alone = near * (1.0 + k + n)
-    cost = np.empty((k + 1, n + 1))
-    cost[:, 0], cost[0] = alone * np.arange(k + 1), alone * np.arange(n + 1)
-    for i in range(k):
-        apart = abs(found[i] - exact)
-        for j in range(n):
-            together = cost[i, j] + apart[j] if apart[j] <= near else math.inf
-            cost[i + 1, j + 1] = min(together, cost[i, j + 1] + alone, cost[i + 1, j] + alone)
-    pairs = []
-    i, j = k, n
-    while i and j:
-        apart = abs(found[i - 1] - exact[j - 1])
-        if apart <= near and cost[i, j] == cost[i - 1, j - 1] + apart:
-            pairs.append((i - 1, j - 1))
-            i, j = i - 1, j - 1
-        elif cost[i, j] == cost[i - 1, j] + alone:
-            i -= 1
-        else:
-            j -= 1
-    table = np.array(pairs[::-1], dtype=np.intp).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
+    from scipy.optimize import linear_sum_assignment
+
+    apart = abs(found[:, None] - exact)
+    # a pair saves more than all distances together cost: pairs are as many as can be
+    saved = near * (1.0 + min(apart.shape))
+    ours, theirs = linear_sum_assignment(np.where(apart <= near, apart - saved, 0.0))
+    paired = apart[ours, theirs] <= near
+    # in the order of time no pair is further apart than in any other
+    return ours[paired], np.sort(theirs[paired])
 
 
 def _within(times: Array, intervals: Array) -> NDArray[np.bool_]:

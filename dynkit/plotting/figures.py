@@ -165,6 +165,17 @@ def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6
         return figure.subplots()
 
 
+def size_in_points(axes: Axes) -> tuple[float, float]:
+    """Return the width and the height of axes, laid out with all that they hold by now."""
+    from matplotlib.figure import Figure
+
+    figure = axes.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    figure.draw_without_rendering()
+    box = axes.get_window_extent()
+    return 72.0 * box.width / figure.dpi, 72.0 * box.height / figure.dpi
+
+
 def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[Path, ...]:
     """Save a figure as PNG and SVG; each file is the new one, or after any failure the old one.
 

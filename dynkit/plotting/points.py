@@ -46,8 +46,7 @@ def draw_motion(
         axes.plot(times, stop, "--", color=ink(), linewidth=0.6, label=label)
     if impacts is not None:
         axes.plot(*impacts, "o", color=ink(), markersize=1.8, label="impacts")
-    axes.set_xlabel("time $t$")
-    axes.set_ylabel(name)
+    axes.set(xlabel="time $t$", ylabel=name)
     if len(times) > 1:
         axes.set_xlim(times[0], times[-1])
     return axes

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.plotting.figures import COLUMN_WIDTH, ink, shown_axes
+from dynkit.plotting.figures import COLUMN_WIDTH, ink, shown_axes, size_in_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,10 +81,9 @@ def draw_regions(
     for number, region in enumerate(regions):
         if region.hatch and (picture == number).any():
             _hatch(axes, edges, picture == number, region.hatch)
-    axes.set_xlabel(names[0].replace("_", " "))
-    axes.set_ylabel(names[1].replace("_", " "))
+    axes.set(xlabel=names[0].replace("_", " "), ylabel=names[1].replace("_", " "))
     _write_legend(axes, [regions[number] for number in np.unique(cells).tolist()])
-    size = _size_in_points(axes)
+    size = size_in_points(axes)
     for number, region in enumerate(regions):
         if (picture == number).any():
             _write_name(axes, size, edges, picture == number, region)
@@ -176,13 +175,3 @@ def _write_name(
         if region.hatch
         else None,
     )
-
-
-def _size_in_points(axes: Axes) -> tuple[float, float]:
-    from matplotlib.figure import Figure
-
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)
-    figure.draw_without_rendering()
-    box = axes.get_window_extent()
-    return 72.0 * box.width / figure.dpi, 72.0 * box.height / figure.dpi
