@@ -11,7 +11,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
-from dynkit.core.validation import Array, finite_array, non_negative_integer
+from dynkit.core.validation import Array, finite_array, non_negative_integer, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
@@ -70,8 +70,7 @@ class ChatterRatios(Saved):
             raise ValueError(f"flight_times[{i}] must not be negative; got {float(times[i])}")
         if not (np.diff(times) < 0.0).any():
             raise ValueError("flight_times must hold two successive flights that shorten")
-        times.setflags(write=False)
-        object.__setattr__(self, "flight_times", times)
+        object.__setattr__(self, "flight_times", read_only(times))
         cost = Cost(time.perf_counter() - began, {"flights": len(times)})
         object.__setattr__(self, "cost", cost)
 
@@ -168,6 +167,8 @@ class ChatterRatios(Saved):
         """
         axes = shown_axes(ax)
         axes.plot(self.bounces, self.ratios, markersize=1.6, label=label, color=ink(), **DOTS)
-        axes.set_xlabel("bounce number $n$")
-        axes.set_ylabel(r"ratio of flight times $\Delta t_{n+1} / \Delta t_n$")
+        axes.set(
+            xlabel="bounce number $n$",
+            ylabel=r"ratio of flight times $\Delta t_{n+1} / \Delta t_n$",
+        )
         return axes

@@ -14,7 +14,7 @@ import numpy as np
 from dynkit.analysis.annotation import LabelInterval, write_intervals
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, span, table
-from dynkit.core.validation import Array, boolean, finite_array, unmasked
+from dynkit.core.validation import Array, boolean, finite_array, one_of, unmasked
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.plotting.figures import print_style
@@ -222,10 +222,7 @@ class BifurcationDiagram(Saved):
         return axes
 
     def _check(self, observable: str) -> None:
-        if observable not in self.observables:
-            raise ValueError(
-                f"observable must be one of: {', '.join(self.observables)}; got {observable!r}"
-            )
+        one_of("observable", observable, self.observables)
 
     def _title(self, name: str) -> str:
         words = name.replace("_", " ")

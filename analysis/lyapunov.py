@@ -17,7 +17,7 @@ from dynkit.analysis.regimes import RegimeChange
 from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.stretching import Stretching
-from dynkit.core.validation import Array, finite_array, positive, positive_integer
+from dynkit.core.validation import Array, finite_array, positive, positive_integer, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -198,9 +198,7 @@ class LyapunovSpectrum(Saved):
         logs = self._run[0]
         hidden = int(np.isnan(logs).any(axis=0).sum())
         lost = logs.shape[1] - len(finite) - hidden
-        array = np.concatenate([finite, np.repeat(others, (lost, hidden))])
-        array.setflags(write=False)
-        return array
+        return read_only(np.concatenate([finite, np.repeat(others, (lost, hidden))]))
 
     def _exponents_of(
         self, function: Callable[[Array, Array], Array], accuracy: Array
@@ -389,6 +387,5 @@ class LyapunovSpectrum(Saved):
             axes.axvline(self.change.at, color=ink(), linestyle="dotted")
             axes.set_title(str(self.change), fontsize="small")
         axes.set_xscale("log")
-        axes.set_xlabel("iterates $n$")
-        axes.set_ylabel(r"Lyapunov exponents $\lambda_i$")
+        axes.set(xlabel="iterates $n$", ylabel=r"Lyapunov exponents $\lambda_i$")
         return axes

@@ -13,7 +13,14 @@ from dynkit.analysis.averages import amplitudes, standard_errors
 from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, change_of
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, finite_array, in_interval, positive, positive_integer
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    in_interval,
+    positive,
+    positive_integer,
+    read_only,
+)
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 
@@ -111,7 +118,7 @@ class POD(Saved):
     @cached_property
     def mean(self) -> Array:
         """Time average of x, (N,)."""
-        return _read_only(self._averages.sums.sum(axis=0) / self._averages.durations.sum())
+        return read_only(self._averages.sums.sum(axis=0) / self._averages.durations.sum())
 
     @cached_property
     def matrix(self) -> Array:
@@ -126,7 +133,7 @@ class POD(Saved):
         found = float(np.trace(matrix))
         if not found > 4.0 * len(matrix) * 2.0**-52 * self._mean_square:
             raise ValueError(f"source must move about its {self.about}; got mean square {found}")
-        return _read_only(0.5 * (matrix + matrix.T))
+        return read_only(0.5 * (matrix + matrix.T))
 
     @property
     def _mean_square(self) -> float:
@@ -156,7 +163,7 @@ class POD(Saved):
         values, vectors = np.linalg.eigh(self.matrix)
         power, modes = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
         modes = modes * np.where(modes[-1] < 0.0, -1.0, 1.0)
-        return _read_only(power), _read_only(modes)
+        return read_only(power), read_only(modes)
 
     def dataset(self) -> Dataset:
         """Return powers and modes as a dataset over ``mode`` and ``coordinate``, from 1."""
@@ -362,8 +369,3 @@ class POD(Saved):
             raise ValueError(f"ax must hold {number} axes; got {len(ax)}")
         others = self._unit_columns(modes)
         return draw_modes(self.modes, self.modal_assurance(others), ax, number, others)
-
-
-def _read_only(array: Array) -> Array:
-    array.setflags(write=False)
-    return array

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, finite_array
+from dynkit.core.validation import Array, ascending, finite_array
 from dynkit.dynamics.attractor import Attractor
 
 BATCHES = 32
@@ -74,7 +74,8 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
         raise ValueError(f"source must hold two samples or more; got shape {samples.shape}")
     if times is None:
         return partial(_sums, samples, np.ones(len(samples)), None)
-    return partial(_sums, samples, *_trapezoidal(finite_array("times", times, (len(samples),))))
+    at = ascending("times", finite_array("times", times, (len(samples),)))
+    return partial(_sums, samples, *_trapezoidal(at))
 
 
 def _sums(samples: Array, weights: Array, coarse: Array | None) -> Averages:
@@ -101,8 +102,6 @@ def _sums(samples: Array, weights: Array, coarse: Array | None) -> Averages:
 
 def _trapezoidal(times: Array) -> tuple[Array, Array]:
     """Weights (k,) of the trapezoidal rule, and of the same with every second sample."""
-    for i in np.flatnonzero(np.diff(times) <= 0.0)[:1].tolist():
-        raise ValueError(f"times[{i + 1}] must exceed times[{i}]; got {float(times[i + 1])}")
     used = np.unique(np.append(np.arange(0, len(times), 2), len(times) - 1))
     coarse = np.zeros(len(times))
     coarse[used] = _halves(times[used])

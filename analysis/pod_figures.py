@@ -48,8 +48,7 @@ def draw_cumulative(
     )
     if not drawn:
         _mark_share(axes, share)
-    axes.set_xlabel("number of modes")
-    axes.set_ylabel("cumulative power")
+    axes.set(xlabel="number of modes", ylabel="cumulative power")
     if change is not None:
         axes.set_title(str(change), fontsize="small")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -90,8 +89,7 @@ def draw_modes(
             markeredgewidth=0.6, label="normal",
         )  # fmt: skip
         panel.set_title(f"mode {k + 1}; normal mode {j + 1}: MAC {assurance[k, j]:.3f}")
-        panel.set_xlabel("mass $j$")
-        panel.set_ylabel("amplitude")
+        panel.set(xlabel="mass $j$", ylabel="amplitude")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[0].legend()
     return axes

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import source_of
-from dynkit.analysis.series import (
-    TWO_PI,
+from dynkit.analysis.motions import (
     checked_index,
     contact_coordinate,
     coordinate_name,
     forcing_frequency,
     is_impact_oscillator,
     motion_error,
+    motion_of,
     record_until,
 )
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, finite_array, finite_scalar, positive_integer
+from dynkit.core.validation import Array, finite_array, finite_scalar, positive_integer, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -71,27 +70,23 @@ class StroboscopicSection(Saved):
 
     def __init__(self, source: object, *, phase: float = 0.0, periods: int | None = None) -> None:
         began = time.perf_counter()
-        self.phase = finite_scalar("phase", phase) % TWO_PI
-        self._attractor: Attractor | None = None
-        self.times, self._default = np.empty(0), (0, 1)
-        source = source_of(source)
-        if isinstance(source, Attractor):
-            self._attractor = source
-            self.times = _strobe_times(source, self.phase, periods)
-            self.states = source.time_series(self.times)
+        self.phase = finite_scalar("phase", phase) % math.tau
+        attractor = self._attractor = motion_of(source)
+        self._default = 0, 1
+        if attractor is not None:
+            self.times = read_only(_strobe_times(attractor, self.phase, periods))
+            self.states = read_only(attractor.time_series(self.times))
             d = self.states.shape[1]
-            self._names = tuple(coordinate_name(source, k) for k in range(d))
-            if is_impact_oscillator(source.system):
-                first = contact_coordinate(source)
+            self._names = tuple(coordinate_name(attractor, k) for k in range(d))
+            if is_impact_oscillator(attractor.system):
+                first = contact_coordinate(attractor)
                 self._default = first, first + d // 2
         else:
             if periods is not None:
                 raise ValueError(f"periods must be left out with an array; got {periods!r}")
-            self.states = _given(source)
+            self.times, self.states = read_only(np.empty(0)), _given(source)
             self._names = tuple(f"coordinate {k}" for k in range(self.states.shape[1]))
         self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
-        for array in (self.times, self.states):
-            array.setflags(write=False)
 
     _stored: ClassVar = ("phase", "times", "states", "cost", "error", "_names", "_default")
     phase: float
@@ -183,19 +178,17 @@ class ImpactSection(Saved):
 
     def __init__(self, source: object) -> None:
         began = time.perf_counter()
-        self._attractor: Attractor | None = None
+        attractor = self._attractor = motion_of(source)
         self._table = None
-        source = source_of(source)
-        if isinstance(source, Attractor):
-            if not is_impact_oscillator(source.system):
-                raise ValueError(f"source must be a motion with impacts; got {source.system!r}")
-            self._attractor, self.states = source, source.states
-            system: Any = source.system
+        if attractor is not None:
+            system: Any = attractor.system
+            if not is_impact_oscillator(system):
+                raise ValueError(f"source must be a motion with impacts; got {system!r}")
+            self.states = attractor.states
             speed = float(system.amplitude * system.frequency)
-            self._table = contact_coordinate(source), speed
+            self._table = contact_coordinate(attractor), speed
         else:
             self.states = _given(source)
-            self.states.setflags(write=False)
         if not len(self.states):
             raise ValueError("source must hold an impact or more; got 0")
         self.cost = Cost(time.perf_counter() - began, {"states": len(self.states)})
@@ -207,13 +200,12 @@ class ImpactSection(Saved):
 
     def dataset(self) -> Dataset:
         """Return the impacts as a dataset over ``impact``."""
-        others = {"coordinate": (("impact", "coordinate"), self.states[:, :-2])}
         return Dataset(
             {},
             {
                 "phase": ("impact", self.phase),
                 "relative_velocity": ("impact", self.relative_velocity),
-                **others,
+                "coordinate": (("impact", "coordinate"), self.states[:, :-2]),
             },
             described(
                 "Impacts in the section of the table",
@@ -272,7 +264,7 @@ class ImpactSection(Saved):
 
         velocity = table(self.phase) + self.relative_velocity
         axes = draw_points(ax, np.stack([self.phase, velocity], axis=1), (PHASE, name))
-        turn = np.linspace(0.0, TWO_PI, 257)
+        turn = np.linspace(0.0, math.tau, 257)
         axes.plot(turn, table(turn), "--", color=ink(), linewidth=0.6, zorder=1)
         return axes
 
@@ -297,8 +289,7 @@ class ImpactSection(Saved):
         """
         d = self.states.shape[1]
         chosen = _chosen(coordinates, (d - 1, d - 2), d)
-        names = [f"section coordinate {k}" for k in range(d - 2)]
-        names += [RELATIVE_VELOCITY, PHASE]
+        names = [*(f"section coordinate {k}" for k in range(d - 2)), RELATIVE_VELOCITY, PHASE]
         return draw_points(ax, self.states[:, chosen], [names[k] for k in chosen])
 
 
@@ -306,7 +297,7 @@ def _given(source: object) -> Array:
     states = finite_array("source", source, (None, None)).copy()
     if not len(states) or states.shape[1] < 2:
         raise ValueError(f"source must have shape (1, 2) or more; got shape {states.shape}")
-    return states
+    return read_only(states)
 
 
 def _strobe_times(attractor: Attractor, phase: float, periods: int | None) -> Array:
@@ -315,8 +306,8 @@ def _strobe_times(attractor: Attractor, phase: float, periods: int | None) -> Ar
     record = record_until(attractor, 0.0)
     if record is None:
         raise ValueError(f"source must be a motion in time; got {attractor.system!r}")
-    first = ((phase - record.start.phase) % TWO_PI) / w
-    period = TWO_PI / w
+    first = ((phase - record.start.phase) % math.tau) / w
+    period = math.tau / w
     if periods is None:
         end = float(record.time[-1]) if len(record) else 0.0
         count = math.floor((end - first) / period) + 1
@@ -331,7 +322,5 @@ def _chosen(
     coordinates: tuple[int, int] | None, default: tuple[int, int], dimension: int
 ) -> list[int]:
     first, second = default if coordinates is None else coordinates
-    return [
-        checked_index("coordinates[0]", first, dimension),
-        checked_index("coordinates[1]", second, dimension),
-    ]
+    chosen = {"coordinates[0]": first, "coordinates[1]": second}
+    return [checked_index(name, value, dimension) for name, value in chosen.items()]

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, positive, positive_integer
+from dynkit.core.validation import Array, positive, positive_integer, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -74,8 +74,7 @@ class Sensitivity(Saved):
         with going_on_for(self._iterations):
             states = system.iterate(start, self._iterations)
             twin = system.iterate(start + self._distance, self._iterations)
-        distances = np.linalg.norm(system.difference(twin, states), axis=1)
-        distances.setflags(write=False)
+        distances = read_only(np.linalg.norm(system.difference(twin, states), axis=1))
         error = system.accuracy * float(abs(states).max())
         cost = Cost(time.perf_counter() - began, {"iterates": 2 * self._iterations})
         return distances, error, cost
@@ -132,6 +131,5 @@ class Sensitivity(Saved):
         axes = shown_axes(ax)
         axes.plot(self.distances, color=ink())
         axes.set_yscale("log")
-        axes.set_xlabel("iterates $n$")
-        axes.set_ylabel("distance")
+        axes.set(xlabel="iterates $n$", ylabel="distance")
         return axes

@@ -9,22 +9,26 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import source_of
+from dynkit.analysis.motions import (
+    checked_coordinate,
+    contact_coordinate,
+    coordinate_name,
+    given_samples,
+    is_impact_oscillator,
+    motion_error,
+    motion_of,
+    record_until,
+    sampled,
+)
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
-from dynkit.core.validation import Array, finite_array
+from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
-from dynkit.dynamics.attractor import Attractor
-from dynkit.plotting.points import displacement, draw_motion
+from dynkit.plotting.points import draw_motion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-TWO_PI = 2.0 * math.pi
-
-# Of the default time series: table periods, and samples in each.
-_PERIODS, _SAMPLES = 12, 100
 
 
 @final
@@ -69,24 +73,18 @@ class TimeSeries(Saved):
         self, source: object, times: object = None, *, coordinate: int | None = None
     ) -> None:
         began = time.perf_counter()
-        self._attractor: Attractor | None = None
-        self.coordinate = None
-        self.name = "value"
-        source = source_of(source)
-        if isinstance(source, Attractor):
-            self._attractor = source
-            self.times = default_times(source) if times is None else ascending("times", times)
-            states = source.time_series(self.times)
-            self.coordinate = checked_coordinate(source, coordinate, states.shape[1])
-            self.values = states[:, self.coordinate].copy()
-            self.name = coordinate_name(source, self.coordinate)
+        attractor = self._attractor = motion_of(source)
+        self.coordinate, self.name = None, "value"
+        if attractor is not None:
+            self.times, states = sampled(attractor, times)
+            self.coordinate = checked_coordinate(attractor, coordinate, states.shape[1])
+            self.values = read_only(states[:, self.coordinate].copy())
+            self.name = coordinate_name(attractor, self.coordinate)
         else:
             if coordinate is not None:
                 raise ValueError(f"coordinate must be left out with an array; got {coordinate!r}")
             self.times, self.values = given_samples(times, source, (None,))
         self.cost = Cost(time.perf_counter() - began, {"samples": len(self.times)})
-        for array in (self.times, self.values):
-            array.setflags(write=False)
 
     _stored: ClassVar = (
         *("times", "values", "name", "coordinate", "cost", "table", "impacts", "error"),
@@ -172,116 +170,3 @@ class TimeSeries(Saved):
                 value_error=self.error,
             ),
         )
-
-
-# --- what is known about motions ------------------------------------------------------------------
-
-
-def is_impact_oscillator(system: object) -> bool:
-    """Whether a system has a coordinate that hits a moving table."""
-    names = ("contact", "degrees_of_freedom", "frequency", "amplitude", "offset")
-    return all(hasattr(system, name) for name in names)
-
-
-def contact_coordinate(attractor: Attractor) -> int:
-    """Return the number of the contact coordinate, 0 where there is none."""
-    system: Any = attractor.system
-    if not is_impact_oscillator(system):
-        return 0
-    return int(system.contact % system.degrees_of_freedom)
-
-
-def coordinate_name(attractor: Attractor, coordinate: int) -> str:
-    """Return how a coordinate of the time series is written on an axis."""
-    system: Any = attractor.system
-    if not is_impact_oscillator(system):
-        return f"coordinate {coordinate}"
-    n = system.degrees_of_freedom
-    if coordinate < n:
-        return displacement(coordinate)
-    return f"velocity $v_{{{coordinate - n + 1}}}$"
-
-
-def checked_coordinate(attractor: Attractor, coordinate: object, dimension: int) -> int:
-    """Return which of the numbers of a time series is meant.
-
-    Raises
-    ------
-    ValueError
-        When there is no such number.
-    """
-    if coordinate is None:
-        return contact_coordinate(attractor)
-    return checked_index("coordinate", coordinate, dimension)
-
-
-def checked_index(name: str, value: object, length: int) -> int:
-    """Return an index from 0 on; ValueError where the value is none of an array so long."""
-    if isinstance(value, int | np.integer) and not isinstance(value, bool):
-        index = int(value)
-        if -length <= index < length:
-            return index % length
-    raise ValueError(f"{name} must lie in [{-length}, {length - 1}]; got {value!r}")
-
-
-def forcing_frequency(attractor: Attractor) -> float:
-    """Return the angular frequency of the table and the forces.
-
-    Raises
-    ------
-    ValueError
-        When the system has none.
-    """
-    if not hasattr(attractor.system, "frequency"):
-        raise ValueError(f"source must be driven at one frequency; got {attractor.system!r}")
-    return float(attractor.system.frequency)
-
-
-def ascending(name: str, times: object) -> Array:
-    """Return the times as a new array; ValueError where they do not ascend."""
-    array = finite_array(name, times, (None,)).copy()
-    for i in np.flatnonzero(np.diff(array) <= 0.0)[:1].tolist():
-        raise ValueError(f"{name}[{i + 1}] must exceed {name}[{i}]; got {float(array[i + 1])}")
-    return array
-
-
-def given_samples(times: object, source: object, shape: tuple[None, ...]) -> tuple[Array, Array]:
-    """Return times, (k,), and what was given at them, (k, ...), as new arrays.
-
-    Raises
-    ------
-    ValueError
-        When times are missing, do not ascend or are of another number.
-    """
-    values = finite_array("source", source, shape).copy()
-    if times is None:
-        raise ValueError("times must be given with an array")
-    at = ascending("times", times)
-    if len(at) != len(values):
-        raise ValueError(f"times must have shape ({len(values)},); got shape {at.shape}")
-    return at, values
-
-
-def record_until(attractor: Attractor | None, latest: float) -> Any:
-    """Return the record of impacts up to a time at least, None where there are no impacts."""
-    known: Any = attractor
-    return known.record_until(latest) if hasattr(attractor, "record_until") else None
-
-
-def motion_error(attractor: Attractor | None, latest: float) -> float:
-    """Return the error of an attractor's motion up to a time, zero where there is no attractor."""
-    if attractor is None:
-        return 0.0
-    record: Any = getattr(attractor, "record", None)
-    longer = record_until(attractor, latest)
-    if longer is record:
-        return attractor.error
-    return max(attractor.error, float(longer.error.max(initial=0.0)))
-
-
-def default_times(attractor: Attractor) -> Array:
-    """Return times of a series, (k,), that shows what a motion looks like."""
-    if not hasattr(attractor.system, "frequency"):
-        return np.arange(len(attractor.states), dtype=np.float64)
-    end = _PERIODS * TWO_PI / forcing_frequency(attractor)
-    return np.asarray(np.arange(_PERIODS * _SAMPLES) * (end / (_PERIODS * _SAMPLES)))

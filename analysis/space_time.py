@@ -9,20 +9,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import source_of
-from dynkit.analysis.series import (
-    ascending,
-    default_times,
+from dynkit.analysis.motions import (
     given_samples,
     is_impact_oscillator,
     motion_error,
+    motion_of,
+    sampled,
 )
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
-from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 
 if TYPE_CHECKING:
@@ -74,21 +72,16 @@ class SpaceTime(Saved):
 
     def __init__(self, source: object, times: object = None) -> None:
         began = time.perf_counter()
-        self._attractor: Attractor | None = None
-        source = source_of(source)
-        if isinstance(source, Attractor):
-            if not is_impact_oscillator(source.system):
-                raise ValueError(f"source must be a motion of masses; got {source.system!r}")
-            system: Any = source.system
-            self._attractor = source
-            self.times = default_times(source) if times is None else ascending("times", times)
-            states = source.time_series(self.times)
-            self.displacements = states[:, : system.degrees_of_freedom].copy()
+        attractor = self._attractor = motion_of(source)
+        if attractor is not None:
+            system: Any = attractor.system
+            if not is_impact_oscillator(system):
+                raise ValueError(f"source must be a motion of masses; got {system!r}")
+            self.times, states = sampled(attractor, times)
+            self.displacements = read_only(states[:, : system.degrees_of_freedom].copy())
         else:
             self.times, self.displacements = given_samples(times, source, (None, None))
         self.cost = Cost(time.perf_counter() - began, {"samples": len(self.times)})
-        for array in (self.times, self.displacements):
-            array.setflags(write=False)
 
     _stored: ClassVar = ("times", "displacements", "cost", "error")
     times: Array
@@ -165,9 +158,7 @@ class SpaceTime(Saved):
         )
         axes.set_xlim(self.times[0], self.times[-1], view_margin=0.0)
         axes.set_ylim(1.0, n, view_margin=0.0)
-        axes.set_xlabel("time $t$")
-        axes.set_ylabel("mass $j$")
-        axes.set_zlabel("displacement $x_j$")
+        axes.set(xlabel="time $t$", ylabel="mass $j$", zlabel="displacement $x_j$")
         drawn: Axes3D = axes
         return drawn
 

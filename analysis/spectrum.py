@@ -9,16 +9,22 @@ from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import source_of
-from dynkit.analysis.regimes import RegimeChange, regime_change
-from dynkit.analysis.series import (
-    TWO_PI,
+from dynkit.analysis.motions import (
     checked_coordinate,
     coordinate_name,
     forcing_frequency,
+    motion_of,
 )
+from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, finite_array, non_negative, positive, positive_integer
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    non_negative,
+    positive,
+    positive_integer,
+    read_only,
+)
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -123,26 +129,21 @@ class PowerSpectrum(Saved):
         samples: int | None = None,
         segments: int = 8,
     ) -> None:
-        self._source: Attractor | None = None
-        self.table_frequency = None
-        self.name, self._coordinate, self._finer, multiple = "values", 0, 1, 1
+        attractor = self._source = motion_of(source)
+        self.name, self.table_frequency, self._finer, multiple = "values", None, 1, 1
         step = None if interval is None else positive("interval", interval)
-        source = source_of(source)
-        if isinstance(source, Attractor):
-            self._source = source
-            self._coordinate = checked_coordinate(source, coordinate, source.system.dimension)
-            self.name = coordinate_name(source, self._coordinate)
+        if attractor is not None:
+            system = attractor.system
+            self._coordinate = checked_coordinate(attractor, coordinate, system.dimension)
+            self.name = coordinate_name(attractor, self._coordinate)
+            self.table_frequency = getattr(system, "frequency", None)
+            self._finer = _FINER if hasattr(attractor, "record") else 1
             self._count = positive_integer("samples", _SAMPLES if samples is None else samples)
-            if hasattr(source, "record"):
-                self._finer = _FINER
-            if self._count > _MOST // self._finer:
-                raise ValueError(
-                    f"samples must not exceed {_MOST // self._finer}; got {self._count}"
-                )
-            self.table_frequency = getattr(source.system, "frequency", None)
+            if self._count > (most := _MOST // self._finer):
+                raise ValueError(f"samples must not exceed {most}; got {self._count}")
             if step is None:
-                multiple = _samples_in_a_period(source)
-                step = TWO_PI / (forcing_frequency(source) * multiple)
+                multiple = _samples_in_a_period(attractor)
+                step = math.tau / (forcing_frequency(attractor) * multiple)
         else:
             if step is None:
                 raise ValueError("interval must be given with an array")
@@ -184,7 +185,7 @@ class PowerSpectrum(Saved):
     def resolution(self) -> float:
         """Width of a line, in angular frequency: the noise bandwidth of the window."""
         w = self._window
-        return TWO_PI * float(w @ w) / (float(w.sum()) ** 2 * self._step)
+        return math.tau * float(w @ w) / (float(w.sum()) ** 2 * self._step)
 
     @cached_property
     def error(self) -> float:
@@ -233,20 +234,18 @@ class PowerSpectrum(Saved):
         """Angular frequencies, densities, and the seconds that they cost."""
         values, _ = self._samples
         began = time.perf_counter()
-        frequencies = np.asarray(TWO_PI * np.fft.rfftfreq(self._length, self._step), np.float64)
+        frequencies = np.asarray(math.tau * np.fft.rfftfreq(self._length, self._step), np.float64)
         frequencies = frequencies[frequencies <= self.nyquist * (1.0 + 2.0**-40)]
         used = values[: self._length] if self.segments == 1 else values
         density = self._density(used)[: len(frequencies)]
-        frequencies.setflags(write=False)
-        density.setflags(write=False)
-        return frequencies, density, time.perf_counter() - began
+        return read_only(frequencies), read_only(density), time.perf_counter() - began
 
     def _density(self, values: Array) -> Array:
         """Welch's mean of densities, also of frequencies that are not shown."""
         from scipy import signal
 
         _, per_cycle = signal.welch(values, 1.0 / self._step, window="hann", nperseg=self._length)
-        return np.asarray(per_cycle / TWO_PI)
+        return np.asarray(per_cycle / math.tau)
 
     @property
     def frequencies(self) -> Array:
@@ -296,8 +295,8 @@ class PowerSpectrum(Saved):
         if periods is None:
             return None
         frequency = self.table_frequency / periods
-        samples = math.ceil(TWO_PI / (frequency * self._step))
-        times = np.linspace(0.0, TWO_PI / frequency, samples + 1)
+        samples = math.ceil(math.tau / (frequency * self._step))
+        times = np.linspace(0.0, math.tau / frequency, samples + 1)
         return harmonics_of(self._source.time_series(times)[:, self._coordinate], frequency)
 
     def dataset(self) -> Dataset:
@@ -365,8 +364,7 @@ class PowerSpectrum(Saved):
         if highest > 0.0:
             axes.set_ylim(bottom=max(axes.get_ylim()[0], highest * _FAINTEST))
         axes.set_xlim(0.0, self.nyquist)
-        axes.set_xlabel(r"angular frequency $\omega$")
-        axes.set_ylabel(f"power density of\n{self.name}")
+        axes.set(xlabel=r"angular frequency $\omega$", ylabel=f"power density of\n{self.name}")
         return axes
 
 

@@ -35,7 +35,7 @@ from dynkit.analysis.dimension.sums import (
 from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, finite_scalar, positive
+from dynkit.core.validation import Array, finite_scalar, one_of, positive, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -130,16 +130,14 @@ class CorrelationDimension(Saved):
                     f"angles must be left to the system of an attractor; got {self.angles!r}"
                 )
         else:
-            states = checked_states(self.source).copy()
-            states.setflags(write=False)
+            states = read_only(checked_states(self.source).copy())
             _refuse_few(states)
             object.__setattr__(self, "source", states)
             angles = checked_angles(self.angles or {}, states.shape[1])
             object.__setattr__(self, "angles", MappingProxyType(dict(angles)))
             if self.theiler is not None:
                 checked_theiler(self.theiler, len(states))
-        if self.norm not in get_args(Norm):
-            raise ValueError(f"norm must be one of: {', '.join(get_args(Norm))}; got {self.norm!r}")
+        one_of("norm", self.norm, get_args(Norm))
         if self.largest is not None:
             positive("largest", self.largest)
         _check_ratio(self.least_ratio)

@@ -36,8 +36,7 @@ def draw_sums(
         radii, logs = sums.radii[inside], np.log(sums.values[inside])
         line = logs.mean() + region.slope * (np.log(radii) - np.log(radii).mean())
         axes.loglog(radii, np.exp(line), color=ink())
-    axes.set_xlabel("radius $r$")
-    axes.set_ylabel("correlation sum $C(r)$")
+    axes.set(xlabel="radius $r$", ylabel="correlation sum $C(r)$")
     _describe(scaling, error, axes)
     return axes
 
@@ -66,8 +65,7 @@ def draw_slopes(
         axes.semilogx(ends, 2 * [region.slope], color=ink(), linestyle="--")
         if scaling.outcome in (Outcome.FOUND, Outcome.DRIFT):
             axes.semilogx(ends, 2 * [takens.value], color=ink(), linestyle=":")
-    axes.set_xlabel("radius $r$")
-    axes.set_ylabel(r"local slope $d \ln C / d \ln r$")
+    axes.set(xlabel="radius $r$", ylabel=r"local slope $d \ln C / d \ln r$")
     _describe(scaling, error, axes)
     return axes
 

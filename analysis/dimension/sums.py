@@ -10,9 +10,18 @@ from typing import Literal, TypeAlias, final, get_args
 import numpy as np
 
 from dynkit.analysis.dimension.counting import Counts, count
+from dynkit.analysis.dimension.errors import standard_errors
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
-from dynkit.core.validation import Array, finite_array, non_negative_integer, positive
+from dynkit.core.validation import (
+    Array,
+    ascending,
+    finite_array,
+    non_negative_integer,
+    one_of,
+    positive,
+    read_only,
+)
 
 Norm: TypeAlias = Literal["maximum", "euclidean"]
 """How the distance of two states is measured."""
@@ -66,8 +75,6 @@ class CorrelationSums:
         See `dynkit.analysis.dimension.errors`. Infinite where no pair is so near, and where there
         are too few blocks to tell.
         """
-        from dynkit.analysis.dimension.errors import standard_errors
-
         errors = np.full(len(self.radii), np.inf)
         there = self.pairs > 0
         errors[there] = standard_errors(
@@ -127,16 +134,13 @@ def correlation_sums(
     began = time.perf_counter()
     array = checked_states(states)
     ladder = _checked_radii(radii)
-    if norm not in get_args(Norm):
-        raise ValueError(f"norm must be one of: {', '.join(get_args(Norm))}; got {norm!r}")
+    one_of("norm", norm, get_args(Norm))
     window = checked_theiler(theiler, len(array))
     points, turns = wrapped(array, checked_angles(angles or {}, array.shape[1]))
     edges = np.append(_squares(ladder) if norm == "euclidean" else ladder, np.inf)
     counted = count(points, turns, edges, window, euclidean=norm == "euclidean")
-    shares = np.cumsum(counted.shares[:, :-1], axis=1)
-    shares.setflags(write=False)
-    pairs = shares.sum(axis=0) // 2
-    pairs.setflags(write=False)
+    shares = read_only(np.cumsum(counted.shares[:, :-1], axis=1))
+    pairs = read_only(shares.sum(axis=0) // 2)
     others = len(array) - window
     work = {"distances": counted.distances, "box pairs": counted.box_pairs}
     cost = Cost(time.perf_counter() - began, work)
@@ -203,17 +207,14 @@ def wrapped(states: Array, angles: Mapping[int, float]) -> tuple[Array, Array]:
 
 
 def _checked_radii(radii: object) -> Array:
-    ladder = finite_array("radii", radii, (None,)).copy()
+    ladder = finite_array("radii", radii, (None,))
     if not len(ladder):
         raise ValueError("radii must hold at least one; got none")
     for i in np.flatnonzero((ladder < _SMALLEST) | (ladder > _LARGEST))[:1].tolist():
         raise ValueError(
             f"radii[{i}] must lie in [{_SMALLEST:g}, {_LARGEST:g}]; got {float(ladder[i])!r}"
         )
-    for i in np.flatnonzero(np.diff(ladder) <= 0.0)[:1].tolist():
-        raise ValueError(f"radii[{i + 1}] must exceed radii[{i}]; got {float(ladder[i + 1])!r}")
-    ladder.setflags(write=False)
-    return ladder
+    return read_only(ascending("radii", ladder))
 
 
 def _squares(radii: Array) -> Array:

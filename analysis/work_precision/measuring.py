@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import fields
 from functools import cached_property
+from itertools import tee
 from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -22,7 +24,7 @@ from dynkit.analysis.work_precision.standard_methods import impact_methods
 from dynkit.analysis.work_precision.tables import table_lines
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import line_of
-from dynkit.core.validation import boolean
+from dynkit.core.validation import boolean, one_of
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 
@@ -105,9 +107,8 @@ class WorkPrecision(Saved):
         )
         self._names = tuple(method.name for method in self.methods)
         self._progress = boolean("progress", progress)
-        self._measured: list[Measurement] = []
         self._seconds = 0.0
-        self._going = self._run()
+        (self._going,) = tee(self._run(), 1)  # copies of it share what was measured
 
     @classmethod
     def of(
@@ -162,18 +163,7 @@ class WorkPrecision(Saved):
 
     def __iter__(self) -> Iterator[Measurement]:
         """Give the measurements one by one, as soon as they are made."""
-        if "measurements" in vars(self):
-            yield from self.measurements
-            return
-        i = 0
-        while True:
-            if i == len(self._measured):
-                following = next(self._going, None)
-                if following is None:
-                    return
-                self._measured.append(following)
-            yield self._measured[i]
-            i += 1
+        return iter(self.measurements) if "measurements" in vars(self) else copy(self._going)
 
     def __repr__(self) -> str:
         jobs = ", ".join(job.name for job in self._jobs)
@@ -228,9 +218,7 @@ class WorkPrecision(Saved):
         """
         jobs = {each.name: each for each in self._jobs}
         name = next(iter(jobs)) if job is None else job
-        if name not in jobs:
-            raise ValueError(f"job must be one of: {', '.join(jobs)}; got {name!r}")
-        return draw_job(jobs[name], self._lines(name), ax)
+        return draw_job(jobs[one_of("job", name, jobs)], self._lines(name), ax)
 
     def dataset(self) -> Dataset:
         """Return what every measurement holds as a dataset over ``measurement``."""

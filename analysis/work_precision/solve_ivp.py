@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
@@ -142,7 +143,8 @@ class _SciPy(Integrator):
         if first is not None:
             options["first_step"] = min(first, end - time)
         if event is not None:
-            options["events"] = _Falling(event)
+            falling = options["events"] = partial(event)
+            vars(falling).update(terminal=True, direction=-1.0)  # a fall through zero ends it
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # LSODA's, before it says that it failed
             try:
@@ -154,17 +156,3 @@ class _SciPy(Integrator):
         if found.status < 0:
             raise GaveUp(f"gave up: {found.message}")
         return float(found.t[-1]), np.asarray(found.y[:, -1]), found.status == 1
-
-
-@final
-class _Falling:
-    """An event with the attributes that ``solve_ivp`` looks for: a fall through zero ends it."""
-
-    terminal = True
-    direction = -1.0
-
-    def __init__(self, event: Callable[[float, Array], float]) -> None:
-        self._event = event
-
-    def __call__(self, t: float, y: Array) -> float:
-        return self._event(t, y)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.core.validation import finite_array, finite_scalar
+from dynkit.core.validation import finite_array, finite_scalar, one_of
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.oscillator import ImpactOscillator
 
@@ -203,13 +203,6 @@ def _read(file: Path, names: list[str]) -> dict[str, Any]:
         if key not in names:
             raise ValueError(f"{file} must hold only {', '.join(names)}; got {key!r}")
     return found
-
-
-def one_of(name: str, value: Any, known: Iterable[str]) -> str:
-    """Return a name that is known; ValueError otherwise."""
-    if value not in tuple(known):
-        raise ValueError(f"{name} must be one of: {', '.join(known)}; got {value!r}")
-    return str(value)
 
 
 def parameter_of(value: object, name: str = "parameter") -> str:

@@ -6,12 +6,15 @@ NaN is refused by every check; NumPy's scalars are numbers.
 
 import math
 import os
-from typing import TypeAlias, TypeGuard
+from collections.abc import Iterable
+from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 # So few numbers are looked at one by one in less time than NumPy takes to begin.
 _SHORT = 16
@@ -188,6 +191,27 @@ def boolean(name: str, value: object) -> bool:
     raise _refusal(name, "be True or False", value)
 
 
+def one_of(name: str, value: Any, known: Iterable[str]) -> str:
+    """Return the value when it is one of the names that are known.
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+
+    Examples
+    --------
+    >>> one_of("norm", "largest", ("maximum", "euclidean"))
+    Traceback (most recent call last):
+    ...
+    ValueError: norm must be one of: maximum, euclidean; got 'largest'
+    """
+    names = tuple(known)
+    if value not in names:
+        raise _refusal(name, f"be one of: {', '.join(names)}", value)
+    return str(value)
+
+
 def within_memory(name: str, value: int, size: float) -> int:
     """Return a count whose arrays fit into the memory of this machine.
 
@@ -278,6 +302,33 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
         place = f"{name}[{', '.join(map(str, index))}]" if index else name
         raise _refusal(place, "be a finite number", float(array[index]))
+    return array
+
+
+def ascending(name: str, value: object) -> Array:
+    """Return the value as a new array (n,) of finite floats that ascend.
+
+    Raises
+    ------
+    ValueError
+        As `finite_array`, and naming the first element that does not exceed the one before.
+
+    Examples
+    --------
+    >>> ascending("times", [0.0, 1.0, 1.0])
+    Traceback (most recent call last):
+    ...
+    ValueError: times[2] must exceed times[1]; got 1.0
+    """
+    array = finite_array(name, value, (None,)).copy()
+    for i in np.flatnonzero(np.diff(array) <= 0.0)[:1].tolist():
+        raise _refusal(f"{name}[{i + 1}]", f"exceed {name}[{i}]", array[i + 1])
+    return array
+
+
+def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """Return the array itself, which nobody can write to any more."""
+    array.setflags(write=False)
     return array
 
 

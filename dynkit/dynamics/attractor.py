@@ -11,7 +11,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, Tabled, told
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, one_of
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitLabel
 
@@ -99,9 +99,7 @@ class Attractor(Tabled, ABC):
             When there is none of this name.
         """
         names = list(self.system.observables)
-        if name not in names:
-            raise ValueError(f"name must be one of: {', '.join(names)}; got {name!r}")
-        return self.states[:, names.index(name)]
+        return self.states[:, names.index(one_of("name", name, names))]
 
     def label_within(self, budget: int) -> OrbitLabel:  # noqa: ARG002
         """Return the label as far as so many states tell; the kept ones are always looked at."""

@@ -13,7 +13,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.reprs import told
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array, finite_array
+from dynkit.core.validation import Array, finite_array, one_of
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.orbits.problem import NOISE, PeriodicOrbit, Problem, fractions
@@ -283,9 +283,7 @@ class MapOrbit(PeriodicOrbit):
             When there is no such coordinate.
         """
         names = [f"state[{i}]" for i in range(self.system.dimension)]
-        if name not in names:
-            raise ValueError(f"name must be one of: {', '.join(names)}; got {name!r}")
-        return self.states[:, names.index(name)]
+        return self.states[:, names.index(one_of("name", name, names))]
 
     def sample(self, iterates: object) -> Array:
         """Return the states, (k, d), so many iterates after the first one.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, line_of
-from dynkit.core.validation import Array, index_in
+from dynkit.core.validation import Array, index_in, one_of
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.store import Archive, arrays_of
 from dynkit.dynamics.attractor import Attractor
@@ -155,9 +155,8 @@ class Sweep(Swept):
         ValueError
             When it was not kept.
         """
-        if name not in self.observables:
-            raise ValueError(f"name must be one of: {', '.join(self.observables)}; got {name!r}")
-        return np.asarray(self._rows.arrays[f"observables/{name}"])
+        known = one_of("name", name, self.observables)
+        return np.asarray(self._rows.arrays[f"observables/{known}"])
 
     def attractor(self, place: int) -> Attractor:
         """Return the attractor at ``values[place]``: simulated again, the same bits.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, line_of, table
-from dynkit.core.validation import Array, index_in
+from dynkit.core.validation import Array, index_in, one_of
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.store import Archive
 from dynkit.dynamics.attractor import Attractor
@@ -166,8 +166,7 @@ class ParameterMap(Swept):
             When it was not kept.
         """
         asked = self.observables[0] if name is None else name
-        if asked not in self.observables:
-            raise ValueError(f"name must be one of: {', '.join(self.observables)}; got {name!r}")
+        one_of("name", asked, self.observables)
         column: Array = self._rows.arrays["largest"][:, self.observables.index(asked)]
         return column.reshape(self._shape)
 
