@@ -183,8 +183,7 @@ class BifurcationDiagram(Saved):
         ValueError
             When there is no such observable.
         """
-        self._check(observable)
-        return dots(self.values, self.observables[observable])
+        return dots(self.values, self._numbers(observable))
 
     @print_style()
     def plot(
@@ -214,15 +213,14 @@ class BifurcationDiagram(Saved):
             When there is no such observable.
         """
         name = next(iter(self.observables)) if observable is None else observable
-        self._check(name)
         titles = self._title(self.parameter), self._title(name)
-        axes = draw_diagram(ax, self.values, self.observables[name], titles, size)
+        axes = draw_diagram(ax, self.values, self._numbers(name), titles, size)
         if self.intervals:
             write_intervals(axes, self.intervals)
         return axes
 
-    def _check(self, observable: str) -> None:
-        one_of("observable", observable, self.observables)
+    def _numbers(self, observable: str) -> Array:
+        return self.observables[one_of("observable", observable, self.observables)]
 
     def _title(self, name: str) -> str:
         words = name.replace("_", " ")

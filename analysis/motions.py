@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, final, runtime_checkable
 
 import numpy as np
 
@@ -32,12 +33,6 @@ def source_of(given: object) -> object:
     return given.as_attractor() if isinstance(given, OffersAttractor) else given
 
 
-def motion_of(given: object) -> Attractor | None:
-    """Return the attractor that was given, or offered; None of numbers."""
-    found = source_of(given)
-    return found if isinstance(found, Attractor) else None
-
-
 def attractor_of(given: object) -> Attractor:
     """Return the attractor that was given, or offered.
 
@@ -46,8 +41,8 @@ def attractor_of(given: object) -> Attractor:
     ValueError
         When it is none, or has no state.
     """
-    attractor = motion_of(given)
-    if attractor is None:
+    attractor = source_of(given)
+    if not isinstance(attractor, Attractor):
         raise ValueError(f"attractor must be an Attractor; got {given!r}")
     if not len(attractor.states):
         raise ValueError("attractor must have a state; got one that came to rest")
@@ -72,42 +67,95 @@ def going_on_for(iterates: int) -> Iterator[None]:
 # --- sampled motions ------------------------------------------------------------------------------
 
 
-def is_impact_oscillator(system: object) -> bool:
-    """Whether a system has a coordinate that hits a moving table."""
-    names = ("contact", "degrees_of_freedom", "frequency", "amplitude", "offset")
-    return all(hasattr(system, name) for name in names)
+@final
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What measures that sample a motion know of it.
 
-
-def contact_coordinate(attractor: Attractor) -> int:
-    """Return the number of the contact coordinate, 0 where there is none."""
-    system: Any = attractor.system
-    if not is_impact_oscillator(system):
-        return 0
-    return int(system.contact % system.degrees_of_freedom)
-
-
-def coordinate_name(attractor: Attractor, coordinate: int) -> str:
-    """Return how a coordinate of the time series is written on an axis."""
-    system: Any = attractor.system
-    if not is_impact_oscillator(system):
-        return f"coordinate {coordinate}"
-    n = system.degrees_of_freedom
-    if coordinate < n:
-        return displacement(coordinate)
-    return f"velocity $v_{{{coordinate - n + 1}}}$"
-
-
-def checked_coordinate(attractor: Attractor, coordinate: object, dimension: int) -> int:
-    """Return which of the numbers of a time series is meant.
-
-    Raises
-    ------
-    ValueError
-        When there is no such number.
+    Parameters
+    ----------
+    attractor : Attractor
     """
-    if coordinate is None:
-        return contact_coordinate(attractor)
-    return checked_index("coordinate", coordinate, dimension)
+
+    attractor: Attractor
+
+    @classmethod
+    def of(cls, given: object) -> Self | None:
+        """Return the motion of the attractor that was given, or offered; None of numbers."""
+        found = source_of(given)
+        return cls(found) if isinstance(found, Attractor) else None
+
+    @property
+    def system(self) -> Any:
+        """The system of the attractor."""
+        return self.attractor.system
+
+    @property
+    def has_table(self) -> bool:
+        """Whether a coordinate hits a moving table."""
+        names = ("contact", "degrees_of_freedom", "frequency", "amplitude", "offset")
+        return all(hasattr(self.system, name) for name in names)
+
+    @property
+    def contact(self) -> int:
+        """Number of the contact coordinate, 0 where there is none."""
+        return int(self.system.contact % self.system.degrees_of_freedom) if self.has_table else 0
+
+    @property
+    def forcing_frequency(self) -> float:
+        """Angular frequency of the table and the forces.
+
+        Raises
+        ------
+        ValueError
+            When the system has none.
+        """
+        if not hasattr(self.system, "frequency"):
+            raise ValueError(f"source must be driven at one frequency; got {self.system!r}")
+        return float(self.system.frequency)
+
+    def coordinate(self, asked: object, dimension: int) -> int:
+        """Return which of the numbers of the time series is meant; by default the contact's.
+
+        Raises
+        ------
+        ValueError
+            When there is no such number.
+        """
+        return self.contact if asked is None else checked_index("coordinate", asked, dimension)
+
+    def name_of(self, coordinate: int) -> str:
+        """Return how a coordinate of the time series is written on an axis."""
+        if not self.has_table:
+            return f"coordinate {coordinate}"
+        behind = coordinate - self.system.degrees_of_freedom
+        return displacement(coordinate) if behind < 0 else f"velocity $v_{{{behind + 1}}}$"
+
+    def sampled(self, times: object) -> tuple[Array, Array]:
+        """Return times, (k,), read-only, and the time series at them, (k, d).
+
+        By default they are times that show what the motion looks like.
+        """
+        at = read_only(self._default_times() if times is None else ascending("times", times))
+        return at, self.attractor.time_series(at)
+
+    def _default_times(self) -> Array:
+        if not hasattr(self.system, "frequency"):
+            return np.arange(len(self.attractor.states), dtype=np.float64)
+        end = _PERIODS * math.tau / self.forcing_frequency
+        return np.asarray(np.arange(_PERIODS * _SAMPLES) * (end / (_PERIODS * _SAMPLES)))
+
+    def record_until(self, latest: float) -> Any:
+        """Return the record of impacts up to a time at least, None where there are no impacts."""
+        known: Any = self.attractor
+        return known.record_until(latest) if hasattr(known, "record_until") else None
+
+    def error_until(self, times: Array) -> float:
+        """Return the error of the motion up to the last of some times, (k,)."""
+        longer = self.record_until(float(times.max(initial=0.0)))
+        if longer is getattr(self.attractor, "record", None):
+            return self.attractor.error
+        return max(self.attractor.error, float(longer.error.max(initial=0.0)))
 
 
 def checked_index(name: str, value: object, length: int) -> int:
@@ -117,19 +165,6 @@ def checked_index(name: str, value: object, length: int) -> int:
         if -length <= index < length:
             return index % length
     raise ValueError(f"{name} must lie in [{-length}, {length - 1}]; got {value!r}")
-
-
-def forcing_frequency(attractor: Attractor) -> float:
-    """Return the angular frequency of the table and the forces.
-
-    Raises
-    ------
-    ValueError
-        When the system has none.
-    """
-    if not hasattr(attractor.system, "frequency"):
-        raise ValueError(f"source must be driven at one frequency; got {attractor.system!r}")
-    return float(attractor.system.frequency)
 
 
 def given_samples(times: object, source: object, shape: tuple[None, ...]) -> tuple[Array, Array]:
@@ -147,36 +182,3 @@ def given_samples(times: object, source: object, shape: tuple[None, ...]) -> tup
     if len(at) != len(values):
         raise ValueError(f"times must have shape ({len(values)},); got shape {at.shape}")
     return read_only(at), read_only(values)
-
-
-def record_until(attractor: Attractor | None, latest: float) -> Any:
-    """Return the record of impacts up to a time at least, None where there are no impacts."""
-    known: Any = attractor
-    return known.record_until(latest) if hasattr(attractor, "record_until") else None
-
-
-def motion_error(attractor: Attractor | None, latest: float) -> float:
-    """Return the error of an attractor's motion up to a time, zero where there is no attractor."""
-    if attractor is None:
-        return 0.0
-    record: Any = getattr(attractor, "record", None)
-    longer = record_until(attractor, latest)
-    if longer is record:
-        return attractor.error
-    return max(attractor.error, float(longer.error.max(initial=0.0)))
-
-
-def sampled(attractor: Attractor, times: object) -> tuple[Array, Array]:
-    """Return times of a series, (k,), read-only, and an attractor's time series at them, (k, d).
-
-    By default they are times that show what a motion looks like.
-    """
-    at = read_only(_default_times(attractor) if times is None else ascending("times", times))
-    return at, attractor.time_series(at)
-
-
-def _default_times(attractor: Attractor) -> Array:
-    if not hasattr(attractor.system, "frequency"):
-        return np.arange(len(attractor.states), dtype=np.float64)
-    end = _PERIODS * math.tau / forcing_frequency(attractor)
-    return np.asarray(np.arange(_PERIODS * _SAMPLES) * (end / (_PERIODS * _SAMPLES)))

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.analysis.averages import amplitudes, standard_errors
 from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, change_of
+from dynkit.analysis.pod_figures import draw_cumulative, draw_modes
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.core.cost import Cost
 from dynkit.core.validation import (
@@ -338,8 +339,6 @@ class POD(Saved):
         -------
         Axes
         """
-        from dynkit.analysis.pod_figures import draw_cumulative
-
         return draw_cumulative(self.cumulative, self.change, ax, self.rank(share), share, label)
 
     def plot_modes(
@@ -360,8 +359,6 @@ class POD(Saved):
         -------
         list of Axes
         """
-        from dynkit.analysis.pod_figures import draw_modes
-
         number = positive_integer("count", count)
         if number > len(self.mean):
             raise ValueError(f"count must not exceed the {len(self.mean)} modes; got {number}")

@@ -5,25 +5,15 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import (
-    checked_index,
-    contact_coordinate,
-    coordinate_name,
-    forcing_frequency,
-    is_impact_oscillator,
-    motion_error,
-    motion_of,
-    record_until,
-)
+from dynkit.analysis.motions import Motion, checked_index
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, finite_scalar, positive_integer, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
-from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.figures import ink, print_style
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
 
@@ -71,16 +61,15 @@ class StroboscopicSection(Saved):
     def __init__(self, source: object, *, phase: float = 0.0, periods: int | None = None) -> None:
         began = time.perf_counter()
         self.phase = finite_scalar("phase", phase) % math.tau
-        attractor = self._attractor = motion_of(source)
+        motion = self._motion = Motion.of(source)
         self._default = 0, 1
-        if attractor is not None:
-            self.times = read_only(_strobe_times(attractor, self.phase, periods))
-            self.states = read_only(attractor.time_series(self.times))
+        if motion is not None:
+            self.times = read_only(_strobe_times(motion, self.phase, periods))
+            self.states = read_only(motion.attractor.time_series(self.times))
             d = self.states.shape[1]
-            self._names = tuple(coordinate_name(attractor, k) for k in range(d))
-            if is_impact_oscillator(attractor.system):
-                first = contact_coordinate(attractor)
-                self._default = first, first + d // 2
+            self._names = tuple(map(motion.name_of, range(d)))
+            if motion.has_table:
+                self._default = motion.contact, motion.contact + d // 2
         else:
             if periods is not None:
                 raise ValueError(f"periods must be left out with an array; got {periods!r}")
@@ -116,7 +105,7 @@ class StroboscopicSection(Saved):
     @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the states; zero of an array."""
-        return motion_error(self._attractor, float(self.times.max(initial=0.0)))
+        return 0.0 if self._motion is None else self._motion.error_until(self.times)
 
     def plot(self, ax: Axes | None = None, *, coordinates: tuple[int, int] | None = None) -> Axes:
         """Draw one coordinate of the states against another.
@@ -178,15 +167,14 @@ class ImpactSection(Saved):
 
     def __init__(self, source: object) -> None:
         began = time.perf_counter()
-        attractor = self._attractor = motion_of(source)
+        motion = self._motion = Motion.of(source)
         self._table = None
-        if attractor is not None:
-            system: Any = attractor.system
-            if not is_impact_oscillator(system):
+        if motion is not None:
+            system = motion.system
+            if not motion.has_table:
                 raise ValueError(f"source must be a motion with impacts; got {system!r}")
-            self.states = attractor.states
-            speed = float(system.amplitude * system.frequency)
-            self._table = contact_coordinate(attractor), speed
+            self.states = motion.attractor.states
+            self._table = motion.contact, float(system.amplitude * system.frequency)
         else:
             self.states = _given(source)
         if not len(self.states):
@@ -231,7 +219,7 @@ class ImpactSection(Saved):
     @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the states; zero of an array."""
-        return motion_error(self._attractor, 0.0)
+        return 0.0 if self._motion is None else self._motion.attractor.error
 
     @print_style()
     def plot_velocity(self, ax: Axes | None = None) -> Axes:
@@ -300,12 +288,11 @@ def _given(source: object) -> Array:
     return read_only(states)
 
 
-def _strobe_times(attractor: Attractor, phase: float, periods: int | None) -> Array:
+def _strobe_times(motion: Motion, phase: float, periods: int | None) -> Array:
     """Times (p,) at which the forcing has the phase."""
-    w = forcing_frequency(attractor)
-    record = record_until(attractor, 0.0)
+    w, record = motion.forcing_frequency, motion.record_until(0.0)
     if record is None:
-        raise ValueError(f"source must be a motion in time; got {attractor.system!r}")
+        raise ValueError(f"source must be a motion in time; got {motion.system!r}")
     first = ((phase - record.start.phase) % math.tau) / w
     period = math.tau / w
     if periods is None:

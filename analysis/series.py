@@ -5,21 +5,11 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import (
-    checked_coordinate,
-    contact_coordinate,
-    coordinate_name,
-    given_samples,
-    is_impact_oscillator,
-    motion_error,
-    motion_of,
-    record_until,
-    sampled,
-)
+from dynkit.analysis.motions import Motion, given_samples
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, read_only
@@ -73,13 +63,13 @@ class TimeSeries(Saved):
         self, source: object, times: object = None, *, coordinate: int | None = None
     ) -> None:
         began = time.perf_counter()
-        attractor = self._attractor = motion_of(source)
+        motion = self._motion = Motion.of(source)
         self.coordinate, self.name = None, "value"
-        if attractor is not None:
-            self.times, states = sampled(attractor, times)
-            self.coordinate = checked_coordinate(attractor, coordinate, states.shape[1])
+        if motion is not None:
+            self.times, states = motion.sampled(times)
+            self.coordinate = motion.coordinate(coordinate, states.shape[1])
             self.values = read_only(states[:, self.coordinate].copy())
-            self.name = coordinate_name(attractor, self.coordinate)
+            self.name = motion.name_of(self.coordinate)
         else:
             if coordinate is not None:
                 raise ValueError(f"coordinate must be left out with an array; got {coordinate!r}")
@@ -103,17 +93,17 @@ class TimeSeries(Saved):
     @cached_property
     def table(self) -> Array | None:
         """Place of the table, (k,); None where there is none."""
-        system = getattr(self._attractor, "system", None)
-        if system is None or not is_impact_oscillator(system):
+        if self._motion is None or not self._motion.has_table:
             return None
-        phase = self._attractor.record.start.phase  # type: ignore[union-attr]
-        angle = system.frequency * self.times + phase
+        system, record = self._motion.system, self._motion.record_until(0.0)
+        angle = system.frequency * self.times + record.start.phase
         return np.asarray(system.amplitude * np.sin(angle) + system.offset)
 
     @cached_property
     def impacts(self) -> Array:
         """Times of the impacts within the times, (p,)."""
-        record = record_until(self._attractor, float(self.times.max(initial=0.0)))
+        latest = float(self.times.max(initial=0.0))
+        record = None if self._motion is None else self._motion.record_until(latest)
         if record is None or not len(self.times):
             return np.empty(0)
         at: Array = record.time
@@ -125,7 +115,7 @@ class TimeSeries(Saved):
 
         Of an array it is zero: nothing was added to what the values have.
         """
-        return motion_error(self._attractor, float(self.times.max(initial=0.0)))
+        return 0.0 if self._motion is None else self._motion.error_until(self.times)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the values against time, the stops dashed, the impacts as dots.
@@ -149,13 +139,13 @@ class TimeSeries(Saved):
     @cached_property
     def _contacts(self) -> tuple[tuple[Array, ...], Array] | None:
         """Places of the stops, (k,) each, and of the impacts; None of another coordinate."""
-        attractor, table = self._attractor, self.table
-        if attractor is None or table is None or self.coordinate != contact_coordinate(attractor):
+        motion, table = self._motion, self.table
+        if motion is None or table is None or self.coordinate != motion.contact:
             return None
-        system: Any = attractor.system
-        play = getattr(system, "play", math.inf)
-        other = () if play == math.inf else (table + (play if system.side == "above" else -play),)
-        return (table, *other), attractor.time_series(self.impacts)[:, self.coordinate]
+        play = getattr(motion.system, "play", math.inf)
+        side = 1.0 if motion.system.side == "above" else -1.0
+        stops = (table,) if play == math.inf else (table, table + side * play)
+        return stops, motion.attractor.time_series(self.impacts)[:, self.coordinate]
 
     def dataset(self) -> Dataset:
         """Return the values as a dataset over time, with the table and the times of impacts."""

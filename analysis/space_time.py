@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import (
-    given_samples,
-    is_impact_oscillator,
-    motion_error,
-    motion_of,
-    sampled,
-)
+from dynkit.analysis.motions import Motion, given_samples
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, read_only
@@ -72,13 +66,12 @@ class SpaceTime(Saved):
 
     def __init__(self, source: object, times: object = None) -> None:
         began = time.perf_counter()
-        attractor = self._attractor = motion_of(source)
-        if attractor is not None:
-            system: Any = attractor.system
-            if not is_impact_oscillator(system):
-                raise ValueError(f"source must be a motion of masses; got {system!r}")
-            self.times, states = sampled(attractor, times)
-            self.displacements = read_only(states[:, : system.degrees_of_freedom].copy())
+        motion = self._motion = Motion.of(source)
+        if motion is not None:
+            if not motion.has_table:
+                raise ValueError(f"source must be a motion of masses; got {motion.system!r}")
+            self.times, states = motion.sampled(times)
+            self.displacements = read_only(states[:, : motion.system.degrees_of_freedom].copy())
         else:
             self.times, self.displacements = given_samples(times, source, (None, None))
         self.cost = Cost(time.perf_counter() - began, {"samples": len(self.times)})
@@ -111,7 +104,7 @@ class SpaceTime(Saved):
     @cached_property
     def error(self) -> float:
         """Estimate of the largest error of the displacements; zero of an array."""
-        return motion_error(self._attractor, float(self.times.max(initial=0.0)))
+        return 0.0 if self._motion is None else self._motion.error_until(self.times)
 
     @print_style()
     def plot(self, ax: Axes3D | None = None) -> Axes3D:
@@ -159,8 +152,7 @@ class SpaceTime(Saved):
         axes.set_xlim(self.times[0], self.times[-1], view_margin=0.0)
         axes.set_ylim(1.0, n, view_margin=0.0)
         axes.set(xlabel="time $t$", ylabel="mass $j$", zlabel="displacement $x_j$")
-        drawn: Axes3D = axes
-        return drawn
+        return axes
 
 
 def _shown_surface() -> Any:

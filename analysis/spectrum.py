@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
-from dynkit.analysis.motions import (
-    checked_coordinate,
-    coordinate_name,
-    forcing_frequency,
-    motion_of,
-)
+from dynkit.analysis.motions import Motion
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
 from dynkit.core.validation import (
@@ -27,7 +22,6 @@ from dynkit.core.validation import (
 )
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
-from dynkit.dynamics.attractor import Attractor
 from dynkit.orbits.harmonics import Harmonics, harmonics_of
 from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 
@@ -129,21 +123,20 @@ class PowerSpectrum(Saved):
         samples: int | None = None,
         segments: int = 8,
     ) -> None:
-        attractor = self._source = motion_of(source)
+        motion = self._motion = Motion.of(source)
         self.name, self.table_frequency, self._finer, multiple = "values", None, 1, 1
         step = None if interval is None else positive("interval", interval)
-        if attractor is not None:
-            system = attractor.system
-            self._coordinate = checked_coordinate(attractor, coordinate, system.dimension)
-            self.name = coordinate_name(attractor, self._coordinate)
-            self.table_frequency = getattr(system, "frequency", None)
-            self._finer = _FINER if hasattr(attractor, "record") else 1
+        if motion is not None:
+            self._coordinate = motion.coordinate(coordinate, motion.system.dimension)
+            self.name = motion.name_of(self._coordinate)
+            self.table_frequency = getattr(motion.system, "frequency", None)
+            self._finer = _FINER if hasattr(motion.attractor, "record") else 1
             self._count = positive_integer("samples", _SAMPLES if samples is None else samples)
             if self._count > (most := _MOST // self._finer):
                 raise ValueError(f"samples must not exceed {most}; got {self._count}")
             if step is None:
-                multiple = _samples_in_a_period(attractor)
-                step = math.tau / (forcing_frequency(attractor) * multiple)
+                multiple = _samples_in_a_period(motion)
+                step = math.tau / (motion.forcing_frequency * multiple)
         else:
             if step is None:
                 raise ValueError("interval must be given with an array")
@@ -219,14 +212,14 @@ class PowerSpectrum(Saved):
     @cached_property
     def _samples(self) -> tuple[Array, float]:
         """Values, (k,), and the seconds that they cost."""
-        if self._source is None:
+        if self._motion is None:
             return self._given, 0.0
         began = time.perf_counter()
         values = np.empty(self._finer * self._count)
         for low in range(0, len(values), _CHUNK):  # all coordinates at once would not fit
             part = values[low : low + _CHUNK]
             times = self._step * np.arange(low, low + len(part), dtype=np.float64)
-            part[:] = self._source.time_series(times)[:, self._coordinate]
+            part[:] = self._motion.attractor.time_series(times)[:, self._coordinate]
         return values, time.perf_counter() - began
 
     @cached_property
@@ -289,15 +282,16 @@ class PowerSpectrum(Saved):
         density. None where the attractor's label is not that of a periodic motion of m table
         periods, and for an array.
         """
-        if self._source is None or self.table_frequency is None:
+        if self._motion is None or self.table_frequency is None:
             return None
-        periods = self._source.label.periods
+        periods = self._motion.attractor.label.periods
         if periods is None:
             return None
         frequency = self.table_frequency / periods
         samples = math.ceil(math.tau / (frequency * self._step))
         times = np.linspace(0.0, math.tau / frequency, samples + 1)
-        return harmonics_of(self._source.time_series(times)[:, self._coordinate], frequency)
+        states = self._motion.attractor.time_series(times)
+        return harmonics_of(states[:, self._coordinate], frequency)
 
     def dataset(self) -> Dataset:
         """Return the density as a dataset over the angular frequency."""
@@ -379,10 +373,10 @@ def _divided(count: int, asked: int, multiple: int) -> tuple[int, int]:
     return length, 1 if asked == 1 else 1 + (count - length) // step
 
 
-def _samples_in_a_period(attractor: Attractor) -> int:
+def _samples_in_a_period(motion: Motion) -> int:
     """Samples in a period of the table with which the axis reaches far enough."""
-    natural = getattr(attractor.system, "natural_frequencies", None)
+    natural = getattr(motion.system, "natural_frequencies", None)
     if natural is None:
         raise ValueError("interval must be given: the source has no natural frequencies")
-    w = forcing_frequency(attractor)
+    w = motion.forcing_frequency
     return max(4, math.ceil(2.0 * _REACH * max(float(np.max(natural)), w) / w))

@@ -13,6 +13,7 @@ import numpy as np
 
 from dynkit.analysis.dimension.coordinates import angles_of, correlation_time, extents_of
 from dynkit.analysis.dimension.counting import BLOCKS
+from dynkit.analysis.dimension.drawing import draw_slopes, draw_sums
 from dynkit.analysis.dimension.scaling import (
     Estimate,
     LocalSlopes,
@@ -358,8 +359,6 @@ class CorrelationDimension(Saved):
         label : str, optional
             For a legend.
         """
-        from dynkit.analysis.dimension.drawing import draw_sums
-
         return draw_sums(self.sums, self._found[1], self.error, ax, label)
 
     def plot_slopes(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:
@@ -372,8 +371,6 @@ class CorrelationDimension(Saved):
         label : str, optional
             For a legend.
         """
-        from dynkit.analysis.dimension.drawing import draw_slopes
-
         scaling, error = self._found[1], self.error
         return draw_slopes(self.local_slopes, scaling, self.takens, error, ax, label)
 
