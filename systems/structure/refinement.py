@@ -216,19 +216,13 @@ def _gaps(values: DoubleDouble) -> Array:
 
 def _groups(joined: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     """The connected parts, of two modes and more, of the graph with this adjacency matrix."""
-    groups = []
-    waiting = joined.any(axis=0)
-    while waiting.any():
-        group = np.zeros(len(joined), dtype=np.bool_)
-        group[np.argmax(waiting)] = True
-        while True:
-            larger = group | joined[group].any(axis=0)
-            if np.array_equal(larger, group):
-                break
-            group = larger
-        groups.append(np.flatnonzero(group))
-        waiting &= ~group
-    return groups
+    if not joined.any():  # as of most structures; the import takes as long as their modes
+        return []
+    from scipy.sparse.csgraph import connected_components
+
+    count, part_of = connected_components(joined, directed=False)
+    parts = (np.flatnonzero(part_of == number) for number in range(count))
+    return [part for part in parts if len(part) > 1]
 
 
 def _corrected(x: Array, step: _Step) -> DoubleDouble:
