@@ -37,7 +37,8 @@ BOXES: dict[type[IntegratedFlow], Any] = {
 }
 
 
-def _drawn(number: int) -> Case:
+def drawn(number: int) -> Case:
+    """A flow with a tolerance, a start and a time."""
     random = np.random.default_rng(number)
     kind: Any = (Duffing, Lorenz, Rossler)[number % 3]
     flow = kind(tolerance=float(10.0 ** random.uniform(-13.0, -5.0)))
@@ -47,8 +48,8 @@ def _drawn(number: int) -> Case:
 
 def states_of_times(every: int) -> Iterator[tuple[float, float]]:
     """Error of `advance`, and `advance_error`."""
-    cases = [_drawn(number) for number in range(0, CASES, every)]
-    for case, exact in zip(cases, _exact(cases), strict=True):
+    cases = [drawn(number) for number in range(0, CASES, every)]
+    for case, exact in zip(cases, exact_states(cases), strict=True):
         found = case.flow.advance(case.start, case.duration)
         off = float(np.linalg.norm((found - exact).astype(float)))
         yield off, case.flow.advance_error(case.start, case.duration)
@@ -58,7 +59,7 @@ def states_of_returns(every: int) -> Iterator[tuple[float, float]]:
     """Error of one call of a Poincare map, and its accuracy times the size of the state."""
     hits, cases = [], []
     for number in range(0, CASES, every):
-        flow, state, _ = _drawn(number)
+        flow, state, _ = drawn(number)
         section = SECTIONS[type(flow)]
         start = section.lift(section.reduce(state))
         try:
@@ -67,7 +68,7 @@ def states_of_returns(every: int) -> Iterator[tuple[float, float]]:
             continue
         hits.append(hit)
         cases.append(Case(flow, start, hit.time))
-    for hit, case, exact in zip(hits, cases, _exact(cases), strict=True):
+    for hit, case, exact in zip(hits, cases, exact_states(cases), strict=True):
         section = SECTIONS[type(case.flow)]
         velocity, gradient = case.flow.velocity(hit.state), section.gradient(hit.state)
         along = gradient @ (exact - hit.state).astype(float) / (gradient @ velocity)
@@ -75,7 +76,7 @@ def states_of_returns(every: int) -> Iterator[tuple[float, float]]:
         yield float(np.linalg.norm(off)), case.flow.accuracy * float(np.linalg.norm(hit.state))
 
 
-def _exact(cases: list[Case]) -> list[Any]:
+def exact_states(cases: list[Case]) -> list[Any]:
     """States a duration after the starts, all cases of a kind of flow at a time."""
     found: list[Any] = [None] * len(cases)
     for kind, series in SERIES.items():

@@ -191,7 +191,7 @@ def equations_of(
                 turn = 2 * arb.pi()
                 gaps[0] -= turn * round(float(gaps[0].mid()) / (2.0 * np.pi))
             out += gaps
-            product = _derivative(lambda s: image_of(system, s, free), row) * product
+            product = derivative_of(lambda s: image_of(system, s, free), row) * product
         if kind == "NS":
             theta = acb(y[n * d])
             left = (
@@ -216,13 +216,14 @@ def branch_points_of(
     def equations(y: list[Ball]) -> list[Ball]:
         free = dict(zip(names, y[d + 1 :], strict=True))
         gaps = [a - arb(b) for a, b in zip(y, system.middle.tolist(), strict=False)]
-        slope = _derivative(lambda s: image_of(system, s, free), y[:d])
+        slope = derivative_of(lambda s: image_of(system, s, free), y[:d])
         return [*gaps, y[d], (slope - arb_mat(np.eye(d).tolist())).det()]
 
     return equations
 
 
-def _derivative(function: Callable[[list[Ball]], list[Ball]], y: list[Ball]) -> Ball:
+def derivative_of(function: Callable[[list[Ball]], list[Ball]], y: list[Ball]) -> Ball:
+    """The matrix of the derivatives of a function of several numbers."""
     h, columns = arb(STEP), []
     for k in range(len(y)):
         ends = [function([*y[:k], y[k] + s * h, *y[k + 1 :]]) for s in (1, -1)]
@@ -245,7 +246,7 @@ def distance_to(
     """
     with ctx.workprec(BITS):
         place = [arb(x) for x in y]
-        matrix = _derivative(equations, place)
+        matrix = derivative_of(equations, place)
         scaled = matrix * arb_mat(np.diag(scale).tolist())
         inverse = _inverse(scaled)
         moved = [arb(0)] * len(y)
