@@ -279,7 +279,29 @@ def _count_leaves(tree: Boxes, a: int, b: int, bins: Bins, own: Buffers) -> int:
 
 
 @kernel(entry=True, nogil=True)
-def count_pairs(height: int, pause: int, tree: Boxes, bins: Bins, own: Buffers) -> int:
+def count_pairs(
+    height: int,
+    pause: int,
+    low: Array,
+    high: Array,
+    sizes: Integers,
+    points: Array,
+    filled: Integers,
+    blocks: Integers,
+    turns: Array,
+    every: Integers,
+    euclidean: bool,
+    edges: Array,
+    first: Integers,
+    row: Array,
+    row_bits: Integers,
+    widest: Array,
+    chosen: Integers,
+    stack: Integers,
+    shares: Integers,
+    lumps: Integers,
+    work: Integers,
+) -> int:
     """Count the pairs of points of pairs of nodes by their distances.
 
     Parameters
@@ -289,24 +311,24 @@ def count_pairs(height: int, pause: int, tree: Boxes, bins: Bins, own: Buffers) 
         that share no point.
     pause
         After so many pairs of boxes and distances the call returns, for its time to be bounded.
-    tree
-    bins
-    own
-        Modified in place.
+    low, ...
+        `Boxes`, `Bins` and `Buffers` one by one: Numba takes twice as long to accept tuples.
 
     Returns
     -------
     height : what is left on the stack; 0 when all is done
     """
-    edges, sizes, stack, lumps, work = bins.edges, tree.sizes, own.stack, own.lumps, own.work
+    tree = Boxes(low, high, sizes, points, filled, blocks, turns, every)
+    bins = Bins(euclidean, edges, first)
+    own = Buffers(row, row_bits, widest, chosen, stack, shares, lumps, work)
     top = edges[edges.size - 2]
-    leaves = tree.filled.size
+    leaves = filled.size
     last = work[_BOX_PAIRS] + work[_DISTANCES] + pause
     while height > 0 and work[_BOX_PAIRS] + work[_DISTANCES] < last:
         height -= 1
         a = stack[height, 0]
         b = stack[height, 1]
-        near, far = _box_bounds(tree, a, b, bins.euclidean)
+        near, far = _box_bounds(tree, a, b, euclidean)
         work[_BOX_PAIRS] += 1
         if near > top:
             continue

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, pairwise
 from threading import Event
-from typing import TYPE_CHECKING, TypeAlias, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,10 +98,11 @@ def count(
     bins = Bins(euclidean, edges, _first_bins(edges))
 
     def count_part(nodes: _Part, own: Buffers) -> Iterator[None]:
+        arrays: tuple[Any, ...] = (*tree, *bins, *own)
         own.stack[0] = nodes
         height = 1
         while height > 0:
-            height = count_pairs(height, _PAIRS_OF_A_CALL, tree, bins, own)
+            height = count_pairs(height, _PAIRS_OF_A_CALL, *arrays)
             yield
 
     def uncount_part(rows: _Part, own: Buffers) -> Iterator[None]:
