@@ -41,8 +41,9 @@ class Structure:
             c, k = self.damping.copy(), self.stiffness.copy()
             c[coordinate, coordinate] += damping
             k[coordinate, coordinate] += stiffness
-            modes = Modes.from_matrices(self.mass, c, k)
-            self._stiffened[key] = Structure(modes, self.mass, c, k, self.contact)
+            self._stiffened[key] = Structure(
+                Derivation.from_matrices(self.mass, c, k), self.contact
+            )
         return self._stiffened[key]
 
     @cached_property
