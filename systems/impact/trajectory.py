@@ -37,6 +37,8 @@ class Ending(Enum):
 class Events:
     """All events of a motion in their order: impacts, contacts and releases.
 
+    They are as wrong as the impacts of their record.
+
     Attributes
     ----------
     time : (k,)

@@ -69,6 +69,7 @@ NO_RESULTS = {
     "Cost": VALUE,
     "Ending": VALUE,
     "Estimate": VALUE,
+    "Events": VALUE,
     "LabelInterval": VALUE,
     "Link": VALUE,
     "ExactImpacts": VALUE,

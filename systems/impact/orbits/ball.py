@@ -29,7 +29,7 @@ def whole_turns(ball: Any, states: Array) -> Any:
     turns = []
     for state, following in zip(states, np.roll(states, -1, axis=0), strict=True):
         run = ball._run(ball.impact_state(state), 1, store=True)
-        lasts = ball.frequency * float(run.states[0, -1])
+        lasts = ball.frequency * float(run.time[0])
         turns.append(round((state[-1] + lasts - following[-1]) / TWO_PI))
     return np.array(turns, dtype=np.intp)
 
