@@ -44,7 +44,8 @@ class Events:
     time : (k,)
         From the start; of a contact whose chatter was cut, when its bounces have come to an end.
     kind : (k,) of int
-        See `EventKind`.
+        0 for an impact, 1 for the begin of contact, 2 for its end, 3 for another regime of an
+        element, as in ``systems.impact.elements.EventKind``.
     element : (k,) of int
         With what: 0 is the table, 1 the far stop of a play.
     mode : (k,) of int
