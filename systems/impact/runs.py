@@ -163,7 +163,7 @@ class Course:
                 band_factor(slots),
                 self._most_cells,
                 cells_of_a_call(slots),
-                log if not done else log._make(array[done:] for array in log),
+                log._make([array[done:] for array in log]) if store and done else log,
                 self._switches,
                 self._work,
                 *self._waiting,
