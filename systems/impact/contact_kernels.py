@@ -139,11 +139,11 @@ def order_at_rest(rows: Array, states: Array, band_factor: float) -> int:
 
 
 @kernel()
-def pulls(force: Ladder, states: Array, k: int, band_factor: float) -> bool:
-    """Whether the table would have to pull the contact mass to hold it, beyond rounding."""
-    reach = start_sums(force.rows, states, k)[3]
-    value = value_and_rates(force.rows, force.offset, states, k)[0]
-    return value < -band_factor * EPSILON * (reach + abs(force.offset))
+def is_negative(guard: Ladder, states: Array, k: int, band_factor: float) -> bool:
+    """Whether a guard is negative, beyond rounding: a contact force would have to pull."""
+    reach = start_sums(guard.rows, states, k)[3]
+    value = value_and_rates(guard.rows, guard.offset, states, k)[0]
+    return value < -band_factor * EPSILON * (reach + abs(guard.offset))
 
 
 @kernel()

@@ -50,9 +50,9 @@ from dynkit.systems.impact.contact_kernels import (
     Tables,
     chatter_completes,
     chatter_rest,
+    is_negative,
     lifted,
     order_at_rest,
-    pulls,
     transform,
 )
 from dynkit.systems.impact.log_kernels import (
@@ -115,6 +115,27 @@ def _copy(states: Array, k: int, to: int) -> None:
     for row in range(2):
         for i in range(states.shape[2]):
             states[to, row, i] = states[k, row, i]
+
+
+@kernel()
+def _jumped(tables: Tables, g: int, states: Array, band_factor: float) -> int:
+    """A guard that an impact at guard `g` has made negative, as a dashpot's force; -1 if none."""
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] == SWITCH and is_negative(
+            ladder_at(tables.ladders, k), states, START, band_factor
+        ):
+            return int(k)
+    return -1
+
+
+@kernel()
+def _guard_of(tables: Tables, mode: int, element: int) -> int:
+    """The first guard of an element in a mode."""
+    g = int(tables.first[mode])
+    while tables.element[g] != element:
+        g += 1
+    return g
 
 
 @kernel(entry=True, nogil=True)
@@ -181,6 +202,18 @@ def run(
             if clock[MOTION] == FLIGHT:
                 order = 0
             elif clock[MOTION] == BOUNCED:
+                changed = _jumped(tables, g, y, band_factor)
+                if changed >= 0:
+                    if tables.partner[changed] < 0:
+                        clock[WANTED] = changed
+                        return done, MODE_WANTED
+                    transform(tables.change[changed], y, START, 0)
+                    _copy(y, 0, START)
+                    held = _guard_of(tables, tables.target[changed], tables.element[g])
+                    enter(changed, held, order, clock, 0.0, y, switches)
+                    clock[LEFT_FROM] = -1.0
+                    clock[MOTION] = BOUNCED
+                    continue
                 u = clock[SPEED]
                 second, third, fourth, _ = start_sums(gap.rows, y, START)
                 r = tables.restitution[g]
@@ -212,7 +245,7 @@ def run(
                         return done, MODE_WANTED
                     spent += y.shape[2]
                     transform(tables.change[g], y, START, 0)
-                    if pulls(ladder_at(ladders, held), y, 0, band_factor):
+                    if is_negative(ladder_at(ladders, held), y, 0, band_factor):
                         # What rounding hid in flight is clear on the table: it does not hold the
                         # mass.
                         if u == 0.0:
