@@ -38,7 +38,7 @@ def doubled(problem: Problem, y: Array, direction: Array, error: Array) -> list[
         Null vector of D(-1).
     """
     twice, start, along = problem.doubled(y[:-1], direction)
-    errors = np.append(np.tile(error[:-1], 2), error[-1])
+    errors = np.append(abs(problem.doubled(y[:-1], error[:-1])[2]), error[-1])
     found = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
     # the orbit that doubles is a solution, too
     return [orbit for orbit in found if orbit.unknowns.size == len(start)]

@@ -192,10 +192,6 @@ class SmoothMap(Family, ABC):
             return self.parameters
         return {entry.name: getattr(instance, entry.name) for entry in dataclasses.fields(instance)}
 
-    def _orbit_problem(self, states: Array) -> Any:  # noqa: ARG002
-        """Equations of periodic orbits near one with these states (n, d); None: `MapProblem`."""
-        return None
-
     @property
     def accuracy(self) -> float:
         """How wrong one call may be, relative to the size of the state: one rounding, 2^-52."""

@@ -66,7 +66,7 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
         history += more[1:]
     cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
     states = x.reshape(-1, system.dimension)
-    return MapOrbit(system._orbit_problem(states) or MapProblem(system, states), x, history, cost)
+    return MapOrbit(MapProblem(system, states), x, history, cost)
 
 
 def _guessed(system: SmoothMap, guess: Any, period: int | None) -> Array:

@@ -150,8 +150,8 @@ class Problem(ABC):
     def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
         """Return the problem of twice the period, this solution run through twice, and a direction.
 
-        The direction, (2m,), is the disturbance (m,) of the first time, and its opposite the second
-        time: with the null vector of D(-1) the tangent of the branch that leaves where the period
+        The direction is the disturbance (m,) of the first time, and its opposite the second time:
+        with the null vector of D(-1) the tangent of the branch that leaves where the period
         doubles.
         """
 

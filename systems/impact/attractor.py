@@ -162,8 +162,7 @@ class ImpactAttractor(Attractor):
 
         Returns
         -------
-        ImpactOrbit; a StickingOrbit where it sticks; a MapOrbit where it does not, and parts of the
-        system are held by no spring
+        ImpactOrbit; a StickingOrbit where it sticks
 
         Raises
         ------
@@ -172,9 +171,7 @@ class ImpactAttractor(Attractor):
         NoConvergence
             When its motion is still too far from it.
         """
-        from dynkit.orbits.periodic_orbit import periodic_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion
-        from dynkit.systems.impact.orbits.responses import free_motion
         from dynkit.systems.impact.sticking.finding import sticking_orbit_of
 
         n, m = self.label.iterates, self.label.periods
@@ -184,8 +181,6 @@ class ImpactAttractor(Attractor):
             return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
-        if free_motion(self._system._structure).rigid:
-            return periodic_orbit(self._system, record.states, period=n)
         return orbit_of_motion(record, n, m)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:

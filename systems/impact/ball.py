@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from dynkit.core.validation import Array, positive
+from dynkit.core.validation import positive
 from dynkit.systems.impact.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
     import sympy
-
-    from dynkit.systems.impact.orbits.ball import BallProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +30,8 @@ class BouncingBall(ImpactOscillator):
 
     They are born at Gamma = b. Those with sin(phase) > 0 are stable up to Gamma =
     sqrt(b^2 + (2 (1 + r^2) / (1 + r)^2)^2), where they double their period. Their periodic orbits
-    P(n,m), from `dynkit.periodic_orbit`, are n bounces in m table periods; branches of orbits
-    continue beyond grazing, where they are marked as inadmissible.
+    P(n,m), from `periodic_orbit`, are n bounces in m table periods; branches of them continue
+    beyond grazing, where they are marked as inadmissible.
 
     Parameters
     ----------
@@ -82,11 +80,6 @@ class BouncingBall(ImpactOscillator):
         self._set("gravity", positive("gravity", self.gravity))
         self._set("constant_forces", (-self.gravity,))
         super().__post_init__()
-
-    def _orbit_problem(self, states: Array) -> BallProblem:
-        from dynkit.systems.impact.orbits.ball import BallProblem, whole_turns
-
-        return BallProblem(self, states, whole_turns(self, states))
 
     def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return v[0] ** 2 / 2

@@ -189,8 +189,7 @@ class ImpactOscillator(ImpactMap):
         Raises
         ------
         ValueError
-            When there is none, or nothing drives the system, or nothing holds a part of it and it
-            does not stick.
+            When there is none, or nothing drives the system.
         NoConvergence
             When Newton's method finds none from the guess.
 
@@ -246,7 +245,7 @@ class ImpactOscillator(ImpactMap):
         Raises
         ------
         ValueError
-            When nothing drives the system, or nothing holds a part of it and it does not stick.
+            When nothing drives the system.
         """
         from dynkit.systems.impact.orbits.finding import find_orbits
         from dynkit.systems.impact.sticking.finding import find_sticking
@@ -283,8 +282,7 @@ class ImpactOscillator(ImpactMap):
         Raises
         ------
         ValueError
-            When nothing drives the system, nothing holds a part of it, or a number is no positive
-            integer.
+            When nothing drives the system, or a number is no positive integer.
 
         Examples
         --------

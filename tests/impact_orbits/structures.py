@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
@@ -43,6 +44,10 @@ class GroundedChain(ImpactOscillator):
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return chain_links((0.1, 0.1), v) + self.drag * v[0] ** 2 / 2
 
+
+ONE = np.eye(2)
+TIED = np.array([[1.0, -1.0], [-1.0, 1.0]])
+"""Masses, and springs or dashpots between them, of two that nothing else holds."""
 
 BOTH_FORCES: dict[str, Any] = {
     "harmonic_forces": (0.3, -0.2 + 0.4j, 0.1j),
@@ -84,3 +89,25 @@ SYSTEMS: dict[str, ImpactOscillator] = {
         amplitude=0.0, force=1.0, spring=1.0, damping=0.1, frequency=2.1, restitution=0.6
     ),
 }
+
+UNHELD: dict[str, ImpactOscillator] = {
+    "ball": BouncingBall(amplitude=1.5, frequency=1.0, restitution=0.5),
+    "ball, two bounces": BouncingBall(amplitude=0.2, frequency=3.0, restitution=0.5),
+    "free chain": matrices(
+        (ONE, 0.05 * TIED, TIED), constant_forces=(-1.0, -1.0), amplitude=1.5, frequency=2.0
+    ),
+    "free chain, dragged": matrices(
+        (ONE, 0.05 * TIED + np.diag([0.1, 0.0]), TIED),
+        constant_forces=(-1.0, -0.7),
+        harmonic_forces=(0.1, 0.0),
+        amplitude=1.5,
+        frequency=2.0,
+    ),
+    "free mass": PlayOscillator(play=1.0, amplitude=0.2, frequency=1.0, restitution=0.5),
+    "free mass, dragged": PlayOscillator(
+        play=1.0, amplitude=0.2, damping=0.1, force=0.05, frequency=1.0, restitution=0.5
+    ),
+}
+"""Some motion of these has no restoring force."""
+
+ALL = SYSTEMS | UNHELD

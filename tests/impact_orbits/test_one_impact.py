@@ -11,6 +11,7 @@ import pytest
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
+from dynkit.systems.impact.orbits.finding import Found, random_guesses
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
@@ -23,7 +24,7 @@ from tests.impact_orbits.exact_orbits import (
     exact_orbit,
     one_impact_orbits,
 )
-from tests.impact_orbits.structures import SYSTEMS
+from tests.impact_orbits.structures import ALL, SYSTEMS, UNHELD
 
 ASKED = 1e-9
 """Largest error of states and multipliers that is asked for."""
@@ -124,7 +125,7 @@ PERIODS = (1, 2, 3)
 
 @cache
 def found(name: str) -> list[tuple[ImpactOrbit, ExactOrbit]]:
-    orbits = [o for m in PERIODS for o in SYSTEMS[name].periodic_orbits(periods=m)]
+    orbits = [o for m in PERIODS for o in ALL[name].periodic_orbits(periods=m)]
     return [(orbit, exact_orbit(orbit)) for orbit in orbits]
 
 
@@ -141,20 +142,35 @@ def test_orbits_are_those_of_the_closed_form_of_any_structure(name: str) -> None
     assert all(any(same(orbit, exact) for orbit in orbits) for exact in wanted)
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", UNHELD)
+@pytest.mark.parametrize("periods", PERIODS)
+def test_random_guesses_find_no_other_orbits_of_what_no_spring_holds(
+    name: str, periods: int
+) -> None:
+    others = Found()
+    for problem, guess in random_guesses(UNHELD[name], 1, periods):
+        others.add(problem, guess)
+    orbits = UNHELD[name].periodic_orbits(periods=periods)
+    assert len(others.orbits(0.0)) == len(orbits)
+    for other in others.orbits(0.0):
+        off = [abs(other.system.difference(other.states, orbit.states)).max() for orbit in orbits]
+        assert min(off) <= 2.0 * other.error
+
+
+@pytest.mark.parametrize("name", ALL)
 def test_errors_of_states_stay_below_their_bound(name: str) -> None:
     for orbit, exact in found(name):
         assert exact.error_of(orbit.states) <= orbit.error <= ASKED
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", ALL)
 @pytest.mark.plain
 def test_multipliers_are_those_of_the_exact_map(name: str) -> None:
     for orbit, exact in found(name):
         assert distance(orbit.multipliers, exact.multipliers) <= ASKED
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", ALL)
 def test_multipliers_come_with_the_largest_first(name: str) -> None:
     for orbit, _ in found(name):
         assert orbit.multipliers.shape == (orbit.system.dimension,)

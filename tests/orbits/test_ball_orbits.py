@@ -5,28 +5,27 @@ from __future__ import annotations
 import math
 import pickle
 from pathlib import Path
-from typing import cast
 
 import mpmath
 import numpy as np
 import pytest
 
-from dynkit import Branch, MapOrbit, continue_orbit, periodic_orbit
+from dynkit import Branch, continue_orbit
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.termination import Reason
 from dynkit.core.validation import Array
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import BouncingBall
-from dynkit.systems.impact.orbits.ball import BallProblem, Bounces
 from tests.orbits.test_impact_maps import bounce, strengths
 
 GRAZING = 2.504299953651670338229607748670140185784
 """Amplitude where the unstable P(1,1) grazes at restitution 1/2 (mpmath, 40 digits)."""
 
 
-def unstable(amplitude: float) -> MapOrbit:
+def unstable(amplitude: float) -> PeriodicOrbit:
     born, _ = strengths(0.5, 1)
     ball = BouncingBall(amplitude=amplitude, frequency=1.0, restitution=0.5)
-    return periodic_orbit(ball, [2.0 * math.pi / 3.0, -math.acos(born / amplitude)])
+    return ball.periodic_orbit(phases=[-math.acos(born / amplitude)])
 
 
 def only(branch: Branch, kind: str) -> Bifurcation:
@@ -68,7 +67,7 @@ def test_an_unstable_bounce_grazes(
 
 def test_a_branch_from_beyond_grazing_comes_back_to_it() -> None:
     branch = continue_orbit(unstable(2.4), "amplitude", bounds=(2.3, 2.8))
-    last = cast("MapOrbit", branch.orbit(int(np.argmax(branch.parameter))))
+    last = branch.orbit(int(np.argmax(branch.parameter)))
     assert not last.admissible
     assert repr(last).startswith("<P(1,1) of BouncingBall(frequency=1, restitution=0.5")
     assert "inadmissible" in repr(last)
@@ -103,7 +102,7 @@ def pairs(states: Array) -> tuple[Array, Array]:
 def test_labels_count_the_periods_of_the_table(periods: int, sign: int) -> None:
     born, doubled = strengths(0.5, periods)
     ball, state = bounce(0.5 * (born + doubled), 0.5, periods, sign)
-    orbit = periodic_orbit(ball, state)
+    orbit = ball.periodic_orbit(periods=periods, phases=[state[1]])
     assert orbit.label == f"P(1,{periods})"
     bounds = (0.98 * ball.amplitude, 1.02 * ball.amplitude)
     branch = continue_orbit(orbit, "amplitude", bounds=bounds)
@@ -114,7 +113,7 @@ def test_labels_count_the_periods_of_the_table(periods: int, sign: int) -> None:
 def test_a_stable_bounce_doubles_its_period_to_two_bounces_in_two_periods(tmp_path: Path) -> None:
     _, doubled = strengths(0.5, 1)
     ball, state = bounce(1.4, 0.5, 1, 1)
-    orbit = periodic_orbit(ball, state)
+    orbit = ball.periodic_orbit(phases=[state[1]])
     branch = continue_orbit(orbit, "amplitude", bounds=(0.13, 0.2))
     branch.save(tmp_path / "branch.h5")
     for known in (branch, Branch.load(tmp_path / "branch.h5", orbit)):
@@ -128,51 +127,14 @@ def test_a_stable_bounce_doubles_its_period_to_two_bounces_in_two_periods(tmp_pa
 
 def test_without_rebound_a_bounce_ends_where_the_table_does_not_throw_the_ball() -> None:
     ball = BouncingBall(amplitude=3.5, frequency=1.0, restitution=0.0)
-    orbit = periodic_orbit(ball, [0.0, math.acos(math.pi / 3.5)])
+    orbit = ball.periodic_orbit(phases=[math.acos(math.pi / 3.5)])
     branch = continue_orbit(orbit, "amplitude", bounds=(3.2, 3.6))
     border = only(branch, "CB")
     # cos(phase) = pi / Gamma, and the ball is thrown where sin(phase) > 1 / Gamma
     assert abs(border.value - math.hypot(math.pi, 1.0)) <= border.error
     thrown = branch.parameter > math.hypot(math.pi, 1.0)
-    on_it = branch.unknowns[:, 1] % (2.0 * math.pi) < math.pi
+    on_it = branch.unknowns[:, 0] % (2.0 * math.pi) < math.pi
     assert (branch.admissible == (thrown & on_it)).all()
-
-
-def problem_near(seed: int, names: tuple[str, ...]) -> tuple[BallProblem, Array, Array]:
-    random = np.random.default_rng(seed)
-    n = int(random.integers(1, 4))
-    ball = BouncingBall(
-        gravity=random.uniform(0.5, 2.0),
-        amplitude=random.uniform(0.5, 3.0),
-        frequency=random.uniform(0.5, 3.0),
-        restitution=random.uniform(0.1, 0.9),
-    )
-    states = random.uniform(0.5, 2.0, (n, 2)) * [1.0, 2.0]
-    problem = BallProblem(ball, states, np.ones(n, dtype=np.intp), names)
-    return problem, states.ravel(), problem.values
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_derivatives_of_the_equations(seed: int) -> None:
-    names = ("amplitude", "frequency", "gravity", "restitution")
-    problem, x, p = problem_near(seed, names)
-    found = np.hstack([problem.linearization(x, p), problem.parameter_derivative(x, p)])
-    y, h = np.append(x, p), 1e-3
-
-    def at(step: Array) -> Array:
-        return problem.residual((y + step)[: len(x)], (y + step)[len(x) :])
-
-    for column, way in zip(found.T, h * np.eye(len(y)), strict=True):
-        slope = (8.0 * (at(way) - at(-way)) - at(2.0 * way) + at(-2.0 * way)) / (12.0 * h)
-        assert column == pytest.approx(slope, abs=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_multipliers_are_where_the_linearization_is_singular(seed: int) -> None:
-    problem, x, p = problem_near(seed, ())
-    for multiplier in problem.multipliers(x, p):
-        sizes = np.linalg.svd(problem.linearization(x, p, multiplier))[1]
-        assert sizes[-1] < 1e-12 * sizes[0] * max(1.0, abs(multiplier))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -183,27 +145,23 @@ def test_bounces_are_admissible_where_simulation_finds_them(seed: int) -> None:
     ball, state = bounce(
         born + random.uniform(0.1, 8.0), restitution, periods, int(random.choice([-1, 1]))
     )
-    problem = BallProblem(ball, state[None], np.array([periods]))
-    none = np.empty(0)
-    assert abs(problem.residual(state, none)).max() <= problem.rounding(state, none).max()
-    flight = Bounces(ball, state[None], np.array([periods]))
-    inside = np.linspace(0.0, float(flight.lasts[0]), 20001)[1:-1]
-    gaps = flight.gap(0, inside)
+    orbit = ball.periodic_orbit(periods=periods, phases=[state[1]])
+    assert abs(ball.difference(orbit.states[0], state)).max() <= orbit.error + 1e-15 * state.max()
+    (flight,) = orbit._solution.flights
+    inside = np.linspace(0.0, flight.lasts, 20001)[1:-1]
+    gaps = flight.gap(inside, 1)[0]
     dips = np.flatnonzero((gaps[1:-1] < gaps[:-2]) & (gaps[1:-1] < gaps[2:])) + 1
     sampled = gaps[dips].min(initial=math.inf)
-    assert flight.smallest(0)[0] == pytest.approx(sampled, abs=1e-5)
+    assert flight.smallest[0] == pytest.approx(sampled, abs=1e-5)
     run = ball.simulate(impacts=1, start=ball.impact_state(state))
-    lasts = ball.frequency * float(run.time[0])
-    found = abs(lasts - float(flight.lasts[0])) < 1e-6
-    assert problem.admissible(state, none) == found
+    assert orbit.admissible == (abs(float(run.time[0]) - flight.lasts) < 1e-6)
 
 
 @pytest.mark.parametrize("restitution", [0.35, 0.45, 0.55, 0.65])
 def test_grazings_at_other_restitutions(restitution: float) -> None:
     born, _ = strengths(restitution, 1)
     ball = BouncingBall(amplitude=1.1 * born, frequency=1.0, restitution=restitution)
-    u = 2.0 * math.pi * restitution / (1.0 + restitution)
-    orbit = periodic_orbit(ball, [u, -math.acos(1.0 / 1.1)])
+    orbit = ball.periodic_orbit(phases=[-math.acos(1.0 / 1.1)])
     branch = continue_orbit(orbit, "amplitude", bounds=(1.05 * born, 6.0))
     grazing = only(branch, "GR")
     since = grazing.touching["time"] + 1e-3

@@ -10,6 +10,7 @@ import pytest
 from dynkit import periodic_orbit
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
 from tests.impact.one_mass import periodic_orbits
 
@@ -38,12 +39,17 @@ def bounce(strength: float, restitution: float, n: int, sign: int) -> tuple[Boun
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 0.95])
 @pytest.mark.parametrize("share", [0.2, 0.9, 1.3])
-def test_bounces_of_n_periods(share: float, restitution: float, n: int, sign: int) -> None:
+@pytest.mark.parametrize("unknowns", ["states", "impulses"])
+def test_bounces_of_n_periods(
+    unknowns: str, share: float, restitution: float, n: int, sign: int
+) -> None:
     born, doubled = strengths(restitution, n)
     strength = born + share * (doubled - born)
     ball, state = bounce(strength, restitution, n, sign)
-    orbit = periodic_orbit(ball, state + np.array([1e-3, -1e-3]))
-    assert orbit.label == f"P(1,{n})"
+    orbit: PeriodicOrbit = periodic_orbit(ball, state + np.array([1e-3, -1e-3]))
+    if unknowns == "impulses":
+        orbit = ball.periodic_orbit(periods=n, phases=[state[1] - 1e-3])
+    assert orbit.label == ("P(1)" if unknowns == "states" else f"P(1,{n})")
     off = abs(ball.difference(orbit.states[0], state))
     assert off.max() <= orbit.error + 8.0 * ROUNDING * state.max()
     assert orbit.error < 1e-11
@@ -61,7 +67,7 @@ def test_beyond_the_doubling_there_is_a_stable_orbit_of_two_bounces() -> None:
     ball, state = bounce(doubled + 0.02 * (doubled - born), 0.5, 1, 1)
     motion = ball.iterate(state + np.array([1e-2, 0.0]), 400)
     orbit = periodic_orbit(ball, motion[-2:].round(2))
-    assert orbit.label == "P(2,2)"
+    assert orbit.label == "P(2)"
     assert orbit.stable
     gaps = abs(ball.difference(orbit.states[:, None], motion[-2:][None])).max(axis=2)
     assert gaps.min(axis=1).max() < 1e-9

@@ -14,8 +14,7 @@ from dynkit.core.validation import Array, finite_array, positive_integer, within
 from dynkit.orbits.newton import FixedParameters, NoConvergence, NoSolution, correct, solve
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import ImpactProblem
-from dynkit.systems.impact.orbits.responses import free_motion
-from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.responses import forced_motion
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
 
@@ -44,7 +43,7 @@ def find_orbits(oscillator: ImpactMap, impacts: object, periods: object) -> list
     n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
     solvable("impacts", n)
     began = time.perf_counter()
-    guesses = closed_forms(oscillator, m) if n == 1 else random_guesses(oscillator, n, m)
+    guesses = one_impact(oscillator, m) if n == 1 else random_guesses(oscillator, n, m)
     found = Found()
     for problem, guess in guesses:
         found.add(problem, guess)
@@ -63,7 +62,7 @@ class Found:
         """Take the orbit that Newton's method finds from a guess, (2n,), if it is new."""
         result = correct(FixedParameters(problem, _NONE), guess, problem.scale(guess), steps=30)
         n = len(problem.sides)
-        if not result.converged or (result.y[n:] <= LEAST * problem.speed).any():
+        if not result.converged or (result.y[n : 2 * n] <= LEAST * problem.speed).any():
             return
         problem, x = ordered(problem, result.y)
         if coincide(problem, x) or repeats(problem, x):
@@ -123,6 +122,8 @@ def orbit_at(
     began = time.perf_counter()
     problem = make_problem(oscillator, m, at)
     x, history = solve(problem, with_impulses(problem, given), _NONE)
+    if (abs(x[len(given) : 2 * len(given)]) <= LEAST * problem.speed).all():
+        raise NoConvergence("no periodic orbit found from the guess, but one without impulses")
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     return ImpactOrbit(*ordered(problem, x), history, cost)
 
@@ -144,27 +145,26 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ImpactProbl
     Raises
     ------
     ValueError
-        When nothing drives the oscillator, or parts of it are held by nothing.
+        When nothing drives the oscillator.
     """
-    if free_motion(oscillator._structure).rigid:
-        raise ValueError(
-            "system must hold all its coordinates by springs; "
-            "dynkit.periodic_orbit finds orbits of others from a state"
-        )
+    motion = forced_motion(oscillator._structure, oscillator._drive)
     try:
-        terms = Terms.of(oscillator)
+        terms = Terms.of(oscillator, motion)
     except NoSolution as refusal:
         raise ValueError(f"system must have a steady response: {refusal}") from None
     speed = abs(terms.drive) * terms.frequency
     if speed == 0.0:
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
+    if len(motion.neutral):  # an impact takes what the constant forces have given in a period
+        pull = float(abs(motion.rows[2] @ motion.start(np.zeros(2 * len(motion.neutral))).ravel()))
+        speed += pull * TWO_PI * periods / terms.frequency
     return ImpactProblem(oscillator, (), periods, sides, speed)
 
 
 def with_impulses(problem: ImpactProblem, phases: Array) -> Array:
     """The impulses that serve best at given phases: all equations are linear in them."""
     n = len(phases)
-    start = np.concatenate([phases, np.zeros(n)])
+    start = np.append(phases, np.zeros(problem.size - n))
     matrix = problem.linearization(start, _NONE)[:, n:]
     impulses, *_ = np.linalg.lstsq(matrix, -problem.residual(start, _NONE), rcond=None)
     return np.concatenate([phases, impulses])
@@ -178,7 +178,7 @@ def ordered(problem: ImpactProblem, x: Array) -> tuple[ImpactProblem, Array]:
     order = np.argsort(phases)
     if (np.diff(order) < 0).any():
         problem = make_problem(problem.oscillator, problem.periods, problem.sides[order])
-    return problem, np.concatenate([phases[order], x[n:][order]])
+    return problem, np.concatenate([phases[order], x[n : 2 * n][order], x[2 * n :]])
 
 
 def coincide(problem: ImpactProblem, x: Array) -> bool:
@@ -190,41 +190,72 @@ def coincide(problem: ImpactProblem, x: Array) -> bool:
 
 def repeats(problem: ImpactProblem, x: Array) -> bool:
     """Whether it is an orbit of fewer impacts, run through several times."""
-    n, m = len(x) // 2, problem.periods
+    n, m = len(problem.sides), problem.periods
     for parts in range(2, n + 1):
         if n % parts or m % parts:
             continue
         step = n // parts
         phases = np.append(x[:n], x[:step] + TWO_PI * m)
         shifted = phases[step:] - x[:n] - TWO_PI * (m // parts)
-        again = np.roll(x[n:], -step) - x[n:]
+        again = np.roll(x[n : 2 * n], -step) - x[n : 2 * n]
         same_sides = (np.roll(problem.sides, -step) == problem.sides).all()
         if same_sides and max(abs(shifted).max(), abs(again).max() / problem.speed) < APART:
             return True
     return False
 
 
-def closed_forms(oscillator: ImpactMap, periods: int) -> Iterator[tuple[ImpactProblem, Array]]:
-    """P(1,m): gap and its rate at the impact are one complex equation, quadratic in the impulse.
+def one_impact(oscillator: ImpactMap, periods: int) -> Iterator[tuple[ImpactProblem, Array]]:
+    """Equations and solutions of all P(1,m), from their closed form."""
+    for side, stop in enumerate(oscillator._stops):
+        problem = make_problem(oscillator, periods, [side])
+        found = _held if problem.size == 2 else _not_held
+        for x in found(problem, float(stop.sign)):
+            yield problem, x
+
+
+def _held(problem: ImpactProblem, sign: float) -> Iterator[Array]:
+    """Gap and its rate at the impact are one complex equation, quadratic in the impulse.
 
     With the steady gap Im(C exp(i phase)) + c and the periodic response G, G' just after a unit
     impulse, C exp(i phase) = J s / w - i (c + J G), where s = r / (1 + r) - G'.
     """
-    for side, stop in enumerate(oscillator._stops):
-        problem = make_problem(oscillator, periods, [side])
-        s = Solution(*problem.parts(_NONE), periods, problem.sides, np.zeros(2))
-        t = s.terms
-        g, rate = s.responses[:2, 0, 0].tolist()
-        slope = (t.restitution / (1.0 + t.restitution) - rate) / t.frequency
-        middle = stop.sign * (t.rest - float(t.places[side]))
-        square, linear = g * g + slope * slope, middle * g
-        discriminant = linear * linear - square * (middle * middle - abs(t.drive) ** 2)
-        if discriminant < 0.0:
-            continue
-        for root in (1.0, -1.0):
-            impulse = (root * discriminant**0.5 - linear) / square
-            place = complex(impulse * slope, -(middle + impulse * g)) / (stop.sign * t.drive)
-            yield problem, np.array([np.angle(place), impulse])
+    s = problem.at(np.zeros(2), _NONE)
+    t = s.terms
+    g, rate = s.responses[:2, 0, 0].tolist()
+    slope = (t.restitution / (1.0 + t.restitution) - rate) / t.frequency
+    middle = sign * (t.rest - float(t.places[problem.sides[0]]))
+    square, linear = g * g + slope * slope, middle * g
+    discriminant = linear * linear - square * (middle * middle - abs(t.drive) ** 2)
+    if discriminant < 0.0:
+        return
+    for root in (1.0, -1.0):
+        impulse = (root * discriminant**0.5 - linear) / square
+        place = complex(impulse * slope, -(middle + impulse * g)) / (sign * t.drive)
+        yield np.array([np.angle(place), impulse])
+
+
+def _not_held(problem: ImpactProblem, sign: float) -> Iterator[Array]:
+    """Where no spring holds one motion, and the structure returns wherever it is.
+
+    The impulse is what the constant forces give in a period; the rate of the gap at the impact
+    tells the phase, C exp(i phase) = v / w + i ..., and the gap where the structure is.
+    """
+    none = np.zeros(problem.size)
+    matrix, left = problem.linearization(none, _NONE)[:, 1:], problem.residual(none, _NONE)
+    others, *_ = np.linalg.lstsq(matrix[2:], -left[2:], rcond=None)
+    _, sizes, directions = np.linalg.svd(matrix[2:])
+    way, t = directions[-1], problem.at(none, _NONE).terms
+    returns = abs(matrix[2:] @ others + left[2:]).max() < APART
+    if not returns or sizes[-1] < APART * sizes[0] or abs(matrix[1] @ way) > APART:
+        return
+    cosine = -float(matrix[1] @ others) * problem.speed / (sign * t.frequency * abs(t.drive))
+    if abs(cosine) > 1.0:
+        return
+    for angle in (math.acos(cosine), -math.acos(cosine)):
+        phase = angle - float(np.angle(t.drive))
+        x = np.append(phase, others)
+        gap = float(problem.residual(x, _NONE)[0])
+        yield np.append(phase, others - gap / float(matrix[0] @ way) * way)
 
 
 def random_guesses(
@@ -254,7 +285,7 @@ def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactO
     NoConvergence
         When the motion is too far from it.
     ValueError
-        When nothing drives the oscillator, or parts of it are held by nothing.
+        When nothing drives the oscillator.
     """
     clock = record.system.frequency * (record.time - record.time[0])
     phases = record.phase[0] + clock[:impacts]

@@ -114,7 +114,7 @@ class Flight:
         self.lasts = float(ahead[self.end]) / solution.terms.frequency
         t, state = solution.terms, abs(solution.states[start])
         turning = abs(t.drive) * t.frequency ** np.array([0.0, 1.0, 2.0, 6.0])
-        self._sizes = solution.motion.bounds * state
+        self._sizes = solution.motion.bounds(self.lasts) * state
         total = self._sizes.sum(axis=(1, 2)) + turning
         # Cells that resolve whatever is of some size.
         count = 4.0 * self.lasts * math.sqrt(total[2] / total[0]) if total[0] > 0.0 else 0.0

@@ -22,7 +22,8 @@ class ImpactOrbit(DrivenOrbit):
     """P(n,m): n impacts in m periods of the forcing.
 
     From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. Its unknowns are
-    phases and impulses, (2n,); it is admissible when all impulses push, and no impact is missing.
+    phases and impulses, (2n,), and the modes that no spring holds; it is admissible when all
+    impulses push, and no impact is missing.
     """
 
     _problem: ImpactProblem
@@ -49,7 +50,7 @@ class ImpactOrbit(DrivenOrbit):
     @property
     def impulses(self) -> Array:
         """Changes (n,) of the relative velocity by the impacts; negative where they would pull."""
-        return self._x[self.impacts :]
+        return self._x[self.impacts : 2 * self.impacts]
 
     @property
     def time(self) -> Array:
@@ -94,8 +95,9 @@ class ImpactOrbit(DrivenOrbit):
         n = self.impacts
         worst = ROUNDING * float(abs(self.states).max()) + float(moved[:n].max())
         x = self._x
+        scale = self._problem.scale(x)
         for k in np.flatnonzero(moved):
-            h = 1e-6 * (1.0 if k < n else self._problem.speed)
+            h = 1e-6 * scale[k]
             there = x.copy()
             there[k] += h
             states = section_states(self.system, self._problem.at(there, NONE))
@@ -136,4 +138,5 @@ class ImpactOrbit(DrivenOrbit):
         basis = self.system._structure.free
         position = basis.positions(q) + (s.terms.shape * turn).imag + s.terms.still
         velocity = basis.velocities(q) + s.terms.frequency * (s.terms.shape * turn).real
+        velocity += s.motion.mode.forced.drift
         return position, velocity

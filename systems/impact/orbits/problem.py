@@ -13,9 +13,10 @@ from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Condition, Event, Problem, fractions
+from dynkit.systems.impact.orbits import neutral
 from dynkit.systems.impact.orbits.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
+from dynkit.systems.impact.orbits.responses import FreeMotion, forced_motion
 from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.orbits.structural import (
     LARGEST,
@@ -38,10 +39,11 @@ _REPEATED = 1e-7
 class ImpactProblem(Problem):
     """P(n,m): n impacts in m periods of the forcing.
 
-    The unknowns are the phases (n,) at the impacts, not wrapped, and the impulses (n,), changes of
-    the relative velocity. The equations: no gap, (n,); the rate of the gap just after the impact is
-    r/(1 + r) of the impulse, (n,). Nothing in them knows whether the gap is open in between, or an
-    impulse positive.
+    The unknowns are the phases (n,) at the impacts, not wrapped, the impulses (n,), changes of
+    the relative velocity, and just before the first impact the modes (2b,) that no spring holds, or
+    that dashpots couple to such. The equations: no gap, (n,); the rate of the gap just after the
+    impact is r/(1 + r) of the impulse, (n,); those modes return, (2b,). Nothing in them knows
+    whether the gap is open in between, or an impulse positive.
 
     Parameters
     ----------
@@ -72,7 +74,8 @@ class ImpactProblem(Problem):
         self.periods = periods
         self.sides = np.asarray(sides, dtype=np.intp)
         self.speed = speed
-        self._base = Terms.of(oscillator)
+        self._motion = forced_motion(oscillator._structure, oscillator._drive)
+        self._base = Terms.of(oscillator, self._motion)
         self._known: list[tuple[bytes, tuple[FreeMotion, Terms]]] = []
         self._changes: dict[str, Array | None] = {}
         self._last: tuple[bytes, Solution] | None = None
@@ -112,10 +115,11 @@ class ImpactProblem(Problem):
         if all(name in self._plain_names for name in self._names):
             # No need of a system for each value.
             changes = dict(zip(self._names, p.tolist(), strict=True))
-            parts = free_motion(self.oscillator._structure), Terms.of(self.oscillator, changes)
+            parts = self._motion, Terms.of(self.oscillator, self._motion, changes)
         else:
             system = self.system(p)
-            parts = free_motion(system._structure), Terms.of(system)
+            motion = forced_motion(system._structure, system._drive)
+            parts = motion, Terms.of(system, motion)
         self._known = [(key, parts), *self._known[:7]]
         return parts
 
@@ -130,23 +134,36 @@ class ImpactProblem(Problem):
 
     @property
     def size(self) -> int:
-        return 2 * len(self.sides)
+        return 2 * len(self.sides) + len(self._units)
 
-    def scale(self, x: Array) -> Array:
-        return np.repeat([1.0, self.speed], len(x) // 2)
+    @cached_property
+    def _units(self) -> Array:
+        """Typical sizes (2b,) of the modes that no spring holds, at the oscillator's parameters."""
+        period = TWO_PI * self.periods / self._base.frequency
+        return neutral.sizes(self._motion, period, self.speed)
+
+    def scale(self, x: Array) -> Array:  # noqa: ARG002
+        return np.append(np.repeat([1.0, self.speed], len(self.sides)), self._units)
 
     def residual(self, x: Array, p: Array) -> Array:
         s = self.at(x, p)
         r = s.terms.restitution
         length = self.speed / s.terms.frequency
         rates = s.gaps(1) - r / (1.0 + r) * s.impulses
-        return np.concatenate([s.gaps(0) / length, rates / self.speed])
+        found = np.concatenate([s.gaps(0) / length, rates / self.speed])
+        if len(self._units):
+            missing = s.motion.neutral_numbers(s.end) - s.border
+            found = np.append(found, missing / self._units)
+        return found
 
     def rounding(self, x: Array, p: Array) -> Array:
         """What rounding leaves in the equations, (2n,): responses grow, and cancel, on the way."""
         s = self.at(x, p)
         gaps, rates = s.roundings(0) * s.terms.frequency, s.roundings(1)
-        return np.concatenate([gaps, rates]) / self.speed
+        found = np.concatenate([gaps, rates]) / self.speed
+        if len(self._units):
+            found = np.append(found, s.rounded_ends / self._units)
+        return found
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
         s = self.at(x, p)
@@ -154,7 +171,7 @@ class ImpactProblem(Problem):
         g = s.responses
         back = g[:3] if multiplier == 1.0 else s.disturbed(multiplier)
         both = np.outer(s.signs, s.signs)
-        out = np.empty((2 * n, 2 * n), dtype=back.dtype)
+        out = np.empty((self.size, self.size), dtype=np.result_type(back, multiplier))
         for order in range(2):
             rows = slice(order * n, (order + 1) * n)
             # Its own impulse moves along with an impact, that of other periods as multiplied.
@@ -162,10 +179,13 @@ class ImpactProblem(Problem):
             mine = t.frequency ** (order + 1) * t.gap(self.sides, s.phases, order + 1)
             mine = mine + moved.sum(axis=1)
             out[rows, :n] = (np.diag(mine) - both * back[order + 1] * s.impulses) / t.frequency
-            out[rows, n:] = both * back[order]
-        out[n:, n:] -= np.eye(n) * t.restitution / (1.0 + t.restitution)
+            out[rows, n : 2 * n] = both * back[order]
+        out[n : 2 * n, n : 2 * n] -= np.eye(n) * t.restitution / (1.0 + t.restitution)
+        if len(self._units):
+            neutral.add_to_linearization(out, s, multiplier)
         out[:n] *= t.frequency / self.speed
-        out[n:] /= self.speed
+        out[n : 2 * n] /= self.speed
+        out[2 * n :] /= self._units[:, None]
         return out
 
     def parameter_derivative(self, x: Array, p: Array) -> Array:
@@ -173,20 +193,32 @@ class ImpactProblem(Problem):
 
     def _by(self, name: str, x: Array, p: Array, k: int) -> Array:
         s = self.at(x, p)
-        n, t, w = len(self.sides), s.terms, s.terms.frequency
-        none = np.zeros(n)
+        w = s.terms.frequency
         if name not in self._plain_names:
-            change = self._matrix_changes(p, k)
+            change = None if len(self._units) else self._matrix_changes(p, k)
             if change is None:
                 return self._numerically(x, p, k)
             gaps, rates = residual_change(self.system(p), s, change)
             return np.concatenate([gaps * w, rates]) / self.speed
+        closing = np.zeros(len(self._units))
+        if len(closing) and name == "frequency":
+            closing = neutral.by_frequency(s) / self._units
+        return np.append(self._plainly(name, s), closing)
+
+    def _plainly(self, name: str, s: Solution) -> Array:
+        """Derivative (2n,) of the equations of the impacts by a parameter of `EXACT`."""
+        n, t, w = len(self.sides), s.terms, s.terms.frequency
+        none = np.zeros(n)
         if name == "frequency":
             impulses = s.signs * s.impulses
             parts = []
             for order in range(2):
                 g = s.responses[order + 1] * s.since + s.by_period[order] * s.period
-                parts.append(t.gap_rate(self.sides, s.phases, order) - s.signs * (g @ impulses) / w)
+                free = g @ impulses
+                if len(s.border):
+                    drift = s.motion.mode.rate(s.carried).reshape(n, -1)
+                    free = free + s.since[:, 0] * (drift @ s.motion.rows[order])
+                parts.append(t.gap_rate(self.sides, s.phases, order) - s.signs * free / w)
             return np.concatenate([parts[0] * w + s.gaps(0), parts[1]]) / self.speed
         if name == "restitution":
             return np.concatenate([none, -s.impulses / (1.0 + t.restitution) ** 2 / self.speed])
@@ -272,17 +304,17 @@ class ImpactProblem(Problem):
         problem = type(self)(
             self.oscillator, self._names, 2 * self.periods, np.tile(self.sides, 2), self.speed
         )
-        phases, impulses = x[:n], x[n:]
-        twice = np.concatenate([phases, phases + turn, impulses, impulses])
-        a, b = disturbance[:n], disturbance[n:]
-        return problem, twice, np.concatenate([a, -a, b, -b])
+        phases, impulses, border = np.split(x, [n, 2 * n])
+        twice = np.concatenate([phases, phases + turn, impulses, impulses, border])
+        a, b, c = np.split(disturbance, [n, 2 * n])
+        return problem, twice, np.concatenate([a, -a, b, -b, c])
 
     def shortest(self, x: Array) -> tuple[ImpactProblem, Array]:
         n = len(self.sides)
         for k, periods, changes in self._repetitions(x):
             if abs(changes).max() < _REPEATED:
                 once = type(self)(self.oscillator, self._names, periods, self.sides[:k], self.speed)
-                return once, np.concatenate([x[:k], x[n : n + k]])
+                return once, np.concatenate([x[:k], x[n : n + k], x[2 * n :]])
         return self, x
 
     def repetition(self, x: Array) -> float:
@@ -296,13 +328,13 @@ class ImpactProblem(Problem):
             if m % (n // k) == 0 and (np.roll(self.sides, -k) == self.sides).all():
                 periods = m // (n // k)
                 phases = np.append(x[k:n], x[:k] + TWO_PI * m) - TWO_PI * periods
-                impulses = (np.roll(x[n:], -k) - x[n:]) / self.speed
+                impulses = (np.roll(x[n : 2 * n], -k) - x[n : 2 * n]) / self.speed
                 yield k, periods, np.concatenate([phases - x[:n], impulses])
 
     def canonical(self, x: Array) -> Array:
         n = len(self.sides)
         turn = np.exp(1j * x[:n])
-        weights = (1.0 - 2.0 * self.sides) * x[n:] / self.speed
+        weights = (1.0 - 2.0 * self.sides) * x[n : 2 * n] / self.speed
         moments = np.array([turn, weights * turn, weights**2 * turn])
         return np.concatenate([moments.sum(axis=1).view(float), [weights.sum()]]) / n
 
@@ -316,7 +348,7 @@ class ImpactProblem(Problem):
 
     def admissible(self, x: Array, p: Array) -> bool:
         n = len(self.sides)
-        if (x[n:] <= 0.0).any():
+        if (x[n : 2 * n] <= 0.0).any():
             return False
         return flights_are_open(partial(self.system, p), self.at(x, p))
 
@@ -344,8 +376,10 @@ class ImpactProblem(Problem):
         """
         s = self.at(x, p)
         n, stops = len(self.sides), len(s.terms.signs)
-        phases, impulses, sides = x[:n], x[n:], self.sides
+        phases, impulses, sides, border = x[:n], x[n : 2 * n], self.sides, x[2 * n :]
         if event < n and n > 1:
+            if event == 0 and len(border):
+                border = s.before(1)
             phases, impulses = np.delete(phases, event), np.delete(impulses, event)
             sides = np.delete(sides, event)
         elif n <= event < n + n * stops:
@@ -357,4 +391,4 @@ class ImpactProblem(Problem):
             return []
         order = np.argsort(phases)
         problem = type(self)(self.oscillator, self._names, self.periods, sides[order], self.speed)
-        return [(problem, np.concatenate([phases[order], impulses[order]]), p)]
+        return [(problem, np.concatenate([phases[order], impulses[order], border]), p)]

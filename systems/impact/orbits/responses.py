@@ -1,12 +1,14 @@
-"""Periodic responses of a structure to impulses at its contact coordinate."""
+"""Responses of a structure to impulses at its contact coordinate, repeated period by period."""
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
-from typing import final
+from typing import Any, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.mode import Mode, Transitions, free_mode
@@ -15,30 +17,56 @@ from dynkit.systems.impact.structure import Drive, Structure
 
 @final
 class FreeMotion:
-    """A structure without table and forces, in the slots of the kernels: states are (2, slots).
+    """A structure without table and harmonic forces, in the slots of the kernels.
+
+    States are (2, slots).
+
+    Parameters
+    ----------
+    structure : Structure
+    constant : (N,) array, optional
+        Constant forces.
 
     Attributes
     ----------
+    neutral : (b,)
+        Slots of motions without restoring force, and of what dashpots couple to them: no response
+        of them is periodic by itself.
     rows : (4, 2 slots)
         Give the contact coordinate and its first three derivatives from a state.
-    bounds : (4, 2, slots)
-        Weights of abs(state) that bound the terms of the contact coordinate and of its derivatives
-        of order 1, 2 and 6 for ever.
     kick : (2, slots)
         Change of the state by an impulse that changes the contact velocity by one.
     """
 
-    def __init__(self, structure: Structure) -> None:
+    def __init__(self, structure: Structure, constant: Array | None = None) -> None:
         n = structure.size
-        quiet = Drive(1.0, 0.0, np.zeros(n, dtype=complex), np.zeros(n))
-        self.mode: Mode = free_mode(structure, quiet)
+        forces = np.zeros(n) if constant is None else constant
+        self.mode: Mode = free_mode(structure, Drive(1.0, 0.0, np.zeros(n, dtype=complex), forces))
         row = self.mode.row(np.eye(n)[structure.contact])
         self.rows = np.stack(
             [self.mode.pairs.derivative_rows(row, order).ravel() for order in range(4)]
         )
-        self.bounds = np.stack([self.mode.pairs.bound(row, order) for order in (0, 1, 2, 6)])
+        self._row = row
         self.kick = self.mode.placed(structure.kick[:2])
+        self.neutral = _neutral(self.mode)
+        self._bound = np.setdiff1d(self.mode.layout.modes, self.neutral)
         self._returns: list[tuple[float, Transitions, Array]] = []
+
+    def bounds(self, lasts: float) -> Array:
+        """Weights (4, 2, slots) of abs(state) that bound the terms of the contact coordinate.
+
+        And of its derivatives of order 1, 2 and 6: for ever, or where some of the motion has no
+        restoring force for so long.
+        """
+        return self._bounds(lasts) if len(self.neutral) else self._for_ever
+
+    @cached_property
+    def _for_ever(self) -> Array:
+        return self._bounds(math.inf)
+
+    def _bounds(self, lasts: float) -> Array:
+        pairs = self.mode.pairs
+        return np.stack([pairs.bound(self._row, order, lasts) for order in (0, 1, 2, 6)])
 
     @cached_property
     def vectors(self) -> Array:
@@ -48,17 +76,11 @@ class FreeMotion:
         kick, pushed = self.kick[:, modes], self.mode.rate(self.kick)[:, modes]
         return np.stack([kick, pushed, place, speed]).reshape(4, -1)
 
-    @property
-    def rigid(self) -> bool:
-        """Whether a part of the motion has no restoring force: no response is periodic then."""
-        pairs, modes = self.mode.pairs, self.mode.layout.modes
-        g = pairs.generator[:, modes]
-        return bool((g[0] * g[3] == g[1] * g[2]).any())
-
     def repeated(self, period: float) -> tuple[Transitions, Array]:
         """Transitions over a period, and the periodic state just after a unit impulse in each.
 
-        The state is (2, slots), read-only; those of the last two periods are kept.
+        Of what is neutral no transitions, and the state after one impulse. The state is (2, slots),
+        read-only; those of the last two periods are kept.
 
         Raises
         ------
@@ -68,18 +90,61 @@ class FreeMotion:
         for known, transitions, kicked in self._returns:
             if known == period:
                 return transitions, kicked
-        transitions = self.mode.transitions(np.array([period]))
-        kicked = np.asarray(transitions.periodic(self.kick))
+        transitions = self.mode.transitions(np.array([period]), self._bound)
+        kicked = np.asarray(self.periodic(transitions))
         kicked.setflags(write=False)
         self._returns = [(period, transitions, kicked), *self._returns[:1]]
         return transitions, kicked
+
+    def periodic(self, transitions: Transitions, multiplier: complex = 1.0) -> Any:
+        """The state (2, slots) just after a unit impulse that is multiplied in each period.
+
+        Of what is neutral, that after one impulse.
+        """
+        state = transitions.periodic(self.kick, multiplier)
+        state[:, self.neutral] = self.kick[:, self.neutral]
+        return state
+
+    def start(self, numbers: Array, constant: float = 1.0) -> Array:
+        """The state (2, slots) of what is neutral, (2 b,), under a part of the constant forces."""
+        state = np.zeros_like(self.kick)
+        state[:, self.neutral] = numbers.reshape(2, -1)
+        if self.mode.layout.constant >= 0:
+            state[0, self.mode.layout.constant] = constant
+        return state
+
+    def neutral_numbers(self, states: Array) -> Array:
+        """Of states (..., 2, slots) what is neutral, (..., 2 b)."""
+        return np.asarray(states[..., self.neutral].reshape(*states.shape[:-2], -1))
+
+
+def _neutral(mode: Mode) -> NDArray[np.intp]:
+    """Slots of modes whose generator is singular, and all that are linked to them."""
+    pairs, modes = mode.pairs, mode.layout.modes
+    g = pairs.generator[:, modes]
+    found = set(modes[g[0] * g[3] == g[1] * g[2]].tolist())
+    links = [{*pair} & {*modes.tolist()} for pair in pairs.links.T.tolist()]
+    while joined := [pair for pair in links if pair & found and not pair <= found]:
+        found.update(*joined)
+    return np.array(sorted(found), dtype=np.intp)
 
 
 _motions: WeakKeyDictionary[Structure, FreeMotion] = WeakKeyDictionary()
 
 
 def free_motion(structure: Structure) -> FreeMotion:
-    """The free motion of a structure, made once."""
+    """The free motion of a structure without forces, made once."""
     if structure not in _motions:
         _motions[structure] = FreeMotion(structure)
     return _motions[structure]
+
+
+def forced_motion(structure: Structure, drive: Drive) -> FreeMotion:
+    """The same under the constant forces, where some of the motion has no restoring force.
+
+    Elsewhere it is at rest in another place: see `Terms`.
+    """
+    motion = free_motion(structure)
+    if not len(motion.neutral) or not drive.constant.any():
+        return motion
+    return FreeMotion(structure, drive.constant)

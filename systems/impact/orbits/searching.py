@@ -19,14 +19,15 @@ from dynkit.systems.impact.orbits.finding import (
     STARTS,
     Found,
     ascend,
-    closed_forms,
     make_problem,
+    one_impact,
     random_guesses,
     solvable,
     with_impulses,
 )
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import ImpactProblem
+from dynkit.systems.impact.orbits.responses import forced_motion
 from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
 
@@ -52,7 +53,7 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
     solvable("impacts", n)
     found = Found()
     for periods_of in range(1, m + 1):
-        for problem, guess in closed_forms(oscillator, periods_of):
+        for problem, guess in one_impact(oscillator, periods_of):
             found.add(problem, guess)
     counts = {"guesses": 0, "starts": 0, "impacts": 0, "returns": 0}
     for impacts_of in range(2, min(n, GUESSED) + 1):
@@ -91,7 +92,7 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         state = record.final
         size = np.maximum(size, abs(record.states).max(axis=0, initial=0.0))
         yield record
-    terms = Terms.of(oscillator)
+    terms = Terms.of(oscillator, forced_motion(oscillator._structure, oscillator._drive))
     places = oscillator.degrees_of_freedom - 1
     size[:places] = np.maximum(size[:places], abs(terms.drive))
     size[places:-1] = np.maximum(size[places:-1], abs(terms.drive) * terms.frequency)

@@ -31,7 +31,7 @@ class Solution:
     terms : Terms
     periods : int
     sides : (n,) of which stop each impact is
-    x : (2n,) phases and impulses
+    x : (2n + 2b,) phases, impulses, and what is neutral just before the first impact
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Solution:
     ) -> None:
         self.motion, self.terms, self.sides = motion, terms, sides
         n = len(sides)
-        self.phases, self.impulses = x[:n], x[n:]
+        self.phases, self.impulses, self.border = x[:n], x[n : 2 * n], x[2 * n :]
         self.turn = TWO_PI * periods
         self.period = self.turn / terms.frequency
         self.signs = terms.signs[sides]
@@ -61,12 +61,21 @@ class Solution:
         return self.motion.repeated(self.period)[1]
 
     def _spread(self, state: Array) -> Array:
-        """What becomes of a state in all times `since`, (n, n, 2 slots)."""
+        """What becomes of a state in all times `since`, (n, n, 2 slots).
+
+        Of what is neutral there is nothing where the impulse comes later in the period that begins
+        with the first impact.
+        """
         n = len(self.sides)
         if n == 1:
             return state.reshape(1, 1, -1)
         which = np.zeros(n * n, dtype=np.intp)
-        return self.motion.mode.after(state[None], which, self.since.ravel()).reshape(n, n, -1)
+        states = self.motion.mode.after(state[None], which, self.since.ravel())
+        if len(self.border):
+            begun = self.since[:, 0]
+            later = (begun > begun[:, None]).reshape(-1, 1, 1)
+            states[..., self.motion.neutral] *= ~later
+        return states.reshape(n, n, -1)
 
     @cached_property
     def _kicks(self) -> Array:
@@ -79,7 +88,7 @@ class Solution:
 
     def disturbed(self, multiplier: complex) -> Any:
         """The same, (3, n, n), where impulses are multiplied from one period to the next."""
-        state = self.transition.periodic(self.motion.kick, multiplier)
+        state = self.motion.periodic(self.transition, multiplier)
         parts = [self._spread(np.ascontiguousarray(state.real))]
         if np.iscomplexobj(state):
             parts.append(self._spread(np.ascontiguousarray(state.imag)))
@@ -94,12 +103,60 @@ class Solution:
         state = np.asarray(self.transition.periodic(moved))
         return np.asarray((self._spread(state) @ self.motion.rows[:2].T).transpose(2, 0, 1))
 
+    # --- what is neutral --------------------------------------------------------------------------
+
+    def carry(self, start: Array) -> Array:
+        """States (n, 2, slots) at the impacts of one just before the first."""
+        which = np.zeros(len(self.sides), dtype=np.intp)
+        return self.motion.mode.after(start[None], which, self.since[:, 0])
+
+    @cached_property
+    def carried(self) -> Any:
+        """What is neutral, at the impacts, without impulses: (n, 2, slots); else zero."""
+        return self.carry(self.motion.start(self.border)) if len(self.border) else np.zeros(())
+
+    @cached_property
+    def ends(self) -> Array:
+        """At the end of the period: of what is neutral, and of unit impulses, (1 + n, 2, slots)."""
+        kick = self.motion.start(self.motion.neutral_numbers(self.motion.kick), 0.0)
+        starts = np.stack([self.motion.start(self.border), kick])
+        which = np.append(0, np.ones(len(self.sides), dtype=np.intp))
+        lasts = np.append(self.period, self.period - self.since[:, 0])
+        return self.motion.mode.after(starts, which, lasts)
+
+    def over(self, numbers: Array) -> Array:
+        """States (k, 2, slots) a period after disturbances (k, 2b) of what is neutral."""
+        starts = np.stack([self.motion.start(e, 0.0) for e in numbers])
+        count = len(starts)
+        return self.motion.mode.after(starts, np.arange(count), np.full(count, self.period))
+
+    @property
+    def rounded_ends(self) -> Array:
+        """What rounding may make of it, (2b,): see `rounded`."""
+        ends, weights = self.ends, np.append(1.0, abs(self.impulses))
+        off = ROUNDING * abs(ends)
+        off += LATE * self.period * abs(self.motion.mode.rate(ends))
+        return self.motion.neutral_numbers(np.tensordot(weights, off, 1))
+
+    @property
+    def end(self) -> Array:
+        """What is neutral just before the first impact, a period later, as a state (2, slots)."""
+        weights = np.append(1.0, self.signs * self.impulses)
+        return np.asarray(np.tensordot(weights, self.ends, 1))
+
+    def before(self, i: int) -> Array:
+        """What is neutral, (2b,), just before impact number `i`."""
+        own = self.signs[i] * self.impulses[i] * self.motion.kick
+        return self.motion.neutral_numbers(self.states[i] - own)
+
+    # --- together ---------------------------------------------------------------------------------
+
     @cached_property
     def states(self) -> Array:
         """Free states (n, 2, slots) just after each impact."""
         n = len(self.sides)
         sums = np.einsum("j,ijs->is", self.signs * self.impulses, self._kicks)
-        return np.asarray(sums.reshape(n, 2, -1))
+        return np.asarray(sums.reshape(n, 2, -1) + self.carried)
 
     @cached_property
     def rounded(self) -> Array:
@@ -116,6 +173,8 @@ class Solution:
         others = rates * (1.0 - np.eye(n))[..., None, None]
         late = LATE * self.period * (grown * rates + others).sum(axis=1)
         own = ROUNDING * self.turned * abs(self.states * np.maximum(1.0, grown))
+        if len(self.border):
+            late = late + LATE * self.period * abs(self.motion.mode.rate(self.carried))
         return np.asarray((own + late).reshape(n, -1))
 
     @property
@@ -141,6 +200,8 @@ class Solution:
         t = self.terms
         steady = t.frequency**order * t.gap(self.sides, self.phases, order)
         free = self.responses[order] @ (self.signs * self.impulses)
+        if len(self.border):
+            free = free + self.carried.reshape(len(self.sides), -1) @ self.motion.rows[order]
         return np.asarray(steady + self.signs * free)
 
     def roundings(self, order: int) -> Array:

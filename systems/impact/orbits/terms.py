@@ -14,6 +14,7 @@ from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
+    from dynkit.systems.impact.orbits.responses import FreeMotion
 
 EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
 """Parameters by which derivatives are in closed form."""
@@ -63,8 +64,15 @@ class Terms:
     signs: Array
 
     @staticmethod
-    def of(oscillator: DrivenStructure, changes: Mapping[str, float] = _NO_CHANGES) -> Terms:
+    def of(
+        oscillator: DrivenStructure, motion: FreeMotion, changes: Mapping[str, float] = _NO_CHANGES
+    ) -> Terms:
         """The terms of an oscillator, with other values of some of the `EXACT` parameters.
+
+        Parameters
+        ----------
+        motion : FreeMotion
+            From `forced_motion`.
 
         Raises
         ------
@@ -75,7 +83,7 @@ class Terms:
         w, r, a = values["frequency"], values["restitution"], values["amplitude"]
         if not (w > 0.0 and 0.0 <= r <= 1.0 and a >= 0.0 and values["play"] > 0.0):
             raise NoSolution(f"parameters are out of range: {values}")
-        shape, by_frequency, still = _steady_response(oscillator, w)
+        shape, by_frequency, still = _steady_response(oscillator, motion, w)
         c, sign = oscillator.contact, 1.0 if oscillator.side == "above" else -1.0
         places, signs = [values["offset"]], [sign]
         if math.isfinite(values["play"]):
@@ -98,8 +106,13 @@ class Terms:
         return np.asarray(self.signs[sides] * (by * turn).imag)
 
 
-def _steady_response(oscillator: DrivenStructure, w: float) -> tuple[Any, Any, Array]:
-    """Steady response (N,), its derivative by the frequency (N,), and the place of rest (N,)."""
+def _steady_response(
+    oscillator: DrivenStructure, motion: FreeMotion, w: float
+) -> tuple[Any, Any, Array]:
+    """Steady response (N,), its derivative by the frequency (N,), and the place of rest (N,).
+
+    Where some of the motion has no restoring force, the place is that of the rest of it.
+    """
     harmonic, constant = oscillator._drive.harmonic, oscillator._drive.constant
     shape, by_frequency, still = np.zeros_like(harmonic), np.zeros_like(harmonic), constant
     try:
@@ -108,7 +121,9 @@ def _steady_response(oscillator: DrivenStructure, w: float) -> tuple[Any, Any, A
             rigidity = oscillator.stiffness + 1j * w * damping - w * w * mass
             shape = np.linalg.solve(rigidity, harmonic)
             by_frequency = np.linalg.solve(rigidity, (2.0 * w * mass - 1j * damping) @ shape)
-        if constant.any():
+        if len(motion.neutral):
+            still = motion.mode.forced.rest
+        elif constant.any():
             still = np.asarray(np.linalg.solve(oscillator.stiffness, constant), dtype=float)
     except np.linalg.LinAlgError:
         raise NoSolution("the forces have no steady response") from None

@@ -65,6 +65,7 @@ def section_states(oscillator: ImpactMap, solution: Solution) -> Array:
     turn = np.exp(1j * solution.phases)[:, None]
     position = structure.free.positions(q) + (t.shape * turn).imag + t.still
     velocity = structure.free.velocities(q) + t.frequency * (t.shape * turn).real
+    velocity += solution.motion.mode.forced.drift
     u = t.restitution / (1.0 + t.restitution) * np.maximum(solution.impulses, 0.0)
     u = np.where(solution.sides == 1, -u, u)
     others = structure.others
