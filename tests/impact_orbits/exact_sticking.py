@@ -18,6 +18,7 @@ from typing import Any, final
 import numpy as np
 from flint import acb_mat, arb, arb_mat, ctx
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.passage import Passage
 from tests.impact_orbits.exact_orbits import Ball, ImpactMap, size
@@ -287,15 +288,17 @@ def root(function: Callable[[list[Ball]], list[Ball]], y: list[Ball]) -> tuple[l
 class ExactSticking:
     """What Newton's method on the map between releases makes of an orbit.
 
+    Parameters as for `StickingMap`.
+
     Raises
     ------
     ArithmeticError
         When it has no such orbit nearby.
     """
 
-    def __init__(self, orbit: StickingOrbit) -> None:
+    def __init__(self, orbit: StickingOrbit, **values: Ball) -> None:
         with ctx.workprec(BITS):
-            self._map = StickingMap(orbit)
+            self._map = StickingMap(orbit, **values)
             first = [arb(x) for x in orbit.states[0, :-2].tolist()]
             self._places, self._left = first, arb_mat(0, 0)
             if first:
@@ -319,3 +322,17 @@ class ExactSticking:
             d = len(self._places)
             matrix = self._left + arb_mat(np.eye(d).tolist())
             return list(acb_mat(matrix.mid()).eig(algorithm="approx")) if d else []
+
+
+def slope(orbit: StickingOrbit, name: str) -> Array:
+    """Derivative (releases, 2N - 1) of places and phases at the releases by a parameter."""
+    with ctx.workprec(BITS):
+        h = arb("1e-12")
+        value = arb(float(getattr(orbit.system, name)))
+        ends = [ExactSticking(orbit, **{name: value + s * h}).releases for s in (1, -1)]
+        return np.array(
+            [
+                [float(((a - b) / (2 * h)).mid()) for a, b in zip(*rows, strict=True)]
+                for rows in zip(*ends, strict=True)
+            ]
+        )

@@ -14,6 +14,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.passage import Word
 from dynkit.systems.impact.sticking.problem import StickingProblem
+from tests.impact_orbits.exact_sticking import slope
 from tests.impact_orbits.sticking_cases import (
     SEVERAL,
     SYSTEMS,
@@ -183,6 +184,27 @@ def test_parameter_derivatives_are_those_of_differences(name: str, parameter: st
     found = problem.parameter_derivative(x, p)
     assert found.shape == (problem.size, 1)
     assert abs(found - wanted).max() <= 1e-6 * max(abs(wanted).max(), 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        ("chain of 3, 0.3", "frequency"),
+        ("chain of 2, 0.6", "restitution"),
+        ("weights", "offset"),
+        ("chain in a play", "amplitude"),
+        ("below", "amplitude"),
+    ],
+)
+def test_releases_move_with_a_parameter_as_those_of_many_digits(name: str, parameter: str) -> None:
+    orbit = orbit_of(name)
+    problem, x = orbit.problem(parameter), orbit.unknowns
+    by_parameter = problem.parameter_derivative(x, problem.values)
+    moved = -np.linalg.solve(problem.linearization(x, problem.values), by_parameter)[:, 0]
+    found = np.array([np.append(places, phases[0]) for places, phases in problem.parts(moved)])
+    wanted = slope(orbit, parameter)
+    # differences, by which this was found before, are wrong by 1e-8
+    assert abs(found - wanted).max() <= 1e-11 * abs(wanted).max()
 
 
 def test_derivatives_by_several_parameters_stand_side_by_side() -> None:

@@ -14,22 +14,20 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Condition, Event, Problem, fractions
 from dynkit.systems.impact.orbits import neutral
+from dynkit.systems.impact.orbits.machine import Changes, residual_change
 from dynkit.systems.impact.orbits.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.responses import FreeMotion, forced_motion
 from dynkit.systems.impact.orbits.solution import Solution
-from dynkit.systems.impact.orbits.structural import (
-    LARGEST,
-    linear_change,
-    matrices_of,
-    residual_change,
-)
-from dynkit.systems.impact.orbits.terms import EXACT, OUTSIDE, Terms, changes_alone
+from dynkit.systems.impact.orbits.terms import EXACT, Terms, changes_alone
 from dynkit.systems.impact.orbits.watching import condition_of, flights_are_open, watched
 from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
+
+LARGEST = 50
+"""Of so many coordinates at most: the cost grows with the third power of their number."""
 
 # Impacts and impulses that agree so well, in their units, are the same.
 _REPEATED = 1e-7
@@ -77,7 +75,7 @@ class ImpactProblem(Problem):
         self._motion = forced_motion(oscillator._structure, oscillator._drive)
         self._base = Terms.of(oscillator, self._motion)
         self._known: list[tuple[bytes, tuple[FreeMotion, Terms]]] = []
-        self._changes: dict[str, Array | None] = {}
+        self._changes = Changes(self.system)
         self._last: tuple[bytes, Solution] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -195,10 +193,9 @@ class ImpactProblem(Problem):
         s = self.at(x, p)
         w = s.terms.frequency
         if name not in self._plain_names:
-            change = None if len(self._units) else self._matrix_changes(p, k)
-            if change is None:
+            if len(self._units) or self.oscillator.degrees_of_freedom > LARGEST:
                 return self._numerically(x, p, k)
-            gaps, rates = residual_change(self.system(p), s, change)
+            gaps, rates = residual_change(self.system(p), s, self._changes.by(p, k))
             return np.concatenate([gaps * w, rates]) / self.speed
         closing = np.zeros(len(self._units))
         if len(closing) and name == "frequency":
@@ -234,29 +231,6 @@ class ImpactProblem(Problem):
     def _plain_names(self) -> frozenset[str]:
         """Of the names in closed form those that change nothing but themselves."""
         return frozenset(name for name in EXACT if changes_alone(self.oscillator, name))
-
-    def _matrix_changes(self, p: Array, k: int) -> Array | None:
-        """Derivative (3, N, N) of the matrices by a free parameter that acts through them only.
-
-        None where it does not, where they are not linear in it, or where they are large.
-        """
-        name = self._names[k]
-        if name not in self._changes:
-            self._changes[name] = None
-            if self.oscillator.degrees_of_freedom <= LARGEST and self._only_matrices(name):
-
-                def matrices(value: float) -> Array:
-                    moved = p.copy()
-                    moved[k] = value
-                    return matrices_of(self.system(moved))
-
-                self._changes[name] = linear_change(matrices, float(p[k]))
-        return self._changes[name]
-
-    def _only_matrices(self, name: str) -> bool:
-        here = self.oscillator
-        there = here.replace(**{name: 0.5 * self.oscillator.value_of(name) or 0.25})
-        return all(getattr(here, other) == getattr(there, other) for other in OUTSIDE)
 
     def _numerically(self, x: Array, p: Array, k: int) -> Array:
         """Derivative (2n,) by the free parameter number `k`, from differences of fourth order."""

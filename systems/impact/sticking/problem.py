@@ -13,6 +13,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Condition, Event, Problem, fractions
+from dynkit.systems.impact.orbits.machine import Changes, passage_change
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from dynkit.systems.impact.sticking.passage import PASSED, Passage, Scene, Word
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
 
 _REPEATED = 1e-7
 """Passages that agree so well, in their units, are the same."""
-
-
-_STEP = 1e-6
-"""Of differences by parameters, relative: curvature and rounding leave about 1e-8."""
 
 
 @final
@@ -75,6 +72,7 @@ class StickingProblem(Problem):
         self._begins = np.concatenate([[0], np.cumsum(lengths)])
         kinds = [np.repeat([0.0, 1.0], [2 * self.half, word.size]) for word in words]
         self._turning = np.concatenate(kinds)
+        self._changes = Changes(self.system)
         self._scenes: list[tuple[bytes, Scene]] = []
         self._last: tuple[bytes, list[Passage]] | None = None
 
@@ -200,27 +198,12 @@ class StickingProblem(Problem):
         return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
 
     def _by(self, x: Array, p: Array, k: int) -> Array:
-        """Derivative by the free parameter number `k`, from a difference."""
-        kept, h = self._last, _STEP * max(abs(float(p[k])), 1e-2)
-
-        def at(steps: float) -> Array:
-            moved = p.copy()
-            moved[k] += steps * h
-            return self.residual(x, moved)
-
-        try:
-            return (at(1.0) - at(-1.0)) / (2.0 * h)
-        except NoSolution:
-            # At the end of what the system allows, from one side.
-            for sign in (1.0, -1.0):
-                try:
-                    change = 4.0 * at(sign) - 3.0 * at(0.0) - at(2.0 * sign)
-                except NoSolution:
-                    continue
-                return np.asarray(sign * change / (2.0 * h))
-            raise
-        finally:
-            self._last = kept
+        """Derivative by the free parameter number `k`."""
+        change, out = self._changes.by(p, k), []
+        for passage in self.passages(x, p):
+            end, force, gaps = passage_change(passage, change)
+            out.append(np.concatenate([end, [force], gaps]) / self._units(passage))
+        return np.concatenate(out)
 
     def multipliers(self, x: Array, p: Array) -> Any:
         """Two are zero: contact forgets the gap and its rate."""
