@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, field
 from decimal import Decimal, localcontext
 from functools import cached_property
@@ -62,6 +63,12 @@ class Pairs:
         return bool((self._clusters != np.arange(self.count)).any())
 
     @cached_property
+    def independent(self) -> bool:
+        """Whether no pair feeds another or shares its norm, and none is a rigid body."""
+        still = (self.scale == 0.0) & (self.generator[0] == 0.0)
+        return not (self.links.size or self._shared or still.any()) and self._parts is None
+
+    @cached_property
     def grows(self) -> bool:
         """Whether a term may grow beyond all bounds."""
         parts = self._parts
@@ -99,6 +106,17 @@ class Pairs:
         cluster = np.arange(count)
         cluster[slots] = slots[self._clusters]
         return Pairs(generator, low, scale, slots[self.links], self.coupling, cluster)
+
+    def turning(self, slot: int, frequency: float) -> Pairs:
+        """The same with another rotation in the slot of one that feeds nothing."""
+        found = copy(self)  # what is known of the others stays true
+        vars(found)["generator"] = generator = self.generator.copy()
+        vars(found)["rates"] = fast, slow = tuple(part.copy() for part in self.rates)
+        generator[1:3, slot] = frequency, -frequency
+        fast[slot] = slow[slot] = math.sqrt(frequency * frequency)  # as rounded as the others
+        if not frequency <= LARGEST:
+            del vars(found)["rates"]  # which refuses it
+        return found
 
     @staticmethod
     def oscillators(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial, inf
 from typing import Any
@@ -64,6 +64,7 @@ class Propagators:
 
     Attributes
     ----------
+    pairs : Pairs
     smallest : float
     rungs : how many of them a search uses
     step : (all rungs, 8, slots) propagators exp(G h), high and low parts
@@ -74,6 +75,7 @@ class Propagators:
     responses : what is steady
     """
 
+    pairs: Pairs
     smallest: float
     rungs: int
     step: Array
@@ -91,7 +93,18 @@ class Propagators:
         links = _links(pairs, smallest, len(step), responses)
         g = _pad(pairs.generator, step.shape[2])
         generator = np.concatenate([g, [g[0] + g[3], g[0] * g[3] - g[1] * g[2]]])
-        return Propagators(smallest, rungs, step, *links, generator, responses)
+        return Propagators(pairs, smallest, rungs, step, *links, generator, responses)
+
+    def turning(self, slot: int, frequency: float) -> Propagators:
+        """The same with another rotation in the slot of one that feeds nothing."""
+        pairs = self.pairs.turning(slot, frequency)
+        if rung_sizes(pairs) != (self.smallest, self.rungs):
+            return Propagators.of(pairs)
+        step, generator = self.step.copy(), self.generator.copy()
+        _fill_steps(pairs, self.smallest, slot, slot + 1, step)
+        generator[1:3, slot], generator[5, slot] = (frequency, -frequency), frequency * frequency
+        responses = replace(self.responses, pairs=self.responses.pairs.turning(slot, frequency))
+        return replace(self, pairs=pairs, step=step, generator=generator, responses=responses)
 
     @cached_property
     def ladder(self) -> Any:
@@ -119,20 +132,16 @@ class Propagators:
 
 def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
     """(rungs, 8, slots) propagators over ``smallest * 2**j``, of each pair by itself."""
+    step = np.zeros((rungs, 8, padded(pairs.count)))
+    _fill_steps(pairs, smallest, 0, pairs.count, step)
+    return step
+
+
+def _fill_steps(pairs: Pairs, smallest: float, first: int, last: int, step: Array) -> None:
     from dynkit.exponential.double_double_kernels import fill_steps
 
-    slots = padded(pairs.count)
-    step = np.zeros((rungs, 8, slots))
-    fill_steps(
-        _pad(pairs.generator, slots),
-        _pad(pairs.generator_low, slots),
-        smallest,
-        0,
-        pairs.count,
-        step,
-        np.empty((4, 8)),
-    )
-    return step
+    low, work = pairs.generator_low, np.empty((4, 8))
+    fill_steps(pairs.generator, low, smallest, first, last, step, work)
 
 
 def _links(
@@ -209,7 +218,7 @@ def cell_bounds(
     return np.fmin(np.where(kept, error, most), LARGEST), kept
 
 
-def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, steady: int) -> Any:
+def ladder(row: Array, offset: float, propagators: Propagators, steady: int) -> Any:
     """The exponential sum ``offset + row . y`` as the kernels take it.
 
     Parameters
@@ -219,10 +228,59 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     steady
         Slot of the table, a sine and cosine; -1 for none.
     """
+    pairs = propagators.pairs
+    fast = pairs.rates[0]
+    slow = (pairs.scale > 0.0) & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
+    slow[: row.shape[1]] &= row.any(axis=0)
+    slow[row.shape[1] :] = False
+    slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude
+    if pairs.independent:
+        found = _alone(row, slow, propagators, steady)
+    else:
+        found = _joint(row, slow, propagators, steady)
+    return propagators.ladder._replace(
+        offset=float(offset), grows=pairs.grows or bool(slow.any()), steady=steady, **found
+    )
+
+
+def _alone(
+    row: Array, slow: NDArray[np.bool_], propagators: Propagators, steady: int
+) -> dict[str, Any]:
+    """What a ladder holds of a row of independent pairs."""
+    from dynkit.exponential.evaluation_kernels import DEGREE, SEPARATE, TAIL
+    from dynkit.exponential.ladder_kernels import fill_sum
+
+    pairs, step, seen = propagators.pairs, propagators.step, padded(row.shape[1])
+    rows, cell = np.zeros((SEPARATE + 1, seen)), np.zeros((propagators.rungs, 10, seen))
+    smooth = fill_sum(
+        pairs.generator,
+        pairs.scale,
+        slow.astype(float),
+        np.ascontiguousarray(row),
+        float(factorial(DEGREE + 1)),
+        LARGEST,
+        propagators.smallest,
+        step,
+        rows,
+        cell,
+        np.empty((2, DEGREE + 2, 2)),
+    )
+    return {
+        "cell": cell,
+        "rows": rows,
+        "smooth": smooth,
+        "apart": bool(np.any(pairs.scale[: row.shape[1]] == 0.0)),
+        "swing": float(rows[TAIL, steady]) if steady >= 0 else 0.0,
+    }
+
+
+def _joint(
+    row: Array, slow: NDArray[np.bool_], propagators: Propagators, steady: int
+) -> dict[str, Any]:
+    """What a ladder holds of a row of pairs that feed one another, or grow."""
     from dynkit.exponential.evaluation_kernels import DEGREE
 
-    step = propagators.step
-    rungs = propagators.rungs
+    pairs, step, rungs = propagators.pairs, propagators.step, propagators.rungs
     seen = padded(row.shape[1])
     full = _pad(row, pairs.count)
     window = propagators.smallest * 2.0 ** (rungs - 1) if pairs.grows else inf
@@ -236,10 +294,6 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
     tail, drift, swing = tail_rows(propagators.responses, full, steady)
     if pairs.grows:
         size = np.where(np.isfinite(size), size, pairs.bound(full, 0, 0.0))
-    fast = pairs.rates[0]
-    slow = (pairs.scale > 0.0) & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
-    slow &= full.any(axis=0)
-    slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude
     size[:, slow] = abs(full[:, slow])
     bounds = [size, fourth, last, tail, drift]
     bounds.append((pairs.scale == 0.0).astype(float)[None])
@@ -253,19 +307,14 @@ def ladder(pairs: Pairs, row: Array, offset: float, propagators: Propagators, st
             cell[:, k, s] += rows[k, t] * b[:, i, 0] + rows[k + 1, t] * b[:, i, 2]
             cell[:, k + 1, s] += rows[k, t] * b[:, i, 1] + rows[k + 1, t] * b[:, i, 3]
     cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept.astype(float), seen)
-    smooth = int(np.logical_and.accumulate(kept.all(axis=(1, 2))).sum()) - 1
-    apart = bool(np.any(pairs.scale[: row.shape[1]] == 0.0)) or len(propagators.links) > 0
-    return propagators.ladder._replace(
-        cell=cell,
-        rows=rows,
-        offset=float(offset),
-        smooth=smooth,
-        apart=apart,
-        grows=pairs.grows or bool(slow.any()),
-        window=float(window),
-        steady=steady,
-        swing=swing,
-    )
+    return {
+        "cell": cell,
+        "rows": rows,
+        "smooth": int(np.logical_and.accumulate(kept.all(axis=(1, 2))).sum()) - 1,
+        "apart": bool(np.any(pairs.scale[: row.shape[1]] == 0.0)) or len(propagators.links) > 0,
+        "window": float(window),
+        "swing": swing,
+    }
 
 
 def workspace(slots: int) -> Any:

@@ -147,7 +147,7 @@ class ExponentialSum:
         propagators = Propagators.of(pairs)
         state = np.zeros((2, propagators.step.shape[2]))
         state[:, : pairs.count] = y
-        return ladder(pairs, row, self.offset, propagators, -1), state
+        return ladder(row, self.offset, propagators, -1), state
 
     @property
     def band(self) -> float:

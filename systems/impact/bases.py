@@ -5,7 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import final
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
 
@@ -42,6 +43,11 @@ class Basis(ABC):
     """
 
     pairs: Pairs
+
+    @cached_property
+    def arranged(self) -> dict[Any, Any]:
+        """Layouts and steps of its pairs beside a table of the last frequency; see `Forced`."""
+        return {}
 
     @abstractmethod
     def positions(self, y: Array) -> Array:

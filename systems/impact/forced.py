@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
-from dynkit.exponential.propagators import padded
+from dynkit.exponential.propagators import Propagators, padded
 from dynkit.systems.impact.bases import Basis, row_by_row
 
 RESONANT = 1e-3
@@ -146,8 +146,26 @@ class Forced:
                 response[part][..., solved] = steady
         return response
 
-    def arranged(self, hidden: NDArray[np.bool_], *, turns: bool) -> tuple[Layout, Pairs]:
-        """Slots for everything, and the pairs in them; of hidden modes those that nothing links."""
+    def arranged(self, hidden: NDArray[np.bool_], *, turns: bool) -> tuple[Layout, Propagators]:
+        """Slots for everything, and their steps; hidden modes are apart where nothing links them.
+
+        What does not depend on the frequency is kept with the basis.
+        """
+        if self.basis is None or self._own_links:
+            layout, pairs = self._arranged(hidden, turns=turns)
+            return layout, Propagators.of(pairs)
+        key, known = (hidden.tobytes(), turns), self.basis.arranged
+        if key in known:
+            layout, propagators = known[key]
+            if turns:
+                propagators = propagators.turning(layout.table, self.frequency)
+        else:
+            layout, pairs = self._arranged(hidden, turns=turns)
+            propagators = Propagators.of(pairs)
+        known[key] = layout, propagators
+        return layout, propagators
+
+    def _arranged(self, hidden: NDArray[np.bool_], *, turns: bool) -> tuple[Layout, Pairs]:
         own = Pairs.empty() if self.basis is None else self.basis.pairs
         hidden = hidden.copy()
         hidden[own.links.ravel()] = False

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.exponential.propagators import Propagators, cells_of_a_call, ladder, workspace
+from dynkit.exponential.modes import Pairs
+from dynkit.exponential.propagators import cells_of_a_call, ladder, workspace
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.bases import row_by_row
 from dynkit.systems.impact.elements import Element, Watch
@@ -27,7 +28,8 @@ class Mode:
     structure : Structure
     forced : Forced
     layout : Layout
-    pairs : Pairs
+    propagators : Propagators
+        The steps of all slots.
     """
 
     def __init__(
@@ -39,12 +41,12 @@ class Mode:
     ) -> None:
         self.structure = structure
         self.forced = forced
-        self.layout, self.pairs = forced.arranged(~seen, turns=drive.turns)
+        self.layout, self.propagators = forced.arranged(~seen, turns=drive.turns)
 
-    @cached_property
-    def propagators(self) -> Propagators:
-        """The steps of all slots."""
-        return Propagators.of(self.pairs)
+    @property
+    def pairs(self) -> Pairs:
+        """How the numbers in all slots evolve."""
+        return self.propagators.pairs
 
     def row(self, coefficients: Array) -> Array:
         """Row (2, slots) of a sum (N,) of positions, without their rest."""
@@ -132,7 +134,7 @@ class Mode:
     def sum(self, row: Array, offset: float) -> Any:
         """The exponential sum ``offset + row . y`` as the kernels take it."""
         row = row[:, : self.layout.seen]
-        return ladder(self.pairs, row, offset, self.propagators, self.layout.table)
+        return ladder(row, offset, self.propagators, self.layout.table)
 
     # --- the motion -------------------------------------------------------------------------------
 

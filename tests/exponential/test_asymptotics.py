@@ -76,7 +76,7 @@ def test_no_sum_falls_below_its_tail(mode: str, drive: str) -> None:
     for _ in range(40):
         row = np.zeros((2, 4))
         row[0, :3] = rng.normal(size=3)
-        sums = ladder(pairs, row, float(rng.normal()), propagators, TABLE)
+        sums = ladder(row, float(rng.normal()), propagators, TABLE)
         states = np.zeros((STATES, 2, propagators.step.shape[2]))
         states[START, :, :4] = random_state(rng)
         low = tail_of(sums, states)
@@ -98,7 +98,7 @@ def test_in_the_end_the_tail_is_steady_motion_and_drift(mode: str, drive: str) -
     propagators = Propagators.of(pairs)
     row = np.zeros((2, 4))
     row[0, 1], row[0, TABLE] = 1.0, 0.5
-    sums = ladder(pairs, row, 0.0, propagators, TABLE)
+    sums = ladder(row, 0.0, propagators, TABLE)
     states = np.zeros((STATES, 2, propagators.step.shape[2]))
     start = random_state(np.random.default_rng(1)).T.ravel()
     later = expm(generator(pairs) * 1e5) @ start

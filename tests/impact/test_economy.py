@@ -5,15 +5,20 @@ from __future__ import annotations
 import subprocess
 import sys
 import tracemalloc
+from collections import Counter
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dynkit import sweep
 from dynkit.core.validation import Array
+from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
+from dynkit.systems.impact import structure
 from dynkit.systems.impact.bases import Basis, CoupledModes, NormalModes
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.forced import Forced
 from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.record import ImpactRecord
@@ -90,6 +95,33 @@ def test_contact_at_another_frequency_takes_no_modes_anew(
         monkeypatch.setattr(basis, "coordinates", counted)
     make_ready(system.replace(frequency=0.7))
     assert max(rows) <= 3  # sine and cosine of the table, and the rest
+
+
+@pytest.mark.parametrize("damping", [0.1, (0.1, 0.2, 0.05, 0.1)])
+def test_a_sweep_in_frequency_builds_the_structure_once(
+    damping: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: Counter[str] = Counter()
+
+    def counted(owner: Any, name: str) -> None:
+        plain = getattr(owner, name)
+
+        def call(*arguments: Any, **options: Any) -> Any:
+            calls[name] += 1
+            return plain(*arguments, **options)
+
+        monkeypatch.setattr(owner, name, call)
+
+    counted(structure, "Structure")
+    counted(structure, "basis_of")
+    counted(propagators, "steps")
+    counted(Forced, "_arranged")
+    springs = (1.0, 1.0, 1.0, 1.125)
+    chain = ImpactChain(masses=4, springs=springs, damping=damping, restitution=0.3, frequency=0.4)
+    found = sweep(chain, "frequency", np.linspace(0.4, 0.6, 21), transient=50, progress=False)
+    assert found.cost.counts["contacts"] > 0
+    # free flight and contact, and the free motion that labels ask for
+    assert calls == {"Structure": 1, "basis_of": 2, "steps": 3, "_arranged": 3}
 
 
 @pytest.mark.parametrize("arms", [3, 20])
