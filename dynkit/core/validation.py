@@ -7,6 +7,7 @@ NaN is refused by every check; NumPy's scalars are numbers.
 import math
 import os
 from collections.abc import Iterable
+from functools import cache
 from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
@@ -232,16 +233,22 @@ def within_memory(name: str, value: int, size: float) -> int:
     >>> within_memory("impacts", 5, 240.0)
     5
     """
-    try:
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):  # a system that does not say
-        return value
+    memory = _memory()
     if size > memory:
         raise ValueError(
             f"{name} must fit into {memory / 2**30:.3g} GiB of memory; got {value}, which takes "
             f"{size / 2**30:.3g} GiB"
         )
     return value
+
+
+@cache
+def _memory() -> float:
+    """Bytes of this machine; infinite where it does not say."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return math.inf
 
 
 def unmasked(name: str, value: object) -> None:

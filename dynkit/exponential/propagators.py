@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import factorial, inf
 from typing import Any
@@ -47,9 +47,9 @@ def rung_sizes(pairs: Pairs) -> tuple[float, int]:
     """Smallest step (a power of two with every abs(lambda) h <= REACH) and rungs of the search."""
     from dynkit.exponential.evaluation_kernels import REACH
 
-    fast, slow = pairs.rates
-    fastest = max(float(fast.max(initial=0.0)), SLOWEST) if fast.any() else 1.0
-    slowest = float(slow[slow > 0.0].min(initial=fastest))
+    fast, slow = (part.tolist() for part in pairs.rates)
+    fastest = max(SLOWEST, *fast) if any(fast) else 1.0
+    slowest = min([fastest, *(rate for rate in slow if rate > 0.0)])
     if pairs.grows:
         # A rigid body may fly for long while nothing else happens.
         slowest = min(slowest, 1e-9 * fastest)
@@ -103,8 +103,10 @@ class Propagators:
         step, generator = self.step.copy(), self.generator.copy()
         _fill_steps(pairs, self.smallest, slot, slot + 1, step)
         generator[1:3, slot], generator[5, slot] = (frequency, -frequency), frequency * frequency
-        responses = replace(self.responses, pairs=self.responses.pairs.turning(slot, frequency))
-        return replace(self, pairs=pairs, step=step, generator=generator, responses=responses)
+        links, known = (self.links, self.link_step), self.responses
+        left = pairs if known.pairs is self.pairs else known.pairs.turning(slot, frequency)
+        responses = Responses(left, known.slots, known.matrices)
+        return Propagators(pairs, self.smallest, self.rungs, step, *links, generator, responses)
 
     @cached_property
     def ladder(self) -> Any:

@@ -36,6 +36,8 @@ def _integers(group: int, ladder: Any) -> tuple[int, ...]:
 
 def _filled(arrays: Sequence[Any]) -> Any:
     """Arrays (k, ...) one after another, filled up with zeros to the largest of them."""
+    if len(arrays) == 1:
+        return arrays[0][None]
     shapes = [array.shape for array in arrays]
     out = np.zeros((len(arrays), *np.max(shapes, axis=0)), dtype=arrays[0].dtype)
     for place, array in zip(out, arrays, strict=True):

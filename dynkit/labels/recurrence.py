@@ -48,6 +48,8 @@ class Recurrences:
         self.count = len(states)
         largest = float(np.sqrt(np.einsum("ij,ij->i", states, states).max(initial=0.0)))
         self.scale = largest if largest > 0.0 else 1.0
+        self._steps: dict[int, Array] = {}
+        self._decays: dict[int, _Decay] = {}
 
     def distances(self, later: slice | _Indices, earlier: slice | _Indices) -> Array:
         """Distances of states to earlier ones; the time between counts by what it is not whole."""
@@ -81,9 +83,11 @@ class Recurrences:
 
     def steps(self, n: int) -> Array:
         """The largest distance over n, for each period of n states but the first, in time order."""
-        begin = self.count % n
-        distance = self.distances(slice(begin + n, None), slice(begin, -n))
-        return np.asarray(distance.reshape(-1, n).max(axis=1))
+        if n not in self._steps:
+            begin = self.count % n
+            distance = self.distances(slice(begin + n, None), slice(begin, -n))
+            self._steps[n] = distance.reshape(-1, n).max(axis=1)
+        return self._steps[n]
 
     def recurrent(self, tolerance: float) -> int | None:
         """The period n that recurs throughout the window, or None when it is not certain."""
@@ -122,7 +126,9 @@ class Recurrences:
         return 1
 
     def _decay(self, n: int) -> "_Decay":
-        return _Decay.of(self.steps(n))
+        if n not in self._decays:
+            self._decays[n] = _Decay.of(self.steps(n))
+        return self._decays[n]
 
     def rest(self, n: int) -> float:
         """How far the last states may be from the periodic orbit; infinite when it is not known."""

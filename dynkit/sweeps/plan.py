@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -280,7 +281,7 @@ class _Simulation:
         n, began = len(values), time.perf_counter()
         kept = {name: np.full((n, plan.keep), np.nan) for name in plan.observables}
         counts, displaced = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.bool_)
-        finals, endings, cost = [], [], Cost(0.0)
+        finals, endings, work = [], [], Counter[str]()
         start = self._start(before)
         for place, value in enumerate(values.tolist()):
             with located(f"at {plan.parameter} {value}"):
@@ -295,14 +296,14 @@ class _Simulation:
                 counts[place] = len(found)
             finals.append(system.pack_state(motion.final))
             endings.append(str(motion.ending.value))
-            cost = cost + Cost(0.0, motion.cost.counts)
+            work.update(motion.cost.counts)
         arrays: dict[str, Anything] = {f"observables/{name}": rows for name, rows in kept.items()}
         arrays |= {"final": np.array(finals), "count": counts, "displaced": displaced}
         note = None
         if plan.follow:
             self.last = value, motion.final
             note = partial(_told, plan, value, motion)
-        cost = cost + Cost(time.perf_counter() - began)
+        cost = Cost(time.perf_counter() - began, work)
         return Rows(arrays, {"ending": endings}, cost, note)
 
     def _start(self, before: tuple[float, Array] | None) -> Any:

@@ -109,11 +109,6 @@ class Automaton:
                 raise Refused(f"a motion must not begin where {element!r} acts; got a gap of {gap}")
 
     @property
-    def slots(self) -> int:
-        """Slots of the states of all modes."""
-        return int(self.tables.ladders.step.shape[3])
-
-    @property
     def tables(self) -> Any:
         """What the kernels take."""
         with self._lock:
@@ -198,11 +193,9 @@ class Automaton:
         for k, guard in enumerate(guards):
             mode = modes[guard.mode]
             if guard.watch.event == IMPACT:
-                own = mode.placed(mode.structure.kick)
-                own[:, mode.layout.seen :] = 0.0
-                kick[k, :, : mode.layout.slots] = self._elements[guard.element].sign * own
-                brief = mode.structure.free.coordinates(*mode.structure.excursion)
-                excursion[k, :, : mode.layout.slots] = mode.placed(brief)
+                own = self._elements[guard.element].sign * mode.placed(mode.structure.kick)
+                kick[k, :, : mode.layout.seen] = own[:, : mode.layout.seen]
+                excursion[k, :, : mode.layout.slots] = mode.placed(mode.structure.brief)
             if guard.change is not None:
                 change[k] = _padded(guard.change, slots)
         self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
@@ -219,8 +212,8 @@ class Automaton:
             change=change,
             kick=kick,
             excursion=excursion,
-            coupling=np.full(len(guards), self._structure.coupling),
-            restitution=np.full(len(guards), self._restitution),
+            coupling=np.array([self._structure.coupling] * len(guards)),
+            restitution=np.array([self._restitution] * len(guards)),
             tolerance=self._tolerance,
             clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
         )

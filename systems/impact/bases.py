@@ -24,6 +24,8 @@ def row_by_row(rows: Array, matrix: Array) -> Array:
 
     BLAS sums in an order that depends on the number of rows.
     """
+    if rows.ndim == 1:  # `accumulate` sums one after the other, too
+        return np.asarray(np.add.accumulate(matrix.T * rows[:, None])[-1])
     most = max(1, _CACHED // max(1, len(matrix)))
     if rows.ndim == 2 and len(rows) > most:
         parts = [rows[first : first + most] for first in range(0, len(rows), most)]

@@ -26,7 +26,9 @@ from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.structure import Drive, Structure, structure_of
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
-_CACHES = frozenset({"_structure", "_drive", "_stops", "_free", "_gaps", "_automaton"})
+_CACHES = frozenset(
+    {"_structure", "_drive", "_stops", "_free", "_gaps", "_automaton", "_default_start"}
+)
 
 
 @dataclass(frozen=True, kw_only=True)

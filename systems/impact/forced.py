@@ -40,6 +40,12 @@ class Layout:
     seen: int
     slots: int
 
+    @cached_property
+    def own(self) -> Any:
+        """The slots of the modes as an index: a slice, whose result is a view, where they may."""
+        count = len(self.modes)
+        return slice(count) if (self.modes == np.arange(count)).all() else self.modes
+
     @staticmethod
     def of(hidden: NDArray[np.bool_], *, table: bool, constant: bool) -> Layout:
         """The layout for modes (m,) of which some are hidden."""

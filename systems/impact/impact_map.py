@@ -7,6 +7,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -126,6 +127,10 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def default_start(self) -> ImpactState:
+        return self._default_start
+
+    @cached_property
+    def _default_start(self) -> ImpactState:
         return self.state()
 
     @property
@@ -147,7 +152,7 @@ class ImpactMap(DrivenStructure, Map):
 
     def _entered(self, given: ImpactState | None) -> ImpactState:
         if given is None:
-            return self.state()
+            return self._default_start
         if not isinstance(given, ImpactState):
             raise ValueError(f"start must be an ImpactState; got {given!r}")
         return entered(self, given)

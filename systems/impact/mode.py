@@ -76,7 +76,7 @@ class Mode:
 
     def parts(self, states: Array) -> tuple[Array, Array, Array]:
         """Coordinates (..., 2, m), sine and cosine (...) of states (..., 2, slots)."""
-        q = np.take(states, self.layout.modes, axis=-1)
+        q = states[..., self.layout.own]
         if self.layout.table < 0:
             none = np.zeros(q.shape[:-2])
             return q, none, none
@@ -164,11 +164,18 @@ class Mode:
             out[..., t] += states[..., s] @ b.reshape(2, 2).T
         return out
 
+    @cached_property
+    def _own_slots(self) -> tuple[Any, Any]:
+        return self._apart(self.layout.modes)
+
+    def _apart(self, slots: Any) -> tuple[Any, Any]:
+        """Slots that nothing links, and those that something does, each ascending."""
+        linked = np.intersect1d(self.propagators.links, slots)
+        return np.setdiff1d(slots, linked), linked
+
     def transitions(self, durations: Array, among: Any = None) -> Transitions:
         """Transitions over the durations (k,) among some slots, the modes by default."""
-        some = self.layout.modes if among is None else among
-        linked = np.intersect1d(self.propagators.links, some)
-        alone = np.setdiff1d(some, linked)
+        alone, linked = self._own_slots if among is None else self._apart(among)
         starts = np.zeros((2 + 2 * len(linked), 2, self.layout.slots))
         starts[0, 0, alone] = starts[1, 1, alone] = 1.0
         for i, slot in enumerate(linked.tolist()):

@@ -233,7 +233,7 @@ class ImpactRecord(Result):
         counts = {
             "impacts": run.impacts,
             "cells": run.cells,
-            "contacts": len(run.contacts),
+            "contacts": len(run.before),
             "touches": run.touches,
         }
         return Cost(run.seconds, counts)

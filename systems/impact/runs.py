@@ -78,7 +78,7 @@ class Course:
         from dynkit.exponential.evaluation_kernels import START
         from dynkit.systems.impact import clock_kernels
 
-        n, free = oscillator.degrees_of_freedom, oscillator._free
+        free = oscillator._free
         q, turn = start._coordinates, start._turn
         clock = np.zeros(clock_kernels.CLOCK)
         clock[clock_kernels.SPEED] = abs(start.relative_velocity)
@@ -90,7 +90,7 @@ class Course:
         clock[clock_kernels.LONGEST] = longest
         self._shifts: Array | None = None
         if noise > 0.0:
-            random = np.random.default_rng(seed)
+            random, n = np.random.default_rng(seed), oscillator.degrees_of_freedom
             # What turning positions into coordinates rounds: half of the disturbance.
             x, v = (
                 0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
@@ -107,24 +107,22 @@ class Course:
         self._clock = clock
         self._waiting = np.zeros(5, dtype=np.int64), np.zeros(2)
         self._switches: Any = None
-        self._work = workspace(free.layout.slots)
         state = free.states(q, *turn)
         oscillator._automaton.check_start(state)
-        self._work.states[START] = state
-        self._prepare()
+        self._prepare(START, state[None])
         if noise > 0.0:
             generator, slots = oscillator._gaps[0].generator, free.layout.modes
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
         self.impacts, self.ending = 0, Ending.COUNT_REACHED
 
-    def _prepare(self) -> None:
-        """Tables and buffers of the modes that there are."""
-        oscillator, automaton = self._oscillator, self._oscillator._automaton
-        self._tables, slots = automaton.tables, automaton.slots
+    def _prepare(self, first: int, states: Array) -> None:
+        """Tables and buffers of the modes that there are; these states are put in, from one on."""
+        self._tables = self._oscillator._automaton.tables
+        slots = self._tables.ladders.step.shape[3]
         if self._shifts is not None:
-            self._tables = _displaced(self._tables, oscillator, self._shifts)
-        before, self._work = self._work, workspace(slots)
-        self._work.states[..., : before.states.shape[2]] = before.states
+            self._tables = _displaced(self._tables, self._oscillator, self._shifts)
+        self._work = workspace(slots)
+        self._work.states[first : first + len(states), :, : states.shape[2]] = states
         self._enlarge(slots)
 
     def _enlarge(self, slots: int) -> None:
@@ -171,7 +169,7 @@ class Course:
             done += impacts
             if ending == kernels.MODE_WANTED:
                 self._oscillator._automaton.enter(int(self._clock[clock_kernels.WANTED]))
-                self._prepare()
+                self._prepare(0, self._work.states)
             elif ending == kernels.SWITCHES_FULL:
                 self._enlarge(self._work.states.shape[2])
         self.impacts, self.ending = self.impacts + done, tuple(Ending)[ending]

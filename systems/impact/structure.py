@@ -58,6 +58,11 @@ class Structure:
         return self.free.kick(self.kick_velocity, self.contact)
 
     @cached_property
+    def brief(self) -> Array:
+        """(2, N) change of the coordinates by an `excursion`."""
+        return self.free.coordinates(*self.excursion)
+
+    @cached_property
     def stuck(self) -> Basis | None:
         """Basis of the structure whose contact coordinate is held; None when nothing is left."""
         if self.size == 1:

@@ -86,11 +86,11 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
     """
     from dynkit.systems.impact.tangent_kernels import carry
 
-    steps, d = steps_of(oscillator, run), oscillator.dimension
+    steps, d = steps_of(oscillator, run, impacts[0] + 1), oscillator.dimension
     first = np.append(steps.first, len(steps.which))
     found = np.empty((len(impacts) - 1, d, d))
     for part, (begin, end) in zip(found, pairwise(impacts), strict=True):
-        here = slice(first[begin + 1], first[end + 1])
+        here = slice(first[begin - impacts[0]], first[end - impacts[0]])
         frame = np.eye(d)
         flown = steps.blocks[here], steps.which[here], steps.dense
         carry(*flown, steps.vectors, steps.jumps[here], frame, np.empty(d))
@@ -139,16 +139,20 @@ def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
         )
 
 
-def steps_of(oscillator: DrivenStructure, run: Trajectory) -> Steps:
-    """The steps of a run: contact, where there is one, flight and impact, cut where they spread."""
+def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> Steps:
+    """The steps of a run: contact, where there is one, flight and impact, cut where they spread.
+
+    Those that lead to the impacts from number `begin` on.
+    """
     motion = free_motion(oscillator._structure)
     before = run.before
     flights, held = run.durations
     jumps, lost = _jumps(oscillator, run)
 
-    spread = _spread(motion)
-    parts = np.maximum(np.ceil(flights * (spread / SPREAD)), 1.0).astype(np.intp)
-    stuck_parts = np.maximum(np.ceil(held * (spread / SPREAD)), 1.0).astype(np.intp)
+    parts, stuck_parts = (
+        np.maximum(np.ceil(part * (motion.spread / SPREAD)), 1.0).astype(np.intp)
+        for part in (flights, held)
+    )
     contact_steps = np.zeros(run.impacts, dtype=np.intp)
     contact_steps[before] = stuck_parts - 1
     # Parts of a contact but the last come first, then those of the flight, then the impact.
@@ -166,7 +170,9 @@ def steps_of(oscillator: DrivenStructure, run: Trajectory) -> Steps:
         gone[place : place + many] = 2
         durations[place : place + many - 1] = 0.0
 
-    return Steps(*_flights(motion, durations, which, dense), motion.vectors, jump, gone, first[:-1])
+    now = slice(first[begin], None)
+    flown = _flights(motion, durations[now], which[now], dense)
+    return Steps(*flown, motion.vectors, jump[now], gone[now], first[begin:-1] - first[begin])
 
 
 def _flights(
@@ -252,11 +258,3 @@ def _contact_matrices(oscillator: DrivenStructure, run: Trajectory, durations: A
         down = closing(oscillator, side, states[here], speeds[here])
         out[here] = release(oscillator, side) @ moved @ down
     return out
-
-
-def _spread(motion: FreeMotion) -> float:
-    """How much faster the fastest mode decays than the slowest one."""
-    g = motion.mode.pairs.generator[:, motion.mode.layout.modes]
-    half = 0.5 * (g[0] + g[3])
-    root = np.sqrt(np.maximum(half * half - (g[0] * g[3] - g[1] * g[2]), 0.0))
-    return float((half + root).max() - (half - root).min())

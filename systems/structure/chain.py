@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -131,6 +132,8 @@ def element_values(
     ...
     ValueError: springs[1] must not be negative; got -1.0
     """
+    if type(value) is float and (0.0 < value < math.inf or (zero and value == 0.0)):
+        return (value,) * (count or 1)
     alone = isinstance(value, int | float | np.generic)
     array = finite_array(name, value, () if alone else (count,)).ravel()
     if not len(array):

@@ -76,6 +76,14 @@ class FreeMotion:
         kick, pushed = self.kick[:, modes], self.mode.rate(self.kick)[:, modes]
         return np.stack([kick, pushed, place, speed]).reshape(4, -1)
 
+    @cached_property
+    def spread(self) -> float:
+        """How much faster the fastest mode decays than the slowest one."""
+        g = self.mode.pairs.generator[:, self.mode.layout.modes]
+        half = 0.5 * (g[0] + g[3])
+        root = np.sqrt(np.maximum(half * half - (g[0] * g[3] - g[1] * g[2]), 0.0))
+        return float((half + root).max() - (half - root).min())
+
     def repeated(self, period: float) -> tuple[Transitions, Array]:
         """Transitions over a period, and the periodic state just after a unit impulse in each.
 
