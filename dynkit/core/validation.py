@@ -18,7 +18,7 @@ Array: TypeAlias = NDArray[np.float64]
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 # So few numbers are looked at one by one in less time than NumPy takes to begin.
-_SHORT = 16
+_SHORT = 64
 
 # Counts are kept in integers of 64 bits.
 _COUNTS = 2**63

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TypeAlias, final
+from functools import cached_property, wraps
+from typing import Any, TypeAlias, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 
 _Indices: TypeAlias = NDArray[np.intp]
+_Found = TypeVar("_Found")
 
 REPETITIONS = 3
 """A period is believed when the window holds it this many times: two full repetitions."""
@@ -24,6 +25,20 @@ _FIT = 6
 _DECAY_RECURRENCES, _DECAY_DEPTH = 10, np.log(3.0)
 # Two candidate periods n and kn that differ by less than this, relative, may be one still settling.
 _CLOSE = 0.03
+
+
+def _once(method: Callable[["Recurrences", int], _Found]) -> Callable[["Recurrences", int], _Found]:
+    """Work out what a method says of a period when it is first asked for."""
+
+    @wraps(method)
+    def known(self: "Recurrences", n: int) -> _Found:
+        key = method.__name__, n
+        if key not in self._known:
+            self._known[key] = method(self, n)
+        found: _Found = self._known[key]
+        return found
+
+    return known
 
 
 @final
@@ -48,8 +63,7 @@ class Recurrences:
         self.count = len(states)
         largest = float(np.sqrt(np.einsum("ij,ij->i", states, states).max(initial=0.0)))
         self.scale = largest if largest > 0.0 else 1.0
-        self._steps: dict[int, Array] = {}
-        self._decays: dict[int, _Decay] = {}
+        self._known: dict[tuple[str, int], Any] = {}
 
     def distances(self, later: slice | _Indices, earlier: slice | _Indices) -> Array:
         """Distances of states to earlier ones; the time between counts by what it is not whole."""
@@ -73,6 +87,7 @@ class Recurrences:
         """Periods of the forcing in the last n states; None where there is none."""
         return None if self.times is None else round(self.times[-1] - self.times[-1 - n])
 
+    @_once
     def spread(self, n: int) -> float:
         """The largest distance of a state to its counterpart in the window's last n states."""
         early = np.arange(self.count - n)
@@ -81,13 +96,12 @@ class Recurrences:
     def _counterparts(self, i: int | _Indices, n: int | _Indices) -> _Indices:
         return np.asarray(self.count - n + (i - self.count) % n)
 
+    @_once
     def steps(self, n: int) -> Array:
         """The largest distance over n, for each period of n states but the first, in time order."""
-        if n not in self._steps:
-            begin = self.count % n
-            distance = self.distances(slice(begin + n, None), slice(begin, -n))
-            self._steps[n] = distance.reshape(-1, n).max(axis=1)
-        return self._steps[n]
+        begin = self.count % n
+        distance = self.distances(slice(begin + n, None), slice(begin, -n))
+        return np.asarray(distance.reshape(-1, n).max(axis=1))
 
     def recurrent(self, tolerance: float) -> int | None:
         """The period n that recurs throughout the window, or None when it is not certain."""
@@ -125,10 +139,9 @@ class Recurrences:
                     return factor
         return 1
 
+    @_once
     def _decay(self, n: int) -> "_Decay":
-        if n not in self._decays:
-            self._decays[n] = _Decay.of(self.steps(n))
-        return self._decays[n]
+        return _Decay.of(self.steps(n))
 
     def rest(self, n: int) -> float:
         """How far the last states may be from the periodic orbit; infinite when it is not known."""

@@ -62,7 +62,7 @@ class Mode:
     def placed(self, rows: Array) -> Array:
         """Numbers (..., slots): those of the modes, (..., m), as given, and the rest zero."""
         out = np.zeros((*rows.shape[:-1], self.layout.slots))
-        out[..., self.layout.modes] = rows
+        out[..., self.layout.own] = rows
         return out
 
     def states(self, q: Array, sine: Any, cosine: Any) -> Array:

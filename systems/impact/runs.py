@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import cache
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -24,6 +25,15 @@ _FEW = 32
 """Switches that there is room for at first."""
 
 _MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE)
+_ENDINGS = tuple(Ending)
+
+
+@cache
+def _kernels() -> Any:
+    """Modules of the clock, of the run and of what it writes down, imported for the first run."""
+    from dynkit.systems.impact import clock_kernels, kernels, log_kernels
+
+    return clock_kernels, kernels, log_kernels
 
 
 def band_factor(slots: int) -> float:
@@ -75,9 +85,7 @@ class Course:
         most_cells: int,
         longest: float = 0.0,
     ) -> None:
-        from dynkit.exponential.evaluation_kernels import START
-        from dynkit.systems.impact import clock_kernels
-
+        clock_kernels, kernels, _ = _kernels()
         free = oscillator._free
         q, turn = start._coordinates, start._turn
         clock = np.zeros(clock_kernels.CLOCK)
@@ -109,7 +117,7 @@ class Course:
         self._switches: Any = None
         state = free.states(q, *turn)
         oscillator._automaton.check_start(state)
-        self._prepare(START, state[None])
+        self._prepare(kernels.START, state[None])
         if noise > 0.0:
             generator, slots = oscillator._gaps[0].generator, free.layout.modes
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
@@ -127,8 +135,7 @@ class Course:
 
     def _enlarge(self, slots: int) -> None:
         """Room for more switches."""
-        from dynkit.systems.impact import clock_kernels, log_kernels
-
+        clock_kernels, _, log_kernels = _kernels()
         old, rows = self._switches, _FEW
         if old is not None:
             rows = max(_FEW, 2 * int(self._clock[clock_kernels.SWITCHES]))
@@ -140,8 +147,7 @@ class Course:
 
     def advance(self, count: int, *, store: bool) -> Impacts:
         """Simulate so many impacts more, or until there are no more, and return what is kept."""
-        from dynkit.systems.impact import clock_kernels, kernels, log_kernels
-
+        _, kernels, log_kernels = _kernels()
         free, rows = self._oscillator._free, count if store else 0
         slots = free.layout.slots
         log: Any = log_kernels.Impacts(
@@ -168,29 +174,25 @@ class Course:
             )
             done += impacts
             if ending == kernels.MODE_WANTED:
-                self._oscillator._automaton.enter(int(self._clock[clock_kernels.WANTED]))
+                self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
                 self._prepare(0, self._work.states)
             elif ending == kernels.SWITCHES_FULL:
                 self._enlarge(self._work.states.shape[2])
-        self.impacts, self.ending = self.impacts + done, tuple(Ending)[ending]
+        self.impacts, self.ending = self.impacts + done, _ENDINGS[ending]
         kept = Impacts(*log)
         return kept if done == rows else kept.part(0, done)
 
     @property
     def cells(self) -> int:
         """Cells of all searches so far."""
-        from dynkit.systems.impact import clock_kernels
-
-        return int(self._clock[clock_kernels.CELLS])
+        return int(self._clock[_kernels()[0].CELLS])
 
     def trajectory(self, log: Impacts, seconds: float) -> Trajectory:
         """The events so far, with what was written down of impacts."""
-        from dynkit.exponential.evaluation_kernels import START
-        from dynkit.systems.impact import clock_kernels
-
+        clock_kernels, kernels, _ = _kernels()
         oscillator, clock = self._oscillator, self._clock
         free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
-        state, automaton = self._work.states[START], oscillator._automaton
+        state, automaton = self._work.states[kernels.START], oscillator._automaton
         mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
         if mode:
             one = automaton.modes[mode]

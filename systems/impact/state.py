@@ -106,7 +106,7 @@ def state_of(
     q.setflags(write=False)
     turn.setflags(write=False)
     state = ImpactState(float(u), motion, oscillator, q, turn)
-    if not abs(q).max(initial=0.0) < _LARGE:
+    if not np.vdot(q, q) < _LARGE**2:
         _ = state.position
     return state
 
