@@ -7,6 +7,9 @@ from typing import final
 
 from dynkit.core.validation import non_negative, non_negative_integer
 
+_SMALL = 2**32
+"""Python's own integers below this need no further check: every value of a sweep has a few."""
+
 
 @final
 @dataclass(frozen=True)
@@ -36,7 +39,9 @@ class Cost:
 
     def __post_init__(self) -> None:
         counts = {
-            name: non_negative_integer(f"counts[{name!r}]", count)
+            name: count
+            if type(count) is int and 0 <= count < _SMALL
+            else non_negative_integer(f"counts[{name!r}]", count)
             for name, count in self.counts.items()
         }
         object.__setattr__(self, "seconds", non_negative("seconds", self.seconds))

@@ -294,8 +294,11 @@ def free_mode(structure: Structure, drive: Drive, watched: Sequence[int] = ()) -
     n = structure.size
     load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
     forced = Forced(structure.free, np.arange(n), load)
-    rows = [structure.free.position_row(np.eye(n)[c]) for c in {structure.contact, *watched}]
-    return Mode(structure, forced, drive, visible(np.concatenate([*rows, structure.kick[:2]])))
+    seen, places = structure.seen, frozenset({structure.contact, *watched})
+    if places not in seen:
+        rows = [structure.free.position_row(np.eye(n)[c]) for c in places]
+        seen[places] = visible(np.concatenate([*rows, structure.kick[:2]]))
+    return Mode(structure, forced, drive, seen[places])
 
 
 def sum_of(mode: Mode, drive: Drive, element: Element, watch: Watch) -> Any:

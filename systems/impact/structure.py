@@ -18,7 +18,13 @@ from dynkit.systems.structure.modes import Derivation
 
 @final
 class Structure:
-    """What follows from mass, damping, stiffness and contact: shared by all other parameters."""
+    """What follows from mass, damping, stiffness and contact: shared by all other parameters.
+
+    Attributes
+    ----------
+    seen : dict
+        Modes that take part in the motion of some coordinates, filled by `free_mode`.
+    """
 
     def __init__(self, given: Derivation, contact: int) -> None:
         self.mass = given.mass.dense
@@ -31,6 +37,7 @@ class Structure:
         self._given = replace(given)
         self.others = np.delete(np.arange(self.size), contact)
         self._stiffened: dict[tuple[int, float, float], Structure] = {}
+        self.seen: dict[frozenset[int], Any] = {}
 
     def stiffened(self, coordinate: int, stiffness: float, damping: float) -> Structure:
         """The same with a spring and a dashpot more at a coordinate; kept."""

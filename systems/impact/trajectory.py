@@ -316,7 +316,10 @@ class Trajectory:
     @cached_property
     def contacts(self) -> Array:
         """Begin, after the bounces that are left out, and end (k, 2), infinite for ever."""
-        s, held, element = self.switches, self._held, self.guards[self.switches.guard, 1]
+        s = self.switches
+        if not len(s.time):
+            return np.empty((0, 2))
+        held, element = self._held, self.guards[s.guard, 1]
         ends = np.full(len(held), np.inf)
         for number in np.unique(element).tolist():
             (own,) = np.nonzero(element == number)
@@ -328,7 +331,7 @@ class Trajectory:
         """The point after which each contact begins."""
         return np.asarray(self.switches.before[self._held])
 
-    @property
+    @cached_property
     def _held(self) -> Any:
         """Which of the switches are to contact."""
         return self.guards[self.switches.guard, 3] == EventKind.CONTACT
