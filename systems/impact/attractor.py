@@ -246,18 +246,18 @@ class _ImpactOrbit:
             self.record = self.system.simulate(impacts=count, start=self.record.final)
         self.fresh = False
         record = self.record
-        period = TWO_PI / self.system.frequency
+        period, states = TWO_PI / self.system.frequency, record._without_phase
         releases = release_times = release_error = None
         after = _after_releases(record)
         if len(after):
-            releases = record.states[after, :-1]
+            releases = states[after]
             release_times = (self.clock + record.time[after]) / period
 
             def release_error(n: int) -> float:
                 return float(record._until(int(after[n])).error[-1])
 
         times = (self.clock + record.time) / period
-        return Window(record.states[:, :-1], times, releases, release_times, release_error)
+        return Window(states, times, releases, release_times, release_error)
 
     def difference(self, a: Array, b: Array) -> Array:
         return np.asarray(a - b)

@@ -193,8 +193,13 @@ class ImpactRecord(Result):
     @property
     def states(self) -> Array:
         """Section coordinates (n, 2N) just after the impacts."""
-        u, phase, others = self.relative_velocity, self.phase, self.system._structure.others
-        parts = [self.position[:, others], self.velocity[:, others], u[:, None], phase[:, None]]
+        return np.concatenate([self._without_phase, self.phase[:, None]], axis=1)
+
+    @property
+    def _without_phase(self) -> Array:
+        """Section coordinates (n, 2N - 1) without the phase."""
+        u, others = self.relative_velocity, self.system._structure.others
+        parts = [self.position[:, others], self.velocity[:, others], u[:, None]]
         return np.concatenate(parts, axis=1)
 
     @cached_property
