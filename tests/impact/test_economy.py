@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
 import tracemalloc
@@ -15,7 +16,7 @@ from dynkit import sweep
 from dynkit.core.validation import Array
 from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
-from dynkit.systems.impact import structure
+from dynkit.systems.impact import runs, structure, tangents
 from dynkit.systems.impact.bases import Basis, CoupledModes, NormalModes
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.forced import Forced
@@ -238,3 +239,39 @@ print(sorted({"sympy", "matplotlib", "h5py", "tqdm"} & set(sys.modules)))
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_the_default_start_is_made_once_and_stays_at_home() -> None:
+    chain = ImpactChain(masses=2, frequency=0.9)
+    assert chain.simulate(impacts=1).start is chain.simulate(impacts=2).start is chain.default_start
+    assert "_default_start" not in vars(pickle.loads(pickle.dumps(chain)))
+
+
+def test_a_run_has_one_work_space_for_all_modes_that_it_finds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spaces: list[int] = []
+
+    def counted(slots: int, plain: Any = propagators.workspace) -> Any:
+        spaces.append(slots)
+        return plain(slots)
+
+    monkeypatch.setattr(runs, "workspace", counted)
+    chain = ImpactChain(masses=4, restitution=0.3, frequency=0.4)
+    for more in (1, 0):  # the first motion enters contact, and has room for its states made
+        spaces.clear()
+        assert len(chain.simulate(impacts=100).sticking)
+        assert len(spaces) == 1 + more
+
+
+def test_a_label_follows_disturbances_over_two_periods(monkeypatch: pytest.MonkeyPatch) -> None:
+    flown: list[int] = []
+
+    def counted(*arguments: Any, plain: Any = tangents._flights) -> Any:
+        flown.append(len(arguments[1]))
+        return plain(*arguments)
+
+    monkeypatch.setattr(tangents, "_flights", counted)
+    attractor = ImpactChain(masses=4, frequency=0.87).attractor(transient=700, keep=100)
+    assert attractor.label.stable
+    assert flown == [2 * (attractor.label.iterates or 0)]
