@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.continuation.kinds import KINDS
+from dynkit.continuation.switching import Place
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, Tabled, largest, table, written
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
@@ -59,8 +62,9 @@ class Bifurcation(Tabled):
 
     Parameters
     ----------
-    kind : {"SN", "PD", "NS", "BP", "GR", "CB"}
-        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, grazing, chatter border.
+    kind : BifurcationKind
+        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, grazing, chatter border:
+        it equals its text, ``"SN"`` and so on.
     parameter : str
         Name of the parameter that was followed.
     value : float
@@ -101,7 +105,7 @@ class Bifurcation(Tabled):
         bifurcates.
     """
 
-    kind: str
+    kind: BifurcationKind
     parameter: str
     value: float
     error: float
@@ -147,17 +151,12 @@ class Bifurcation(Tabled):
         At PD it is the branch of twice the period, at BP the one that crosses, at GR those of the
         orbits with one impact more or less. SN, NS and CB have none.
         """
-        from dynkit.continuation.switching import crossing, doubled, neighbours
-
-        y, error = (
-            np.append(a, b)
-            for a, b in ((self.unknowns, self.value), (self.unknowns_error, self.error))
-        )
-        if self.kind == "PD" and len(self.direction):
-            return doubled(self.problem, y, self.direction, error)
-        if self.kind == "BP":
-            return crossing(self.problem, y, self.tangent, error)
-        return neighbours(self.problem, self.event, y) if self.event >= 0 else []
+        switch = KINDS[self.kind].switch
+        if switch is None:
+            return []
+        y = np.append(self.unknowns, self.value)
+        error = np.append(self.unknowns_error, self.error)
+        return switch(Place(self.problem, y, error, self.direction, self.tangent, self.event))
 
     def __repr__(self) -> str:
         doubt = "" if self.admissible else ", inadmissible"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.problem import Event
 
 
@@ -13,7 +14,7 @@ from dynkit.orbits.problem import Event
 class Crossing(NamedTuple):
     """What happens within a step: the kind, the event of GR and CB, and whether it is the end."""
 
-    kind: str
+    kind: BifurcationKind
     event: int = -1
     ends: bool = False
 

@@ -16,9 +16,9 @@ from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
 from dynkit.continuation.defining_systems import (
     BifurcationEquations,
     CriticalMultiplier,
-    condition_of,
 )
 from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.kinds import condition_of
 from dynkit.continuation.orbit_equations import distance_from_curve
 from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Bound, Ending, Reason
@@ -28,6 +28,7 @@ from dynkit.core.reprs import Facts
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, in_interval
 from dynkit.data.dataset import Dataset
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct
 from dynkit.orbits.problem import Problem
 
@@ -49,7 +50,7 @@ class BifurcationCurve(SolutionCurve):
 
     Parameters
     ----------
-    kind : {"SN", "PD", "NS", "BP", "GR", "CB"}
+    kind : BifurcationKind
         What they are.
     label : str
         What kind of orbits they are of, such as ``P(2)`` or ``P(1,3)``.
@@ -92,7 +93,7 @@ class BifurcationCurve(SolutionCurve):
         *("kind", "label", "names", "parameters", "unknowns", "own", "admissible", "residuals"),
         *("endings", "cost", "error"),
     )
-    kind: str
+    kind: BifurcationKind
     label: str
     names: tuple[str, str]
     parameters: Array
@@ -236,7 +237,7 @@ def continue_curve(
         Bound(m + e + i, name, *interval)
         for i, (name, interval) in enumerate(zip(names, ranges, strict=True))
     ]
-    if bifurcation.kind == "NS":
+    if bifurcation.kind is BifurcationKind.NS:
         limits.append(Bound(m, "theta", _RESONANCE, np.pi - _RESONANCE, Reason.RESONANCE))
 
     def renewed(_: Point, after: Point) -> bool:
@@ -274,7 +275,7 @@ def _start(
 ) -> tuple[Point, BifurcationEquations]:
     kind, x, p = bifurcation.kind, bifurcation.unknowns, problem.values
     own = bifurcation.own
-    if kind == "NS":
+    if kind is BifurcationKind.NS:
         # of the pair of angles the one between 0 and pi
         own = np.arccos(np.cos(own))
     condition, own = condition_of(kind, bifurcation.event, problem, x, own, p)

@@ -265,35 +265,3 @@ def null_vector(problem: Problem, x: Array, p: Array, multiplier: float) -> Arra
     units = problem.scale(x)
     rows = np.linalg.svd(problem.linearization(x, p, multiplier) * units)[2]
     return np.asarray(rows[-1] * units)
-
-
-_CRITICAL: dict[str, type[CriticalMultiplier]] = {
-    "SN": Fold,
-    "BP": BranchPoint,
-    "PD": PeriodDoubling,
-    "NS": NeimarkSacker,
-}
-
-
-def condition_of(
-    kind: str, event: int, problem: Problem, x: Array, own: Array, p: Array
-) -> tuple[Condition, Array]:
-    """Return what holds at a bifurcation, and a guess of its own unknowns, from an orbit nearby.
-
-    Parameters
-    ----------
-    kind : {"SN", "PD", "NS", "BP", "GR", "CB"}
-    event : int
-        Which of the problem's events, for GR and CB.
-    problem : Problem
-    x : (m,) array
-    own : (e,) array
-        For NS the angle, otherwise whatever is known, or nothing.
-    p : (k,) array
-    """
-    if kind not in _CRITICAL:
-        condition, guess = problem.condition(event, x, p)
-        return condition, (own if len(own) == condition.unknowns else guess)
-    if kind == "BP" and not len(own):
-        own = np.zeros(1)
-    return _CRITICAL[kind](problem, x, own, p), own

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.continuation.kinds import KINDS
 from dynkit.continuation.lines import Line
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.plotting.figures import circles, crosses, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
@@ -17,15 +19,6 @@ if TYPE_CHECKING:
 LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 2)), "inadmissible": (0, (1, 1.5))}
 """How orbits are drawn."""
 
-_CURVES: dict[str, Any] = {
-    "SN": "-",
-    "PD": (0, (5, 2)),
-    "NS": (0, (5, 2, 1, 2)),
-    "GR": (0, (3, 1.5)),
-    "BP": (0, (5, 2, 1, 2, 1, 2)),
-    "CB": (0, (9, 2)),
-}
-"""How curves of bifurcations are drawn: dots are left to inadmissible orbits."""
 _TEXT: dict[str, Any] = {
     "textcoords": "offset points",
     "xytext": (3.0, 3.0),
@@ -83,11 +76,11 @@ def _merged(
 
 
 @print_style()
-def draw_curve(kind: str, parameters: Mapping[str, Array], ax: Axes | None) -> Axes:
+def draw_curve(kind: BifurcationKind, parameters: Mapping[str, Array], ax: Axes | None) -> Axes:
     """Draw a curve of bifurcations as `BifurcationCurve.plot` says."""
     axes = shown_axes(ax)
     x, y = parameters.values()
-    axes.plot(x, y, linestyle=_CURVES[kind], label=kind, color=ink(), linewidth=0.9)
+    axes.plot(x, y, linestyle=KINDS[kind].line, label=kind, color=ink(), linewidth=0.9)
     middle = _middle(x, y)
     axes.annotate(kind, (float(x[middle]), float(y[middle])), **_TEXT)
     name_axes(axes, list(parameters))

@@ -15,6 +15,7 @@ from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.initial_orbits import Search, Told, searches_of, seeds_of
+from dynkit.continuation.kinds import KINDS, Noticed
 from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish, Link, Network, Unexplored
 from dynkit.core.cost import Cost
@@ -29,7 +30,6 @@ from dynkit.orbits.search import OrbitSearch
 if TYPE_CHECKING:
     from dynkit.continuation.bifurcations import Bifurcation
 
-_LEADING = ("PD", "BP", "GR")
 # Points of a branch, at most, in each direction.
 _POINTS = 2000
 # Why an orbit is not continued, or a bifurcation leads to none: said, and passed over.
@@ -306,7 +306,7 @@ class _Exploration:
         self.trails.append(Trail(branch))
         self.points += len(branch)
         for place, bifurcation in enumerate(branch.bifurcations):
-            if bifurcation.kind in _LEADING and _at_motions(branch, bifurcation):
+            if KINDS[bifurcation.kind].switch and _at_motions(branch, bifurcation):
                 self.waiting.append((number, place))
         return number
 
@@ -377,7 +377,7 @@ def _switched(bifurcation: Bifurcation) -> tuple[list[PeriodicOrbit], str]:
         orbits = [_once(orbit) for orbit in bifurcation.switch()]
     except _REFUSALS as refusal:
         return [], f"switching fails: {refusal}"
-    missing = not orbits and bifurcation.kind != "GR"
+    missing = not orbits and KINDS[bifurcation.kind].noticed is Noticed.TEST_FUNCTION
     return orbits, "no orbit was found on another branch" if missing else ""
 
 

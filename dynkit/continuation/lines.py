@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 
 
 @final
@@ -91,5 +92,5 @@ class Line:
         """
         last = sum(bifurcation is None for _, bifurcation in self.nodes) - 1
         for (place, b), x, y in zip(self.nodes, self.x, self.y, strict=True):
-            if b is not None and (b.kind != "BP" or 0.0 <= place <= last):
+            if b is not None and (b.kind is not BifurcationKind.BP or 0.0 <= place <= last):
                 yield b, float(x), y

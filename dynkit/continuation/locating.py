@@ -11,11 +11,12 @@ from dynkit.continuation.crossings import Crossing, Located
 from dynkit.continuation.defining_systems import (
     BifurcationEquations,
     CriticalMultiplier,
-    condition_of,
     null_vector,
 )
+from dynkit.continuation.kinds import KINDS, condition_of
 from dynkit.continuation.test_functions import are_real, crossings, examine
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct, error_bound
 from dynkit.orbits.problem import Problem
 
@@ -29,13 +30,8 @@ _FLAT, _UNFOLDED = 1e-3, 1e-9
 _UNSURE = 1e-5
 # Multipliers are on the unit circle within this, where two of them are one and rounding counts.
 _ON_CIRCLE = 1e-5
-# What is watched jumps where it changes its sign without becoming so small. The smallest gap of a
-# flight would as a square root within 1e-9 of the border; beyond the last chatter that completes
-# there is no orbit, so that steps are not halved to the end.
-_JUMPS = {"GR": 1e-4, "CB": 0.05}
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
-_CRITICAL = {"SN": 1.0, "BP": 1.0, "PD": -1.0}
 
 
 def locate(
@@ -53,7 +49,7 @@ def locate(
     size = max(height for height in heights if height < np.inf)
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
-            known = after.seen.branch_point if crossing.kind == "BP" else None
+            known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
             found = known or solved(problem, before, after, crossing)
             if found is not None:
                 seconds = time.perf_counter() - began
@@ -69,10 +65,12 @@ def locate(
         else:
             return None
     least = min(_height(before, crossing), _height(after, crossing))
-    if least > _JUMPS.get(crossing.kind, 0.0) * size:
+    if least > KINDS[crossing.kind].jump * size:
         return None
-    critical = _CRITICAL.get(crossing.kind)
-    if crossing.kind == "NS" or (critical and _distance(after, crossing.kind) > _NEAR):
+    critical = KINDS[crossing.kind].critical
+    if crossing.kind is BifurcationKind.NS or (
+        critical and _distance(after, crossing.kind) > _NEAR
+    ):
         return None
     errors = abs(after.y - before.y) + _blur(follower, after)
     x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
@@ -113,7 +111,7 @@ def _blur(follower: Follower, point: Point) -> Array:
 
 def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
     """Whether it can be what it seems; a torus cannot be told while multipliers become real."""
-    return crossing.kind != "NS" or before.seen.pairs == after.seen.pairs
+    return crossing.kind is not BifurcationKind.NS or before.seen.pairs == after.seen.pairs
 
 
 def _examined_middle(
@@ -141,7 +139,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
     kind, event, _ = crossing
     guess = interpolated(before, after, _part(before, after, crossing))
     own = np.empty(0)
-    if kind == "NS":
+    if kind is BifurcationKind.NS:
         own = _angle(before, after)
         if not len(own):
             return None
@@ -161,12 +159,12 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         bound = error_bound(equations, jacobian, found.y, scale, None)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    if kind == "NS" and abs(np.sin(own[0])) < _FLAT:
+    if kind is BifurcationKind.NS and abs(np.sin(own[0])) < _FLAT:
         return None
-    if kind == "BP" and abs(own[0]) > _UNFOLDED:
+    if kind is BifurcationKind.BP and abs(own[0]) > _UNFOLDED:
         return None
     # where an orbit grazes D(mu) is singular for numbers that are no multipliers
-    if kind == "NS" and _on_the_circle(problem, x, p) != 1:
+    if kind is BifurcationKind.NS and _on_the_circle(problem, x, p) != 1:
         return None
     if not bound[-1] < _UNSURE * before.scale[-1]:
         return None
@@ -178,7 +176,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
 
 def _part(before: Point, after: Point, crossing: Crossing) -> float:
     """Return about where within the step it happens, from 0 to 1."""
-    if crossing.kind == "SN":
+    if crossing.kind is BifurcationKind.SN:
         a, b = float(before.tangent[-1]), float(after.tangent[-1])
     elif crossing.event >= 0:
         a, b = (point.seen.events[crossing.event].value for point in (before, after))
@@ -189,13 +187,13 @@ def _part(before: Point, after: Point, crossing: Crossing) -> float:
     return float(min(max(a / (a - b), 0.05), 0.95))
 
 
-def _distance(point: Point, kind: str) -> float:
+def _distance(point: Point, kind: BifurcationKind) -> float:
     """Return how far the multipliers are from critical."""
     multipliers = point.seen.multipliers
-    if kind == "NS":
+    if kind is BifurcationKind.NS:
         there = abs(abs(multipliers[~are_real(multipliers)]) - 1.0)
     else:
-        there = abs(multipliers - (-1.0 if kind == "PD" else 1.0))
+        there = abs(multipliers - (KINDS[kind].critical or 1.0))
     return float(there.min()) if len(there) else np.inf
 
 

@@ -13,6 +13,7 @@ from dynkit.continuation.locating import solved
 from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.test_functions import crossings, examine
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Problem
 
@@ -25,6 +26,7 @@ _UNSEEN = 1e-3
 _JUMP = 1e-6
 # The parameter's part in the tangent of a branch that folds.
 _LEVEL = 1e-4
+_BRANCH_POINT = Crossing(BifurcationKind.BP)
 
 
 @final
@@ -51,15 +53,17 @@ class Watch:
         if (length > _SHORTEST and appears) or (length > _UNSEEN and clears):
             return False
         found = crossings(before, after)
-        if Crossing("BP") in found:
+        if _BRANCH_POINT in found:
             # with no branch point between them the two are on different branches
-            located = solved(self._problem, before, after, Crossing("BP"))
+            located = solved(self._problem, before, after, _BRANCH_POINT)
             if located is None and length > _JUMP:
                 return False
             after.seen.branch_point = located
             after.seen.flat = located and self._flat(located, before, way)
             if after.seen.flat is not None:
-                found = tuple(crossing for crossing in found if crossing.kind != "SN")
+                found = tuple(
+                    crossing for crossing in found if crossing.kind is not BifurcationKind.SN
+                )
         after.seen.crossings = found
         return len(found) <= 1 or length <= _SHORTEST
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
 import numpy as np
 
@@ -26,17 +27,38 @@ _OFF = 0.25
 _FROM_ONE = 0.25
 
 
-def doubled(problem: Problem, y: Array, direction: Array, error: Array) -> list[PeriodicOrbit]:
-    """Return an orbit near by on the branch of twice the period that leaves a PD.
+@final
+class Place(NamedTuple):
+    """A bifurcation from which branches leave.
 
     Parameters
     ----------
     problem : Problem
+        The equations of the branch that it is on.
     y, error : (m + 1,) arrays
-        The unknowns of the orbit that doubles and the parameter, and how wrong they may be.
+        The unknowns and the parameter there, and how wrong they may be.
     direction : (m,) array
-        Null vector of D(-1).
+        Null vector of D at the critical multiplier; empty at an event.
+    tangent : (m + 1,) array
+        Direction of the branch.
+    event : int
+        Which of the problem's events it is, if it is one.
     """
+
+    problem: Problem
+    y: Array
+    error: Array
+    direction: Array
+    tangent: Array
+    event: int
+
+
+Switch: TypeAlias = "Callable[[Place], list[PeriodicOrbit]]"
+
+
+def doubled(place: Place) -> list[PeriodicOrbit]:
+    """Return an orbit near by on the branch of twice the period that leaves a PD."""
+    problem, y, error, direction, _, _ = place
     twice, start, along = problem.doubled(y[:-1], direction)
     errors = np.append(abs(problem.doubled(y[:-1], error[:-1])[2]), error[-1])
     found = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
@@ -44,8 +66,9 @@ def doubled(problem: Problem, y: Array, direction: Array, error: Array) -> list[
     return [orbit for orbit in found if orbit.unknowns.size == len(start)]
 
 
-def crossing(problem: Problem, y: Array, old: Array, error: Array) -> list[PeriodicOrbit]:
-    """Return an orbit near by on the branch that crosses at a BP; `old` is the known tangent."""
+def crossing(place: Place) -> list[PeriodicOrbit]:
+    """Return an orbit near by on the branch that crosses at a BP."""
+    problem, y, error, _, old, _ = place
     equations = OrbitEquations(problem, _width(y))
     scale = equations.scale(y)
     old = old / scale / np.linalg.norm(old / scale)
@@ -91,9 +114,9 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
     return []
 
 
-def neighbours(problem: Problem, event: int, y: Array) -> list[PeriodicOrbit]:
+def neighbours(place: Place) -> list[PeriodicOrbit]:
     """Return the orbits near by of one impact more or fewer, where an orbit grazes."""
-    found = []
+    problem, y, event, found = place.problem, place.y, place.event, []
     for other, guess, values in problem.neighbours(event, y[:-1], y[-1:]):
         try:
             solution, history = solve(other, guess, values)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dynkit.continuation.arclength import Point
 from dynkit.continuation.crossings import Crossing, Seen
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.problem import Problem
 
 # Squares of moduli, and products, up to here count as inside the unit circle: more is rounding.
@@ -40,12 +41,12 @@ def crossings(before: Point, after: Point) -> tuple[Crossing, ...]:
     fold = (before.tangent[-1] < 0.0) != (after.tangent[-1] < 0.0)
     branch_point = before.turn != after.turn
     if fold:
-        found.append(Crossing("SN"))
+        found.append(Crossing(BifurcationKind.SN))
     if branch_point:
-        found.append(Crossing("BP"))
+        found.append(Crossing(BifurcationKind.BP))
     if a.flip != b.flip:
-        found.append(Crossing("PD"))
-    found += [Crossing("NS")] * _tori(a, b)
+        found.append(Crossing(BifurcationKind.PD))
+    found += [Crossing(BifurcationKind.NS)] * _tori(a, b)
     for i, (here, there) in enumerate(zip(a.events, b.events, strict=True)):
         u, v = here.value, there.value
         if (u < 0.0) != (v < 0.0) and u == u and v == v:  # not where one of them tells nothing

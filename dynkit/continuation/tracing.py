@@ -14,6 +14,7 @@ from dynkit.continuation.locating import locate
 from dynkit.continuation.termination import Ending, Reason
 from dynkit.continuation.test_functions import examine
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.problem import Problem
 
 # How far aside of where a branch is symmetric, in scaled unknowns, it is looked at, and no fold
@@ -114,7 +115,7 @@ def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: 
     """Whether a fold is that of a branch where it meets one that it is symmetric about."""
     place = np.append(located.x, located.p)
     near = [np.linalg.norm((place - other) / scale) < aside for other, aside in centres]
-    return located.crossing.kind == "SN" and any(near)
+    return located.crossing.kind is BifurcationKind.SN and any(near)
 
 
 def _between(

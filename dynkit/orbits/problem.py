@@ -16,6 +16,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, Tabled, largest, told, written
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution, orbit_bound
 
@@ -35,7 +36,8 @@ class Event:
 
     Parameters
     ----------
-    kind : {"GR", "CB"}
+    kind : BifurcationKind
+        GR or CB.
     part : int
         Which part of the orbit it belongs to.
     value : float
@@ -45,7 +47,7 @@ class Event:
         Whether there are no such orbits beyond, admissible or not.
     """
 
-    kind: str
+    kind: BifurcationKind
     part: int
     value: float
     ends: bool = False

@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Condition, Event, PeriodicOrbit, Problem
 
@@ -257,7 +258,7 @@ class CycleProblem(Problem):
             return []
         value = float(x[0]) - self.border
         # from further off than that there is nothing to see
-        return [Event("GR", 0, value if value < SIGHT else np.inf)]
+        return [Event(BifurcationKind.GR, 0, value if value < SIGHT else np.inf)]
 
     def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
         assert self.border is not None
@@ -311,7 +312,7 @@ class VeiledProblem(CycleProblem):
     """A border at x = `BEHIND`, seen from x = `VEIL` down."""
 
     def events(self, x: Array, p: Array) -> list[Event]:
-        return [Event("GR", 0, float(x[0]) - BEHIND if x[0] < VEIL else np.nan)]
+        return [Event(BifurcationKind.GR, 0, float(x[0]) - BEHIND if x[0] < VEIL else np.nan)]
 
     def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
         return AtBorder(BEHIND), np.array([0.0])

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
-from dynkit.continuation.drawing import _CURVES, LINES
+from dynkit.continuation.drawing import LINES
+from dynkit.continuation.kinds import KINDS
 from tests.continuation.starts import flat, henon
 
 
@@ -105,9 +106,9 @@ def dotted(style: Any) -> bool:
 
 
 def test_only_inadmissible_orbits_are_dotted() -> None:
-    styles = LINES | _CURVES
+    styles = LINES | {kind.value: row.line for kind, row in KINDS.items()}
     assert [name for name, style in styles.items() if dotted(style)] == ["inadmissible"]
 
 
 def test_each_kind_of_bifurcation_has_a_line_of_its_own() -> None:
-    assert len({str(style) for style in _CURVES.values()}) == len(_CURVES)
+    assert len({str(row.line) for row in KINDS.values()}) == len(KINDS)

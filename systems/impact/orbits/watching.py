@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.problem import Condition, Event
 from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.state import TWO_PI
@@ -31,12 +32,14 @@ def watched(solution: Solution) -> list[Event]:
     dead = solution.terms.restitution == 0.0
     accelerations = solution.gaps(2) if dead else np.full(len(solution.sides), math.inf)
     pressed = accelerations < 0.0
-    events = [Event("GR", i, float(impulse)) for i, impulse in enumerate(solution.impulses)]
+    events = [
+        Event(BifurcationKind.GR, i, float(impulse)) for i, impulse in enumerate(solution.impulses)
+    ]
     for f in solution.flights:
         pulled = min(solution.impulses[f.start], solution.impulses[f.end]) < 0.0
         blind = pulled or pressed[f.start]
-        events.append(Event("GR", f.start, math.nan if blind else f.smallest[0]))
-    return events + [Event("CB", i, float(a)) for i, a in enumerate(accelerations)]
+        events.append(Event(BifurcationKind.GR, f.start, math.nan if blind else f.smallest[0]))
+    return events + [Event(BifurcationKind.CB, i, float(a)) for i, a in enumerate(accelerations)]
 
 
 def flights_are_open(oscillator: Callable[[], ImpactMap], solution: Solution) -> bool:

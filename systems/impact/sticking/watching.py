@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import Condition, Event
 from dynkit.systems.impact.orbits.flights import LEAST, MOST, smallest_minimum
@@ -34,12 +35,12 @@ class Watched(NamedTuple):
 
 
 KINDS = {
-    "impact": "GR",
-    "flight": "GR",
-    "lift": "CB",
-    "chatter": "CB",
-    "hold": "CB",
-    "release": "CB",
+    "impact": BifurcationKind.GR,
+    "flight": BifurcationKind.GR,
+    "lift": BifurcationKind.CB,
+    "chatter": BifurcationKind.CB,
+    "hold": BifurcationKind.CB,
+    "release": BifurcationKind.CB,
 }
 """Velocities before impacts, smallest gaps of flights; accelerations of the gap after impacts that
 do not rebound; contact forces where chatter ends, the smallest of each contact, and how fast they

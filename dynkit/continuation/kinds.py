@@ -1,0 +1,113 @@
+"""What continuation knows of each kind of bifurcation: all of it stands here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.continuation.defining_systems import (
+    BranchPoint,
+    CriticalMultiplier,
+    Fold,
+    NeimarkSacker,
+    PeriodDoubling,
+)
+from dynkit.continuation.switching import Switch, crossing, doubled, neighbours
+from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
+from dynkit.orbits.problem import Condition, Problem
+
+
+class Noticed(Enum):
+    """What changes its sign between two points of a branch where a bifurcation is between them."""
+
+    TEST_FUNCTION = "a test function of tangents and multipliers"
+    EVENT = "a number that the problem watches"
+
+
+@final
+@dataclass(frozen=True)
+class Kind:
+    """What continuation knows of a kind of bifurcation.
+
+    Parameters
+    ----------
+    title : str
+        Its full name.
+    line : line style
+        How a curve of them is drawn; dots are left to inadmissible orbits.
+    noticed : Noticed
+    defining_system : subclass of CriticalMultiplier, optional
+        The condition that holds there beside the orbit's equations. Without it the problem knows
+        one, which belongs to its event.
+    switch : callable, optional
+        Place -> orbits on the branches that leave there. None leave where there is no such
+        function.
+    critical : float, optional
+        The critical multiplier, where it is the same for all of the kind.
+    jump : float
+        Where what is noticed changes its sign, but stays above this part of what it was a step
+        away, it jumps, and nothing is there.
+    """
+
+    title: str
+    line: Any
+    noticed: Noticed = Noticed.TEST_FUNCTION
+    defining_system: type[CriticalMultiplier] | None = None
+    switch: Switch | None = None
+    critical: float | None = None
+    jump: float = 0.0
+
+
+KINDS: Mapping[BifurcationKind, Kind] = {
+    BifurcationKind.SN: Kind("saddle-node (fold)", "-", defining_system=Fold, critical=1.0),
+    BifurcationKind.BP: Kind(
+        "branch point",
+        (0, (5, 2, 1, 2, 1, 2)),
+        defining_system=BranchPoint,
+        switch=crossing,
+        critical=1.0,
+    ),
+    BifurcationKind.PD: Kind(
+        "period doubling",
+        (0, (5, 2)),
+        defining_system=PeriodDoubling,
+        switch=doubled,
+        critical=-1.0,
+    ),
+    BifurcationKind.NS: Kind("Neimark-Sacker", (0, (5, 2, 1, 2)), defining_system=NeimarkSacker),
+    # The smallest gap of a flight would jump as a square root within 1e-9 of the border; beyond the
+    # last chatter that completes there is no orbit, so that steps are not halved to the end.
+    BifurcationKind.GR: Kind("grazing", (0, (3, 1.5)), Noticed.EVENT, switch=neighbours, jump=1e-4),
+    BifurcationKind.CB: Kind("chatter border", (0, (9, 2)), Noticed.EVENT, jump=0.05),
+}
+"""The row of each kind: its names, how it is noticed, solved for, left and drawn."""
+
+
+def condition_of(
+    kind: BifurcationKind, event: int, problem: Problem, x: Array, own: Array, p: Array
+) -> tuple[Condition, Array]:
+    """Return what holds at a bifurcation, and a guess of its own unknowns, from an orbit nearby.
+
+    Parameters
+    ----------
+    kind : BifurcationKind
+    event : int
+        Which of the problem's events, for a kind that is an event.
+    problem : Problem
+    x : (m,) array
+    own : (e,) array
+        For NS the angle, otherwise whatever is known, or nothing.
+    p : (k,) array
+    """
+    system = KINDS[kind].defining_system
+    if system is None:
+        condition, guess = problem.condition(event, x, p)
+        return condition, (own if len(own) == condition.unknowns else guess)
+    if not len(own):
+        own = np.zeros(system.unknowns)
+    return system(problem, x, own, p), own

@@ -1,0 +1,25 @@
+"""Names of bifurcations."""
+
+from enum import StrEnum
+from typing import final
+
+
+@final
+class BifurcationKind(StrEnum):
+    """What kind of bifurcation it is, by the name that is printed.
+
+    A kind equals its text: ``kind == "SN"``.
+    """
+
+    SN = "SN"
+    """Saddle-node (fold): the branch turns back."""
+    BP = "BP"
+    """Branch point: another branch crosses."""
+    PD = "PD"
+    """Period doubling: a multiplier is -1."""
+    NS = "NS"
+    """Neimark-Sacker: a pair of complex multipliers is on the unit circle."""
+    GR = "GR"
+    """Grazing: an impact appears or vanishes."""
+    CB = "CB"
+    """Chatter border: a chatter only just completes."""
