@@ -2,12 +2,13 @@
 from ._version import __version__ as __version__
 from .continuation.bifurcations import Bifurcation as Bifurcation
 from .continuation.branch import Branch as Branch
-from .continuation.continuing import continue_orbit as continue_orbit
+from .continuation.continuing import continue_by as continue_by, continue_orbit as continue_orbit
 from .continuation.curves import (
     BifurcationCurve as BifurcationCurve,
     continue_curve as continue_curve,
 )
 from .continuation.exploring import explore as explore
+from .continuation.method import ContinuationMethod as ContinuationMethod
 from .continuation.network import Network as Network
 from .core.cost import Cost as Cost
 from .core.no_motion import (

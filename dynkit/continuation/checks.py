@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dynkit.continuation.arclength import Steps
+from dynkit.continuation.method import ContinuationMethod
+from dynkit.continuation.step_control import AdaptiveSteps
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import finite_scalar, positive, positive_integer
 from dynkit.orbits.newton import NoSolution
@@ -30,8 +31,8 @@ def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
     return low, high
 
 
-def checked_steps(step: float, largest_step: float, points: int) -> Steps:
-    """Return the options of a curve, validated.
+def checked_method(step: float, largest_step: float, points: int) -> ContinuationMethod:
+    """Return how a curve is followed, with these options validated.
 
     Raises
     ------
@@ -39,9 +40,9 @@ def checked_steps(step: float, largest_step: float, points: int) -> Steps:
         When one is out of range.
     """
     largest = positive("largest_step", largest_step)
-    return Steps(
-        first=min(positive("step", step), largest),
-        largest=largest,
+    first = min(positive("step", step), largest)
+    return ContinuationMethod(
+        steps=AdaptiveSteps(first=first, largest=largest),
         points=positive_integer("points", points),
     )
 

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.arclength import Follower, Point, cost_of
+from dynkit.continuation.arclength import Continuation
 from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
-from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
+from dynkit.continuation.checks import checked_bounds, checked_method, problem_of
 from dynkit.continuation.crossings import Located
 from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.orbit_equations import OrbitEquations
-from dynkit.continuation.step_acceptance import Watch
+from dynkit.continuation.points import Point, cost_of
+from dynkit.continuation.step_acceptance import Acceptance
 from dynkit.continuation.termination import Bound
+from dynkit.continuation.test_functions import examine
 from dynkit.continuation.tracing import Trace, both_ways, is_of_symmetry, joined, trace
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
@@ -89,11 +93,40 @@ def continue_orbit(
     >>> branch.bifurcations[0].error < 1e-12
     True
     """
+    method = checked_method(step, largest_step, points)
+    return continue_by(method, orbit, parameter, bounds=bounds, inadmissible=inadmissible)
+
+
+def continue_by(
+    method: ContinuationMethod,
+    orbit: PeriodicOrbit,
+    parameter: str,
+    *,
+    bounds: tuple[float, float],
+    inadmissible: bool = True,
+) -> Branch:
+    """Return the branch of `continue_orbit`, followed by a method whose parts may be one's own.
+
+    Parameters
+    ----------
+    method : ContinuationMethod
+        Predictor, corrector, step control, test functions, and the number of points.
+    orbit, parameter, bounds, inadmissible
+        As in `continue_orbit`.
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    ValueError
+        As `continue_orbit`.
+    """
     began = time.perf_counter()
     low, high = checked_bounds("bounds", bounds)
     problem, start_x = _once(problem_of(orbit, (parameter,)), orbit)
     in_interval(parameter, float(problem.values[0]), low, high)
-    steps = checked_steps(step, largest_step, points)
     beyond = boolean("inadmissible", inadmissible)
     if not beyond and not orbit.admissible:
         raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")
@@ -102,8 +135,9 @@ def continue_orbit(
     bound = Bound(problem.size, parameter, low, high)
 
     def follow(point: Point) -> Trace:
-        follower = Follower(equations, point, (bound,), steps, Watch(problem))
-        return trace(problem, follower, beyond)
+        examined = replace(point, seen=examine(problem, point))
+        accept = Acceptance(problem, method.tests)
+        return trace(problem, Continuation(equations, examined, (bound,), method, accept), beyond)
 
     traces = both_ways(start, follow)
     return _branch(orbit, problem, *traces, time.perf_counter() - began)

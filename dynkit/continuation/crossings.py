@@ -39,7 +39,7 @@ class Located(NamedTuple):
 
 
 @final
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Seen:
     """What is known of the orbit of a point; `crossings` are those since the point before.
 

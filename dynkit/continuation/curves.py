@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.continuation.arclength import Follower, Point, cost_of
+from dynkit.continuation.arclength import Continuation
 from dynkit.continuation.bifurcations import Bifurcation
-from dynkit.continuation.checks import checked_bounds, checked_steps, problem_of
-from dynkit.continuation.defining_systems import (
-    BifurcationEquations,
-    CriticalMultiplier,
-)
+from dynkit.continuation.checks import checked_bounds, checked_method, problem_of
+from dynkit.continuation.defining_systems import BifurcationEquations
 from dynkit.continuation.initial_tangents import start_points
 from dynkit.continuation.kinds import condition_of
 from dynkit.continuation.orbit_equations import distance_from_curve
+from dynkit.continuation.points import Point, cost_of
 from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.continuation.tracing import Trace, both_ways, joined
@@ -229,7 +227,7 @@ def continue_curve(
     problem = problem_of(bifurcation.orbit, names)
     for name, value, (low, high) in zip(names, problem.values, ranges, strict=True):
         in_interval(name, float(value), low, high)
-    steps = checked_steps(step, largest_step, points)
+    method = checked_method(step, largest_step, points)
     widths = np.array([high - low for low, high in ranges])
     start, equations = _start(bifurcation, problem, widths)
     m, e = problem.size, equations.condition.unknowns
@@ -240,16 +238,11 @@ def continue_curve(
     if bifurcation.kind is BifurcationKind.NS:
         limits.append(Bound(m, "theta", _RESONANCE, np.pi - _RESONANCE, Reason.RESONANCE))
 
-    def renewed(_: Point, after: Point) -> bool:
-        if isinstance(equations.condition, CriticalMultiplier):
-            x, own, p = equations.split(after.y)
-            equations.condition = condition_of(bifurcation.kind, -1, problem, x, own, p)[0]
-        return True
-
     def follow(point: Point) -> Trace:
-        follower = Follower(equations, point, tuple(limits), steps, renewed)
-        renewed(point, point)
-        return Trace(list(follower), ending=follower.ending)
+        near = equations.near(point.y)
+        *found, ending = Continuation(near, point, tuple(limits), method, _accept)
+        assert isinstance(ending, Ending)
+        return Trace([each for each in found if isinstance(each, Point)], ending=ending)
 
     found, endings = joined(*both_ways(start, follow))
     split = [equations.split(point.y) for point in found]
@@ -270,6 +263,10 @@ def continue_curve(
     )
 
 
+def _accept(_: Point, after: Point) -> tuple[Point, bool]:
+    return after, True
+
+
 def _start(
     bifurcation: Bifurcation, problem: Problem, widths: Array
 ) -> tuple[Point, BifurcationEquations]:
@@ -287,5 +284,4 @@ def _start(
     found = correct(equations, start.y, start.scale, start.tangent)
     if not found.converged:
         raise ValueError(f"bifurcation must be solved for; got {found.outcome.value}")
-    start.y = found.y
-    return start, equations
+    return replace(start, y=found.y), equations

@@ -7,7 +7,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -174,6 +174,13 @@ class BifurcationEquations(CurveEquations):
         super().__init__(problem, widths)
         self.condition = condition
         self._last: tuple[Array | None, Array] = None, np.empty(0)
+
+    def near(self, y: Array) -> Self:
+        """Return the equations whose borders are null vectors at a solution."""
+        if not isinstance(self.condition, CriticalMultiplier):
+            return self
+        condition = type(self.condition)(self.problem, *self.split(y))
+        return type(self)(self.problem, condition, self._widths)
 
     def residual(self, y: Array) -> Array:
         x, own, p = self.split(y)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynkit.continuation.arclength import Point
 from dynkit.continuation.defining_systems import DIFFERENCE
+from dynkit.continuation.points import Point
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import Equations
 

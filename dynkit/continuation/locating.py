@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
-from dynkit.continuation.arclength import Follower, Point, beside, interpolated
+from dynkit.continuation.arclength import Continuation
+from dynkit.continuation.corrector import Failure
 from dynkit.continuation.crossings import Crossing, Located
 from dynkit.continuation.defining_systems import (
     BifurcationEquations,
@@ -14,6 +16,7 @@ from dynkit.continuation.defining_systems import (
     null_vector,
 )
 from dynkit.continuation.kinds import KINDS, condition_of
+from dynkit.continuation.points import Point, beside, interpolated
 from dynkit.continuation.test_functions import are_real, crossings, examine
 from dynkit.core.validation import Array
 from dynkit.orbits.kinds import BifurcationKind
@@ -35,7 +38,7 @@ _NEAR = 0.01
 
 
 def locate(
-    problem: Problem, follower: Follower, before: Point, after: Point, crossing: Crossing
+    problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
 ) -> Located | None:
     """Return a bifurcation that happens between two points; None when there is none after all.
 
@@ -54,13 +57,13 @@ def locate(
             if found is not None:
                 seconds = time.perf_counter() - began
                 return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
-        middle = _examined_middle(problem, follower, before, after)
+        middle = _examined_middle(problem, curve, before, after)
         if middle is None:
             break
         steps += middle.iterations
-        if crossing in crossings(before, middle):
+        if crossing in crossings(before, middle, curve.method.tests):
             after = middle
-        elif crossing in crossings(middle, after):
+        elif crossing in crossings(middle, after, curve.method.tests):
             before = middle
         else:
             return None
@@ -72,7 +75,7 @@ def locate(
         critical and _distance(after, crossing.kind) > _NEAR
     ):
         return None
-    errors = abs(after.y - before.y) + _blur(follower, after)
+    errors = abs(after.y - before.y) + _blur(curve, after)
     x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
     if critical and np.any(problem.linearization_error(x, p)):
         errors[:] = np.inf  # multipliers are critical elsewhere, and nothing tells how far away
@@ -95,13 +98,13 @@ def _height(point: Point, crossing: Crossing) -> float:
     return abs(point.seen.events[crossing.event].value) if crossing.event >= 0 else 0.0
 
 
-def _blur(follower: Follower, point: Point) -> Array:
+def _blur(curve: Continuation, point: Point) -> Array:
     """How far unknowns and parameter of a border may be off because its orbit is, (m + 1,).
 
     The parameter may be off by as much as moves the unknowns along the branch by their error,
     whatever range the parameter has.
     """
-    equations, scale = follower.equations, point.scale
+    equations, scale = curve.equations, point.scale
     bound = error_bound(equations, equations.jacobian(point.y), point.y, scale, point.tangent)
     errors = np.asarray((bound / scale).max() * scale)
     way = float(np.linalg.norm(point.tangent[:-1]))
@@ -115,16 +118,16 @@ def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
 
 
 def _examined_middle(
-    problem: Problem, follower: Follower, before: Point, after: Point
+    problem: Problem, curve: Continuation, before: Point, after: Point
 ) -> Point | None:
     way = (after.y - before.y) / before.scale
-    middle = follower.at(before, 0.5 * float(np.sqrt(way @ way)))
-    if middle is not None:
-        try:
-            middle.seen = examine(problem, middle)
-        except NoSolution:
-            return None
-    return middle
+    middle = curve.at(before, 0.5 * float(np.sqrt(way @ way)))
+    if isinstance(middle, Failure):
+        return None
+    try:
+        return replace(middle, seen=examine(problem, middle))
+    except NoSolution:
+        return None
 
 
 def _on_the_circle(problem: Problem, x: Array, p: Array) -> int:

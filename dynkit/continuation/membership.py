@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.continuation.arclength import SAME
 from dynkit.continuation.lines import nodes_of
 from dynkit.continuation.orbit_equations import OrbitEquations
+from dynkit.continuation.points import SAME
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import FixedParameters, correct
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -54,6 +54,10 @@ class CurveEquations(Equations):
         """Return how far two solutions are apart, in numbers that are zero if they are the same."""
         (x, _, p), (x_other, _, p_other) = self.split(y), self.split(other)
         return np.append(self.problem.apart(x, x_other), (p - p_other) / self._widths)
+
+    def near(self, y: Array) -> Self:  # noqa: ARG002 (equations that are the same everywhere)
+        """Return the equations as they are best conditioned near a solution; themselves here."""
+        return self
 
     def repetition(self, y: Array) -> float:
         """Return how far the orbit is from one of a shorter period: see `Problem.repetition`."""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
-from dynkit.continuation.arclength import Point
-from dynkit.continuation.crossings import Crossing, Located
+from dynkit.continuation.crossings import Crossing, Located, Seen
 from dynkit.continuation.initial_tangents import crossing_directions
 from dynkit.continuation.locating import solved
 from dynkit.continuation.orbit_equations import OrbitEquations
-from dynkit.continuation.test_functions import crossings, examine
+from dynkit.continuation.points import Point
+from dynkit.continuation.test_functions import TestFunction, crossings, examine
 from dynkit.core.validation import Array
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
@@ -30,45 +31,51 @@ _BRANCH_POINT = Crossing(BifurcationKind.BP)
 
 
 @final
-class Watch:
-    """Fills in what is seen at each point, and refuses steps within which too much happens."""
+@dataclass(frozen=True)
+class Acceptance:
+    """Says what is seen at points, and refuses steps within which too much happens."""
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    problem: Problem
+    tests: tuple[TestFunction, ...]
 
-    def __call__(self, before: Point, after: Point) -> bool:
+    def __call__(self, before: Point, after: Point) -> tuple[Point, bool]:
+        """Return a point with what is seen there, and whether the step to it was short enough."""
         try:
-            after.seen = examine(self._problem, after)
+            seen = examine(self.problem, after)
         except NoSolution:
-            return False
+            return after, False
         way = (after.y - before.y) / before.scale
-        sizes = (self._problem.repetition(point.y[:-1]) for point in (before, after))
+        sizes = (self.problem.repetition(point.y[:-1]) for point in (before, after))
         length = float(np.sqrt(way @ way)) / min(max(sizes), 1.0)
-        events = zip(before.seen.events, after.seen.events, strict=True)
+        after = replace(after, seen=seen)
+        if length > _SHORTEST and self._unclear(before.seen, seen, length):
+            return after, False
+        found = crossings(before, after, self.tests)
+        if _BRANCH_POINT in found:
+            # with no branch point between them the two are on different branches
+            located = solved(self.problem, before, after, _BRANCH_POINT)
+            if located is None and length > _JUMP:
+                return after, False
+            flat = None if located is None else self._flat(located, before, way)
+            if flat is not None:
+                found = tuple(each for each in found if each.kind is not BifurcationKind.SN)
+            seen = replace(seen, branch_point=located, flat=flat)
+        clear = len(found) <= 1 or length <= _SHORTEST
+        return replace(after, seen=replace(seen, crossings=found)), clear
+
+    @staticmethod
+    def _unclear(before: Seen, after: Seen, length: float) -> bool:
+        """Whether events begin or cease to tell something within a step that is not so short."""
+        events = zip(before.events, after.events, strict=True)
         values = [(a.value, b.value) for a, b in events]
         # an event is beyond its border right where there is something to watch
         appears = any(max(pair) == np.inf and min(pair) < 0.0 for pair in values)
         # an event tells something on one side only
         clears = any(np.isnan(a) != np.isnan(b) for a, b in values)
-        if (length > _SHORTEST and appears) or (length > _UNSEEN and clears):
-            return False
-        found = crossings(before, after)
-        if _BRANCH_POINT in found:
-            # with no branch point between them the two are on different branches
-            located = solved(self._problem, before, after, _BRANCH_POINT)
-            if located is None and length > _JUMP:
-                return False
-            after.seen.branch_point = located
-            after.seen.flat = located and self._flat(located, before, way)
-            if after.seen.flat is not None:
-                found = tuple(
-                    crossing for crossing in found if crossing.kind is not BifurcationKind.SN
-                )
-        after.seen.crossings = found
-        return len(found) <= 1 or length <= _SHORTEST
+        return appears or (length > _UNSEEN and clears)
 
     def _flat(self, located: Located, before: Point, way: Array) -> Array | None:
-        equations = OrbitEquations(self._problem, float(before.scale[-1]))
+        equations = OrbitEquations(self.problem, float(before.scale[-1]))
         place = np.append(located.x, located.p)
         directions = crossing_directions(equations, place, before.scale)
         directions = directions or [way / np.sqrt(way @ way)]

@@ -8,11 +8,12 @@ from typing import final
 
 import numpy as np
 
-from dynkit.continuation.arclength import Follower, Point
+from dynkit.continuation.arclength import Continuation
+from dynkit.continuation.corrector import Failure
 from dynkit.continuation.crossings import Located
 from dynkit.continuation.locating import locate
+from dynkit.continuation.points import Point
 from dynkit.continuation.termination import Ending, Reason
-from dynkit.continuation.test_functions import examine
 from dynkit.core.validation import Array
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.problem import Problem
@@ -36,26 +37,28 @@ class Trace:
     ending: Ending | None = None
 
 
-def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
+def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
     """Follow a branch in one direction to its end.
 
     Parameters
     ----------
     problem : Problem
-    follower : Follower
-        Not yet iterated; its `watch` is a `Watch` of the same problem.
+    curve : Continuation
+        It accepts points by an `Acceptance` of the same problem; its start is examined.
     inadmissible : bool
         Whether it goes on where the orbits are no motions of the system.
     """
     found = Trace()
-    for point in follower:
+    for point in curve:
+        if isinstance(point, Ending):
+            found.ending = point
+            break
         if not found.points:
-            point.seen = examine(problem, point)
             found.points.append(point)
             continue
         before = found.points[-1]
         index, way = len(found.points) - 1, point.y - before.y
-        here = _between(problem, follower, before, point)
+        here = _between(problem, curve, before, point)
         borders = [located for _, located in here if located.crossing.ends]
         if borders:
             # What else seems to happen right there belongs to the border.
@@ -63,24 +66,23 @@ def trace(problem: Problem, follower: Follower, inadmissible: bool) -> Trace:
         found.located += [(index + part, located, way) for part, located in here]
         if borders:
             where = f"{borders[0].crossing.kind} at {borders[0].p[0]:.10g}"
-            follower.ending = Ending(Reason.BORDER, f"{Reason.BORDER.value}: {where}")
+            found.ending = Ending(Reason.BORDER, f"{Reason.BORDER.value}: {where}")
             break
         if any(crossing.ends for crossing in point.seen.crossings):
-            follower.ending = _ends(Reason.NO_SOLUTION, point)  # a border that is none
+            found.ending = _ends(Reason.NO_SOLUTION, point)  # a border that is none
             break
         if not inadmissible and not point.seen.admissible:
-            follower.ending = _ends(Reason.INADMISSIBLE, point)
+            found.ending = _ends(Reason.INADMISSIBLE, point)
             break
         centre = point.seen.branch_point
         if centre is not None and point.seen.flat is not None:
             place = np.append(centre.x, centre.p)
             aside = min(_ASIDE, _OF_STEP * float(np.linalg.norm(way / before.scale)))
             found.centres.append((place, aside))
-            if _same_on_both_sides(problem, follower, before, place, aside * point.seen.flat):
-                follower.ending = _ends(Reason.RETRACED, point)
+            if _same_on_both_sides(problem, curve, before, place, aside * point.seen.flat):
+                found.ending = _ends(Reason.RETRACED, point)
                 break
         found.points.append(point)
-    found.ending = follower.ending
     return found
 
 
@@ -119,13 +121,13 @@ def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: 
 
 
 def _between(
-    problem: Problem, follower: Follower, before: Point, after: Point
+    problem: Problem, curve: Continuation, before: Point, after: Point
 ) -> list[tuple[float, Located]]:
     """Return the bifurcations within a step, each with its place there from 0 to 1."""
     way = (after.y - before.y) / before.scale
     found: list[tuple[float, Located]] = []
     for crossing in after.seen.crossings:
-        located = locate(problem, follower, before, after, crossing)
+        located = locate(problem, curve, before, after, crossing)
         if located is not None and not any(_same(located, other) for _, other in found):
             gap = (np.append(located.x, located.p) - before.y) / before.scale
             found.append((float(np.clip(gap @ way / (way @ way), 0.0, 1.0)), located))
@@ -142,14 +144,14 @@ def _at(a: Located, b: Located) -> bool:
 
 
 def _same_on_both_sides(
-    problem: Problem, follower: Follower, near: Point, place: Array, aside: Array
+    problem: Problem, curve: Continuation, near: Point, place: Array, aside: Array
 ) -> bool:
     """Whether a branch's orbits behind a branch point are those before, as far aside."""
     sides, tangent = [], aside / np.linalg.norm(aside)
     for sign in (1.0, -1.0):
         start = Point(place, near.scale, sign * tangent, 1.0, 0.0, 0)
-        side = follower.corrected(place + sign * aside * near.scale, start, tangent)
-        if side is None:
+        side = curve.corrected(place + sign * aside * near.scale, start, tangent)
+        if isinstance(side, Failure):
             return False
         sides.append(side)
     here, there = (side.y[:-1] for side in sides)

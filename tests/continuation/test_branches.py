@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynkit.continuation.arclength import Follower, Steps
+from dynkit.continuation.arclength import Continuation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.orbit_equations import OrbitEquations
-from dynkit.continuation.termination import Bound
+from dynkit.continuation.points import Point
+from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.systems import Logistic
 from tests.continuation.families import BEHIND, Cycle, Flat, VeiledOrbit
 from tests.continuation.starts import flat, henon, logistic
@@ -183,15 +185,26 @@ def test_points_come_one_by_one() -> None:
     equations = OrbitEquations(problem, 1.0)
     (start,) = start_points(equations, np.append(orbit.unknowns, 2.5))
     bounds = (Bound(1, "rate", 2.0, 3.0),)
-    follower = Follower(equations, start, bounds, Steps(), lambda a, b: True)
-    points = iter(follower)
-    values = [next(points).y[-1] for _ in range(3)]
+    curve = Continuation(equations, start, bounds, ContinuationMethod(), lambda a, b: (b, True))
+    points = iter(curve)
+    first = [next(points) for _ in range(3)]
+    values = [point.y[-1] for point in first if isinstance(point, Point)]
     assert values[0] == 2.5
     assert np.all(np.diff(values) > 0.0)
-    assert follower.ending is None
-    *_, last = points
+    *_, last, ending = points
+    assert isinstance(last, Point)
     assert last.y[-1] == 3.0
-    assert follower.ending is not None
+    assert ending == Ending(Reason.BOUND, "the bound was reached: rate 3")
+
+
+def test_iterating_changes_nothing() -> None:
+    orbit = logistic(2.5)
+    equations = OrbitEquations(orbit.problem("rate"), 1.0)
+    (start,) = start_points(equations, np.append(orbit.unknowns, 2.5))
+    bounds = (Bound(1, "rate", 2.0, 3.0),)
+    curve = Continuation(equations, start, bounds, ContinuationMethod(), lambda a, b: (b, True))
+    first, second = ([e.y.tolist() for e in curve if isinstance(e, Point)] for _ in range(2))
+    assert first == second
 
 
 def test_borders_just_behind_where_they_cannot_be_told_are_found() -> None:

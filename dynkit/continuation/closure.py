@@ -1,0 +1,73 @@
+"""Whether a curve has come back to its start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dynkit.continuation.corrector import Failure
+from dynkit.continuation.orbit_equations import CurveEquations
+from dynkit.continuation.points import SAME, Point, interpolated
+from dynkit.core.validation import Array
+
+# So many times the place of the start within a step is looked for, and so far beyond its ends, in
+# steps: a start at an end is on either side of it by rounding.
+_RETURNS, _SLACK = 12, 1e-3
+
+
+def passes(before: Array, after: Array) -> bool:
+    """Whether the way between two places, as seen from the start, leads past the start."""
+    way = after - before
+    length = way @ way
+    if not length > 0.0:
+        return False
+    part = min(max(float(-before @ way / length), 0.0), 1.0)
+    gap = before + part * way
+    return bool(gap @ gap <= 0.09 * length)
+
+
+def return_to(
+    equations: CurveEquations,
+    corrected: Callable[[Array, Point, Array], Point | Failure],
+    home: Array,
+    point: Point,
+    after: Point,
+) -> Point | None:
+    """Return the point between two that is the start again, or None where there is none.
+
+    Parameters
+    ----------
+    equations : CurveEquations
+    corrected : callable
+        Guess, point near by and row -> the point of the curve, as a `Corrector`.
+    home : (q,) array
+        Unknowns of the start.
+    point, after : Point
+    """
+    place, beyond = (equations.apart(end.y, home) for end in (point, after))
+    for gap, end in ((place, point), (beyond, after)):
+        if abs(gap).max() < SAME:
+            return end
+    row = (after.y - point.y) / point.scale
+    row /= np.sqrt(row @ row)
+    low, high = 0.0, 1.0
+    for _ in range(_RETURNS):
+        way = (beyond - place) / (high - low)
+        part = low - float(place @ way) / max(float(way @ way), 1e-300)
+        if not -_SLACK < part < 1.0 + _SLACK:
+            return None
+        trial = corrected(interpolated(point, after, part), point, row)
+        if isinstance(trial, Failure):
+            return None
+        there = equations.apart(trial.y, home)
+        if abs(there).max() < SAME:
+            return trial
+        # the farther end of the two is given up
+        if place @ place > beyond @ beyond:
+            low, place = part, there
+        else:
+            high, beyond = part, there
+        if low == high:
+            return None
+    return None

@@ -1,0 +1,97 @@
+"""Points of a curve, and unknowns between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+
+SAME = 1e-6
+"""Distance, in scaled unknowns, within which two orbits are one."""
+LEAST_LEVEL = 16.0 * 2.0**-52
+"""Residuals up to this are rounding, whatever the equations."""
+
+
+@final
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """One corrected point of a curve.
+
+    Parameters
+    ----------
+    y, scale : (q,) arrays
+        The unknowns, and what they are measured in.
+    tangent : (q,) array
+        Direction of the curve, of unit length in scaled unknowns.
+    turn : float
+        Sign of the determinant of the derivative with the tangent as last row.
+    residual : float
+        Largest residual.
+    iterations : int
+        Steps of Newton's method.
+    level : float
+        Residuals up to this are rounding here: corrections that start here end in them.
+    seen : Any
+        What the test functions say of it.
+    """
+
+    y: Array
+    scale: Array
+    tangent: Array
+    turn: float
+    residual: float
+    iterations: int
+    level: float = LEAST_LEVEL
+    seen: Any = None
+
+    def along(self, sign: float) -> Point:
+        """Return it as the start of a curve, in one of the two directions: 1.0 or -1.0."""
+        tangent, turn = sign * self.tangent, sign * self.turn
+        return replace(self, tangent=tangent, turn=turn, iterations=0)
+
+
+def cost_of(points: Sequence[Point], seconds: float) -> Cost:
+    """Return what the points of a curve cost."""
+    steps = sum(point.iterations for point in points)
+    return Cost(seconds, {"points": len(points), "newton_steps": steps})
+
+
+def rescaled(point: Point, scale: Array) -> Array:
+    """Return a point's tangent in other units, of unit length."""
+    if scale is point.scale:
+        return point.tangent
+    tangent = point.tangent * point.scale / scale
+    return np.asarray(tangent / np.sqrt(tangent @ tangent))
+
+
+def beside(before: Point, after: Point, y: Array, slack: tuple[float, float], most: float) -> bool:
+    """Whether unknowns are between two points, and near the line between them.
+
+    Parameters
+    ----------
+    before, after : Point
+    y : array
+    slack : (float, float)
+        How far beyond the points they may be: parts of the distance and of its square root, squared
+        scaled unknowns all.
+    most : float
+        How far from the first point they may be: squares, in squares of the distance.
+    """
+    way, gap = ((end - before.y) / before.scale for end in (after.y, y))
+    length, along = float(way @ way), float(gap @ way)
+    more = slack[0] * length + slack[1] * length**0.5
+    return -more <= along <= length + more and float(gap @ gap) <= most * length
+
+
+def interpolated(before: Point, after: Point, part: float) -> Array:
+    """Return unknowns between two points, by the cubic through both with their tangents."""
+    way = after.y - before.y
+    length = float(np.sqrt(np.sum((way / before.scale) ** 2)))
+    first, last = before.tangent * before.scale * length, after.tangent * after.scale * length
+    s, r = part, 1.0 - part
+    return np.asarray(before.y + way * s * s * (3.0 - 2.0 * s) + s * r * (r * first - s * last))

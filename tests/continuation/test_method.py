@@ -1,0 +1,92 @@
+"""The parts of a continuation can be replaced, one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from dynkit.continuation.continuing import continue_by, continue_orbit
+from dynkit.continuation.corrector import Failure, NewtonCorrector
+from dynkit.continuation.method import ContinuationMethod
+from dynkit.continuation.points import Point
+from dynkit.continuation.predictor import tangent
+from dynkit.continuation.step_control import AdaptiveSteps
+from dynkit.continuation.test_functions import TESTS
+from dynkit.core.validation import Array
+from dynkit.orbits.kinds import BifurcationKind
+from dynkit.orbits.newton import Equations
+from tests.continuation.starts import henon
+
+# fold and period doubling of Henon's map, b = 0.3: a = -(1 - b)^2 / 4 and 3 (1 - b)^2 / 4
+FOLD, DOUBLING = -0.1225, 0.3675
+
+
+def test_the_method_of_continue_orbit_is_the_default() -> None:
+    one = continue_orbit(henon(), "a", bounds=(0.05, 1.4))
+    other = continue_by(ContinuationMethod(), henon(), "a", bounds=(0.05, 1.4))
+    assert one.unknowns.tobytes() == other.unknowns.tobytes()
+
+
+def test_a_tangent_predictor_finds_the_same_bifurcations() -> None:
+    method = ContinuationMethod(predictor=tangent, points=400)
+    found = continue_by(method, henon(), "a", bounds=(-0.2, 1.4)).bifurcations
+    values = [b.value for b in found]
+    assert np.allclose(values, [FOLD, DOUBLING], atol=1e-13, rtol=0.0)
+
+
+def test_a_cubic_predictor_needs_fewer_newton_steps_than_the_tangent() -> None:
+    costs = [
+        continue_by(method, henon(), "a", bounds=(0.05, 1.4)).cost.counts
+        for method in (ContinuationMethod(), ContinuationMethod(predictor=tangent))
+    ]
+    cubic, straight = (cost["newton_steps"] / cost["points"] for cost in costs)
+    assert cubic < straight
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Newton's method, counted."""
+
+    calls: list[float] = field(default_factory=list)
+
+    def __call__(
+        self, equations: Equations, guess: Array, near: Point, row: Array
+    ) -> Point | Failure:
+        self.calls.append(float(guess[-1]))
+        return NewtonCorrector()(equations, guess, near, row)
+
+
+def test_a_corrector_of_ones_own_makes_every_point() -> None:
+    counted = Counted()
+    branch = continue_by(ContinuationMethod(corrector=counted), henon(), "a", bounds=(0.05, 1.4))
+    assert len(counted.calls) >= len(branch) - 1
+    assert branch.endings[1].reason.name == "BOUND"
+
+
+def test_points_are_no_further_apart_than_the_largest_step() -> None:
+    method = ContinuationMethod(steps=AdaptiveSteps(first=0.01, largest=0.02))
+    branch = continue_by(method, henon(), "a", bounds=(0.05, 1.4))
+    # the parameter in units of its bounds; a point is at most 0.3 steps aside of its guess
+    assert abs(np.diff(branch.parameter)).max() <= np.hypot(1.0, 0.3) * 0.02 * 1.35
+
+
+def test_what_no_test_function_notices_is_passed_over() -> None:
+    tests = tuple(test for test in TESTS if test.kind is not BifurcationKind.PD)
+    method = ContinuationMethod(tests=tests, points=400)
+    branch = continue_by(method, henon(), "a", bounds=(-0.2, 1.4))
+    assert [b.kind for b in branch.bifurcations] == ["SN"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"first": 0.1}, r"first must be at most largest, 0.05; got 0.1"),
+        ({"smallest": 0.0}, r"smallest must be positive; got 0.0"),
+        ({"angle": np.nan}, r"angle must be a finite number; got nan"),
+    ],
+)
+def test_bad_step_sizes_are_refused(options: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        AdaptiveSteps(**options)
