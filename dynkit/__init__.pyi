@@ -19,8 +19,10 @@ from .core.no_motion import (
     Refused as Refused,
     TangentCrossing as TangentCrossing,
 )
+from .core.parameters import Family as Family
 from .data.dataset import Dataset as Dataset
 from .dynamics.attractor import Attractor as Attractor
+from .dynamics.equilibrium import Equilibrium as Equilibrium, equilibrium as equilibrium
 from .dynamics.flow import Flow as Flow
 from .dynamics.map import Map as Map
 from .dynamics.map_attractor import MapAttractor as MapAttractor
@@ -33,11 +35,18 @@ from .dynamics.section import (
 from .engine import WorkerLost as WorkerLost
 from .exponential.sums import ExponentialSum as ExponentialSum
 from .labels.label import OrbitKind as OrbitKind, OrbitLabel as OrbitLabel
+from .orbits.equations import Problem as Problem, ProblemSolution as ProblemSolution
+from .orbits.events import WatchedProblem as WatchedProblem
+from .orbits.families import (
+    FamilyProblem as FamilyProblem,
+    FamilySolution as FamilySolution,
+    find_solution as find_solution,
+)
 from .orbits.harmonics import Harmonics as Harmonics
 from .orbits.map_orbit import MapOrbit as MapOrbit
 from .orbits.newton import NoConvergence as NoConvergence
 from .orbits.periodic_orbit import periodic_orbit as periodic_orbit
-from .orbits.problem import PeriodicOrbit as PeriodicOrbit
+from .orbits.problem import PeriodicOrbit as PeriodicOrbit, PeriodicProblem as PeriodicProblem
 from .orbits.search import OrbitSearch as OrbitSearch, find_orbits as find_orbits
 from .sweeps import Sweep as Sweep, sweep as sweep
 from .sweeps.basins import Basin as Basin, Basins as Basins, basins as basins

@@ -15,11 +15,11 @@ from dynkit.continuation.switching import Place
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, Tabled, largest, table, written
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
-    from dynkit.orbits.problem import PeriodicOrbit
+    pass
 
 
 _Known = TypeVar("_Known")
@@ -63,8 +63,8 @@ class Bifurcation(Tabled):
     Parameters
     ----------
     kind : BifurcationKind
-        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, grazing, chatter border:
-        it equals its text, ``"SN"`` and so on.
+        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, Hopf, grazing, chatter
+        border: it equals its text, ``"SN"`` and so on.
     parameter : str
         Name of the parameter that was followed.
     value : float
@@ -73,7 +73,8 @@ class Bifurcation(Tabled):
         To first order a bound on the error of `value`. Infinite where a bifurcation of a map that
         gives no jacobian was only bisected.
     multiplier : complex or None
-        The critical multiplier: 1, -1, or exp(i theta), as wrong as theta; None at GR and CB.
+        The critical multiplier: 1, -1, or exp(i theta), as wrong as theta; of an equilibrium the
+        critical eigenvalue, 0 or i omega. None at GR and CB.
     direction : (m,) array
         Null vector of D(multiplier), in the unknowns of the orbit's problem; empty at GR and CB.
         No error is claimed of it, nor of `tangent`: what starts along them is solved for.
@@ -92,13 +93,14 @@ class Bifurcation(Tabled):
         To first order bounds on their errors; infinite, as `own_error`, where an older store has
         none.
     own : (e,) array
-        Unknowns of the condition's own: at NS theta, at GR those of the problem's condition.
+        Unknowns of the condition's own: at NS theta, at HB the angular frequency, at GR those of
+        the problem's condition.
     own_error : (e,) array
         To first order bounds on their errors.
     tangent : (m + 1,) array
         Direction of the branch, the parameter last.
     event : int
-        Which of the problem's events it is; -1 at SN, PD, NS and BP.
+        Which of the problem's events it is; -1 at SN, BP, PD, NS and HB.
     admissible : bool
         Whether the orbit is a motion of the system; at GR and CB, which border the motions, whether
         a neighbouring point of the branch is one. Where it is not, no motion of the system
@@ -125,9 +127,9 @@ class Bifurcation(Tabled):
     _problem: Problem | None
 
     @cached_property
-    def orbit(self) -> PeriodicOrbit:
-        """The periodic orbit there."""
-        return self.problem.orbit(self.unknowns, np.array([self.value]), self.history[-1:])
+    def orbit(self) -> Any:
+        """The `PeriodicOrbit` there, or the `Equilibrium`: what the branch is of."""
+        return self.problem.solution(self.unknowns, np.array([self.value]), self.history[-1:])
 
     @property
     def problem(self) -> Problem:
@@ -143,20 +145,24 @@ class Bifurcation(Tabled):
     @property
     def parameters(self) -> Mapping[str, float]:
         """All parameters of the system there, by name."""
-        return self.orbit.system.parameters
+        parameters: Mapping[str, float] = self.orbit.system.parameters
+        return parameters
 
-    def switch(self) -> list[PeriodicOrbit]:
+    def switch(self) -> list[Any]:
         """Return an orbit on each branch that leaves here, near by; `continue_orbit` goes on.
 
-        At PD it is the branch of twice the period, at BP the one that crosses, at GR those of the
-        orbits with one impact more or less. SN, NS and CB have none.
+        At PD it is the branch of twice the period, at BP the one that crosses, at HB that of the
+        periodic orbits that are born, at GR those of the orbits with one impact more or less. SN,
+        NS and CB have none.
         """
         switch = KINDS[self.kind].switch
         if switch is None:
             return []
         y = np.append(self.unknowns, self.value)
         error = np.append(self.unknowns_error, self.error)
-        return switch(Place(self.problem, y, error, self.direction, self.tangent, self.event))
+        return switch(
+            Place(self.problem, y, error, self.direction, self.tangent, self.event, self.own)
+        )
 
     def __repr__(self) -> str:
         doubt = "" if self.admissible else ", inadmissible"

@@ -18,10 +18,10 @@ from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Ending
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, told
-from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset, Variables
-from dynkit.orbits.problem import Problem
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.spectrum import Spectrum
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,8 @@ class Branch(SolutionCurve):
     unknowns : (k, m) array
         Solutions of the orbits' equations.
     multipliers : (k, d) array of complex
-        Floquet multipliers, the largest modulus first.
+        Floquet multipliers, the largest modulus first; of equilibria the eigenvalues, the largest
+        real part first.
     admissible : (k,) array of bool
         Whether the orbits are motions of the system.
     residuals : (k,) array
@@ -57,6 +58,8 @@ class Branch(SolutionCurve):
         In the order of the points.
     endings : (Ending, Ending)
         Why and where it ends: at the first point, and at the last.
+    spectrum : Spectrum
+        Whether `multipliers` are multipliers or eigenvalues.
     cost : Cost
         What it cost; of bifurcations that each carries itself, it holds only the seconds.
 
@@ -77,7 +80,7 @@ class Branch(SolutionCurve):
 
     _stored: ClassVar = (
         *("name", "label", "parameter", "unknowns", "multipliers", "admissible", "residuals"),
-        *("bifurcations", "endings", "cost", "error"),
+        *("bifurcations", "endings", "cost", "error", "spectrum"),
     )
     name: str
     label: str
@@ -90,7 +93,8 @@ class Branch(SolutionCurve):
     endings: tuple[Ending, Ending]
     cost: Cost
     _problem: Problem | None
-    _system: SmoothMap | None
+    _system: Any
+    spectrum: Spectrum = Spectrum.MULTIPLIERS
     _observables: dict[str, Array] = field(default_factory=dict, init=False)
 
     @property
@@ -99,8 +103,11 @@ class Branch(SolutionCurve):
 
     @cached_property
     def stable(self) -> NDArray[np.bool_]:
-        """Whether all multipliers lie inside the unit circle, (k,), read-only."""
-        stable = np.asarray(np.all(abs(self.multipliers) < 1.0, axis=1))
+        """Whether all multipliers lie inside the unit circle, (k,), read-only.
+
+        Of equilibria whether all eigenvalues have negative real parts.
+        """
+        stable = np.asarray(np.all(self.spectrum.stable(self.multipliers), axis=1))
         stable.setflags(write=False)
         return stable
 
@@ -148,7 +155,7 @@ class Branch(SolutionCurve):
         ]
 
     @property
-    def system(self) -> SmoothMap:
+    def system(self) -> Any:
         return given(self._system)
 
     def __repr__(self) -> str:
@@ -204,9 +211,15 @@ class Branch(SolutionCurve):
 
         return draw_branch(self._line(y), ax)
 
+    @property
+    def _default(self) -> str:
+        """What is drawn of it by default."""
+        first: str = self.orbit(0).observables[0]
+        return first
+
     def _line(self, y: str | None) -> Line:
         """What is drawn of it: an observable, by default the system's first one."""
-        name = y or self.system.observables[0]
+        name = y or self._default
         rows, nodes = self.observable(name), nodes_of(len(self), self.bifurcations)
         points = [
             (self.parameter[int(place)], rows[int(place)])
@@ -231,7 +244,7 @@ class Branch(SolutionCurve):
         each = "point"
         drawn: Variables = {}
         if self._problem is not None:
-            name = self.system.observables[0]
+            name = self._default
             drawn = {name: ((each, "state"), self.observable(name))}
         return Dataset(
             {self.name: (each, self.parameter)},

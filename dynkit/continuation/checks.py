@@ -11,8 +11,8 @@ from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.step_control import AdaptiveSteps
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import finite_scalar, positive, positive_integer
+from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import PeriodicOrbit, Problem
 
 
 def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
@@ -47,7 +47,7 @@ def checked_method(step: float, largest_step: float, points: int) -> Continuatio
     )
 
 
-def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
+def problem_of(orbit: ProblemSolution, names: tuple[str, ...]) -> Problem:
     """Return the equations of an orbit with parameters free.
 
     Raises
@@ -57,7 +57,7 @@ def problem_of(orbit: PeriodicOrbit, names: tuple[str, ...]) -> Problem:
     Refused
         When it does not solve its equations.
     """
-    if not isinstance(orbit, PeriodicOrbit):
+    if not isinstance(orbit, ProblemSolution):
         raise ValueError(f"orbit must be a PeriodicOrbit; got {_no_orbit(orbit)}")
     for name in names:
         orbit.system.value_of(name)

@@ -24,15 +24,17 @@ from dynkit.continuation.test_functions import examine
 from dynkit.continuation.tracing import Trace, both_ways, is_of_symmetry, joined, trace
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import WatchedProblem, is_admissible
 from dynkit.orbits.newton import FixedParameters, correct
-from dynkit.orbits.problem import Problem
+from dynkit.orbits.problem import shortest
 
 if TYPE_CHECKING:
-    from dynkit.orbits.problem import PeriodicOrbit
+    from dynkit.orbits.equations import ProblemSolution
 
 
 def continue_orbit(
-    orbit: PeriodicOrbit,
+    orbit: ProblemSolution,
     parameter: str,
     *,
     bounds: tuple[float, float],
@@ -41,7 +43,7 @@ def continue_orbit(
     points: int = 2000,
     inadmissible: bool = True,
 ) -> Branch:
-    """Return the branch of periodic orbits through one, in both directions.
+    """Return the branch of periodic orbits, or equilibria, through one, in both directions.
 
     Pseudo-arclength continuation: it goes through folds, and ends at the bounds, when it closes on
     itself, or where there is nothing more; `Branch.endings` tells. What was found until then is
@@ -49,8 +51,8 @@ def continue_orbit(
 
     Parameters
     ----------
-    orbit : PeriodicOrbit
-        Where to start; for instance that of a bifurcation.
+    orbit : PeriodicOrbit or Equilibrium
+        Where to start; for instance that of a bifurcation. Any `ProblemSolution` will do.
     parameter : str
         Name of the parameter that changes.
     bounds : (float, float)
@@ -99,7 +101,7 @@ def continue_orbit(
 
 def continue_by(
     method: ContinuationMethod,
-    orbit: PeriodicOrbit,
+    orbit: ProblemSolution,
     parameter: str,
     *,
     bounds: tuple[float, float],
@@ -143,19 +145,19 @@ def continue_by(
     return _branch(orbit, problem, *traces, time.perf_counter() - began)
 
 
-def _once(problem: Problem, orbit: PeriodicOrbit) -> tuple[Problem, Array]:
+def _once(problem: Problem, orbit: ProblemSolution) -> tuple[Problem, Array]:
     """Return the equations and unknowns of an orbit that is run through once.
 
     Where a period doubles, the orbit that branches off is the single one, run through twice.
     """
-    once, x = problem.shortest(orbit.unknowns)
+    once, x = shortest(problem, orbit.unknowns)
     if once is problem:
         return problem, x
     return once, correct(FixedParameters(once, once.values), x, once.scale(x)).y
 
 
 def _branch(
-    orbit: PeriodicOrbit, problem: Problem, forward: Trace, backward: Trace, seconds: float
+    orbit: ProblemSolution, problem: Problem, forward: Trace, backward: Trace, seconds: float
 ) -> Branch:
     points, endings = joined(forward, backward)
     first = len(backward.points) - 1
@@ -166,17 +168,18 @@ def _branch(
     places = [entry for entry in places if not is_of_symmetry(entry[1], centres, scale)]
     admissible = np.array([point.seen.admissible for point in points])
     return Branch(
-        label=problem.orbit(points[first].y[:-1], points[first].y[-1:]).label,
+        label=problem.solution(points[first].y[:-1], points[first].y[-1:]).label,
         name=problem.names[0],
         parameter=np.array([point.y[-1] for point in points]),
         unknowns=np.array([point.y[:-1] for point in points]),
-        multipliers=np.array([point.seen.multipliers for point in points]),
+        multipliers=np.array([point.seen.spectrum for point in points]),
         admissible=admissible,
         residuals=np.array([point.residual for point in points]),
         bifurcations=tuple(_bifurcation(problem, admissible, *entry) for entry in places),
         endings=endings,
         cost=cost_of(points, seconds),
         _problem=problem,
+        spectrum=problem.stability,
         _system=orbit.system,
     )
 
@@ -188,10 +191,12 @@ def _bifurcation(
     # on a border rounding decides which side an orbit is on
     on_border = event >= 0
     motion = (
-        borders_a_motion(admissible, place) if on_border else problem.admissible(found.x, found.p)
+        borders_a_motion(admissible, place)
+        if on_border
+        else is_admissible(problem, found.x, found.p)
     )
     touching = {}
-    if on_border and len(found.history) > 1:
+    if isinstance(problem, WatchedProblem) and on_border and len(found.history) > 1:
         touching = dict(problem.touching(event, found.x, found.own, found.p))
     return Bifurcation(
         kind=kind,

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
 from dynkit.core.validation import Array
+from dynkit.orbits.events import Event
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.problem import Event
+from dynkit.orbits.spectrum import Spectrum
 
 
 @final
@@ -47,7 +48,8 @@ class Seen:
     unknowns, if it folds there: it is symmetric about the one that it meets.
     """
 
-    multipliers: Any
+    kind: Spectrum
+    spectrum: Any
     admissible: bool
     events: tuple[Event, ...]
     flip: bool

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,12 @@ from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.continuation.tracing import Trace, both_ways, joined
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts
-from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, in_interval
 from dynkit.data.dataset import Dataset
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import is_admissible
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct
-from dynkit.orbits.problem import Problem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +59,7 @@ class BifurcationCurve(SolutionCurve):
     unknowns : (k, m) array
         Solutions of the orbits' equations.
     own : (k, e) array
-        Unknowns of the condition's own: for NS the angle theta, (k, 1).
+        Unknowns of the condition's own: for NS the angle theta, for HB the frequency, (k, 1).
     admissible : (k,) array of bool
         Whether the orbits are motions of the system.
     residuals : (k,) array
@@ -110,7 +110,7 @@ class BifurcationCurve(SolutionCurve):
         return dict(zip(self.names, self.parameters.T, strict=True))
 
     @property
-    def system(self) -> SmoothMap:
+    def system(self) -> Any:
         return self.orbit(0).system
 
     @cached_property
@@ -237,6 +237,9 @@ def continue_curve(
     ]
     if bifurcation.kind is BifurcationKind.NS:
         limits.append(Bound(m, "theta", _RESONANCE, np.pi - _RESONANCE, Reason.RESONANCE))
+    if bifurcation.kind is BifurcationKind.HB:
+        least = _RESONANCE * float(start.y[m])
+        limits.append(Bound(m, "frequency", least, np.inf, Reason.DOUBLE_ZERO))
 
     def follow(point: Point) -> Trace:
         near = equations.near(point.y)
@@ -253,7 +256,7 @@ def continue_curve(
         parameters=np.array([p for _, _, p in split]),
         unknowns=np.array([x for x, _, _ in split]),
         own=np.array([own for _, own, _ in split]),
-        admissible=np.array([problem.admissible(x, p) for x, _, p in split]),
+        admissible=np.array([is_admissible(problem, x, p) for x, _, p in split]),
         residuals=np.array([point.residual for point in found]),
         endings=endings,
         cost=cost_of(found, time.perf_counter() - began),

@@ -13,8 +13,10 @@ import numpy as np
 
 from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import NOISE, Problem
+from dynkit.orbits.events import Condition
 from dynkit.orbits.newton import ROUNDING, NoSolution
-from dynkit.orbits.problem import NOISE, Condition, Problem
+from dynkit.orbits.spectrum import Spectrum
 
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
 """Step of central differences, in scaled unknowns: rounding and curvature balance each other."""
@@ -64,7 +66,9 @@ class CriticalMultiplier(Condition):
             sizes = np.linalg.norm(factors[0], axis=(1, 2))
             # a factor that is zero has no critical multiplier
             off = float((factors[1][sizes > 0.0] / sizes[sizes > 0.0]).sum())
-        ends = [self._scaled(x, p, mu * (1.0 + s * _DISTURBED)) for s in (1.0, -1.0)]
+        # an eigenvalue is as wrong as the matrix, a multiplier relative to itself
+        size = mu if self._problem.stability is Spectrum.MULTIPLIERS else abs(matrix).max()
+        ends = [self._scaled(x, p, mu + s * _DISTURBED * size) for s in (1.0, -1.0)]
         slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
         own_rounding = 16.0 * ROUNDING * max(1.0, float(abs(matrix).max()))
         return (own_rounding + off * float(abs(slope)) + self.noise) / self.unit
@@ -94,7 +98,7 @@ class CriticalMultiplier(Condition):
         return bordered
 
     def _scaled(self, x: Array, p: Array, multiplier: complex) -> Any:
-        return self._problem.linearization(x, p, multiplier) * self._units
+        return self._problem.pencil(x, p, multiplier) * self._units
 
 
 def _last_column(matrix: Any) -> Any:
@@ -106,10 +110,10 @@ def _last_column(matrix: Any) -> Any:
 
 @final
 class Fold(CriticalMultiplier):
-    """SN: a multiplier is 1, and the branch turns back."""
+    """SN: a multiplier is 1, or an eigenvalue 0, and the branch turns back."""
 
     def multiplier(self, own: Array) -> complex:
-        return 1.0
+        return self._problem.stability.neutral
 
 
 @final
@@ -134,8 +138,21 @@ class NeimarkSacker(CriticalMultiplier):
 
 
 @final
+class Hopf(CriticalMultiplier):
+    """HB: a pair of eigenvalues is ±i omega; omega is an unknown."""
+
+    unknowns = 1
+
+    def multiplier(self, own: Array) -> complex:
+        return complex(1j * own[0])
+
+    def _equations(self, g: Any) -> Array:
+        return np.array([g.real, g.imag])
+
+
+@final
 class BranchPoint(CriticalMultiplier):
-    """BP: a multiplier is 1, and another branch crosses.
+    """BP: a multiplier is 1, or an eigenvalue 0, and another branch crosses.
 
     The derivative of F by all unknowns and the first parameter has a rank defect. That makes the
     orbit's equations singular too, so they are unfolded by a number that comes out as zero.
@@ -148,7 +165,7 @@ class BranchPoint(CriticalMultiplier):
         self.unfolding = self._left
 
     def multiplier(self, own: Array) -> complex:
-        return 1.0
+        return self._problem.stability.neutral
 
     def residual(self, x: Array, own: Array, p: Array) -> Array:
         *null, g = _last_column(self._bordered(x, own, p).T)
@@ -270,5 +287,5 @@ class BifurcationEquations(CurveEquations):
 def null_vector(problem: Problem, x: Array, p: Array, multiplier: float) -> Array:
     """Return the direction, (m,), in which D(multiplier) is nearest to singular."""
     units = problem.scale(x)
-    rows = np.linalg.svd(problem.linearization(x, p, multiplier) * units)[2]
+    rows = np.linalg.svd(problem.pencil(x, p, multiplier) * units)[2]
     return np.asarray(rows[-1] * units)

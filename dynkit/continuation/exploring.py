@@ -24,7 +24,7 @@ from dynkit.core.validation import positive_integer
 from dynkit.dynamics.map import Map
 from dynkit.engine.executors import WorkerLost, all_finished, finished
 from dynkit.orbits.newton import NoConvergence, NoSolution
-from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.problem import PeriodicOrbit, shortest
 from dynkit.orbits.search import OrbitSearch
 
 if TYPE_CHECKING:
@@ -390,5 +390,5 @@ def _at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:
 def _once(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """The same orbit, run through once."""
     problem = orbit.problem()
-    shorter, x = problem.shortest(orbit.unknowns)
-    return orbit if shorter is problem else shorter.orbit(x, problem.values, orbit.history)
+    shorter, x = shortest(problem, orbit.unknowns)
+    return orbit if shorter is problem else shorter.solution(x, problem.values, orbit.history)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, final
 
@@ -13,13 +13,16 @@ from dynkit.continuation.defining_systems import (
     BranchPoint,
     CriticalMultiplier,
     Fold,
+    Hopf,
     NeimarkSacker,
     PeriodDoubling,
 )
-from dynkit.continuation.switching import Switch, crossing, doubled, neighbours
+from dynkit.continuation.switching import Switch, born, crossing, doubled, neighbours
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import Condition, WatchedProblem
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.problem import Condition, Problem
+from dynkit.orbits.spectrum import Spectrum
 
 
 class Noticed(Enum):
@@ -47,8 +50,8 @@ class Kind:
     switch : callable, optional
         Place -> orbits on the branches that leave there. None leave where there is no such
         function.
-    critical : float, optional
-        The critical multiplier, where it is the same for all of the kind.
+    critical : mapping of Spectrum to float
+        The critical multiplier and eigenvalue, where it is the same for all of the kind.
     jump : float
         Where what is noticed changes its sign, but stays above this part of what it was a step
         away, it jumps, and nothing is there.
@@ -59,27 +62,30 @@ class Kind:
     noticed: Noticed = Noticed.TEST_FUNCTION
     defining_system: type[CriticalMultiplier] | None = None
     switch: Switch | None = None
-    critical: float | None = None
+    critical: Mapping[Spectrum, float] = field(default_factory=dict)
     jump: float = 0.0
 
 
+_NEUTRAL = {spectrum: spectrum.neutral for spectrum in Spectrum}
+
 KINDS: Mapping[BifurcationKind, Kind] = {
-    BifurcationKind.SN: Kind("saddle-node (fold)", "-", defining_system=Fold, critical=1.0),
+    BifurcationKind.SN: Kind("saddle-node (fold)", "-", defining_system=Fold, critical=_NEUTRAL),
     BifurcationKind.BP: Kind(
         "branch point",
         (0, (5, 2, 1, 2, 1, 2)),
         defining_system=BranchPoint,
         switch=crossing,
-        critical=1.0,
+        critical=_NEUTRAL,
     ),
     BifurcationKind.PD: Kind(
         "period doubling",
         (0, (5, 2)),
         defining_system=PeriodDoubling,
         switch=doubled,
-        critical=-1.0,
+        critical={Spectrum.MULTIPLIERS: -1.0},
     ),
     BifurcationKind.NS: Kind("Neimark-Sacker", (0, (5, 2, 1, 2)), defining_system=NeimarkSacker),
+    BifurcationKind.HB: Kind("Hopf", (0, (1.5, 1.5, 5, 1.5)), defining_system=Hopf, switch=born),
     # The smallest gap of a flight would jump as a square root within 1e-9 of the border; beyond the
     # last chatter that completes there is no orbit, so that steps are not halved to the end.
     BifurcationKind.GR: Kind("grazing", (0, (3, 1.5)), Noticed.EVENT, switch=neighbours, jump=1e-4),
@@ -101,11 +107,13 @@ def condition_of(
     problem : Problem
     x : (m,) array
     own : (e,) array
-        For NS the angle, otherwise whatever is known, or nothing.
+        For NS the angle, for HB the frequency, otherwise whatever is known, or nothing.
     p : (k,) array
     """
     system = KINDS[kind].defining_system
     if system is None:
+        if not isinstance(problem, WatchedProblem):
+            raise ValueError(f"problem must have events, for {kind}; got {problem!r}")
         condition, guess = problem.condition(event, x, p)
         return condition, (own if len(own) == condition.unknowns else guess)
     if not len(own):

@@ -19,9 +19,10 @@ from dynkit.continuation.kinds import KINDS, condition_of
 from dynkit.continuation.points import Point, beside, interpolated
 from dynkit.continuation.test_functions import are_real, crossings, examine
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct, error_bound
-from dynkit.orbits.problem import Problem
+from dynkit.orbits.spectrum import Spectrum
 
 _HALVINGS = 45
 # What is solved for is between two points: see `beside`.
@@ -31,8 +32,10 @@ _WITHIN = (1e-6, 1e-9), 2.0
 _FLAT, _UNFOLDED = 1e-3, 1e-9
 # A place that may be wrong by more, in the range of the parameter, is not solved for.
 _UNSURE = 1e-5
-# Multipliers are on the unit circle within this, where two of them are one and rounding counts.
-_ON_CIRCLE = 1e-5
+# Multipliers are on the unit circle, eigenvalues on the imaginary axis, within this, where two of
+# them are one and rounding counts.
+_ON_BORDER = 1e-5
+_PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
 # What was not solved for counts when a multiplier is so near.
 _NEAR = 0.01
 
@@ -70,14 +73,14 @@ def locate(
     least = min(_height(before, crossing), _height(after, crossing))
     if least > KINDS[crossing.kind].jump * size:
         return None
-    critical = KINDS[crossing.kind].critical
-    if crossing.kind is BifurcationKind.NS or (
-        critical and _distance(after, crossing.kind) > _NEAR
+    critical = KINDS[crossing.kind].critical.get(problem.stability)
+    if crossing.kind in _PAIRS or (
+        critical is not None and _distance(after, crossing.kind) > _NEAR
     ):
         return None
     errors = abs(after.y - before.y) + _blur(curve, after)
     x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
-    if critical and np.any(problem.linearization_error(x, p)):
+    if critical is not None and np.any(problem.linearization_error(x, p)):
         errors[:] = np.inf  # multipliers are critical elsewhere, and nothing tells how far away
     return Located(
         crossing,
@@ -86,7 +89,7 @@ def locate(
         p=p,
         errors=errors,
         multiplier=critical,
-        direction=null_vector(problem, x, p, critical) if critical else none,
+        direction=none if critical is None else null_vector(problem, x, p, critical),
         history=(after.residual,),
         seconds=time.perf_counter() - began,
         steps=steps,
@@ -114,7 +117,7 @@ def _blur(curve: Continuation, point: Point) -> Array:
 
 def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
     """Whether it can be what it seems; a torus cannot be told while multipliers become real."""
-    return crossing.kind is not BifurcationKind.NS or before.seen.pairs == after.seen.pairs
+    return crossing.kind not in _PAIRS or before.seen.pairs == after.seen.pairs
 
 
 def _examined_middle(
@@ -130,11 +133,11 @@ def _examined_middle(
         return None
 
 
-def _on_the_circle(problem: Problem, x: Array, p: Array) -> int:
-    """Return how many pairs are on the unit circle; tori leave where one is, in passing."""
-    multipliers = np.asarray(problem.multipliers(x, p))
-    near = abs(abs(multipliers) - 1.0) < _ON_CIRCLE
-    return int(np.count_nonzero(near & (multipliers.imag > 0.0) & ~are_real(multipliers)))
+def _on_the_border(problem: Problem, x: Array, p: Array) -> int:
+    """Return how many pairs are on the border of stability; what is born there leaves at one."""
+    values = np.asarray(problem.spectrum(x, p))
+    near = problem.stability.from_border(values) < _ON_BORDER
+    return int(np.count_nonzero(near & (values.imag > 0.0) & ~are_real(values)))
 
 
 def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
@@ -142,7 +145,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
     kind, event, _ = crossing
     guess = interpolated(before, after, _part(before, after, crossing))
     own = np.empty(0)
-    if kind is BifurcationKind.NS:
+    if kind in _PAIRS:
         own = _angle(before, after)
         if not len(own):
             return None
@@ -167,7 +170,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
     if kind is BifurcationKind.BP and abs(own[0]) > _UNFOLDED:
         return None
     # where an orbit grazes D(mu) is singular for numbers that are no multipliers
-    if kind is BifurcationKind.NS and _on_the_circle(problem, x, p) != 1:
+    if kind in _PAIRS and _on_the_border(problem, x, p) != 1:
         return None
     if not bound[-1] < _UNSURE * before.scale[-1]:
         return None
@@ -191,18 +194,19 @@ def _part(before: Point, after: Point, crossing: Crossing) -> float:
 
 
 def _distance(point: Point, kind: BifurcationKind) -> float:
-    """Return how far the multipliers are from critical."""
-    multipliers = point.seen.multipliers
-    if kind is BifurcationKind.NS:
-        there = abs(abs(multipliers[~are_real(multipliers)]) - 1.0)
+    """Return how far the multipliers or eigenvalues are from critical."""
+    spectrum, values = point.seen.kind, point.seen.spectrum
+    if kind in _PAIRS:
+        there = spectrum.from_border(values[~are_real(values)])
     else:
-        there = abs(multipliers - (KINDS[kind].critical or 1.0))
+        there = spectrum.from_number(values, KINDS[kind].critical[spectrum])
     return float(there.min()) if len(there) else np.inf
 
 
 def _angle(before: Point, after: Point) -> Array:
-    """Return the angle, (1,), of the complex pair nearest to the unit circle, if there is one."""
-    both = np.append(before.seen.multipliers, after.seen.multipliers)
+    """Return angle or frequency, (1,), of the complex pair nearest to the border, if any."""
+    spectrum = before.seen.kind
+    both = np.append(before.seen.spectrum, after.seen.spectrum)
     upper = both[(both.imag > 0.0) & ~are_real(both)]
-    nearest = upper[np.argsort(abs(abs(upper) - 1.0))][:1]
-    return np.asarray(np.angle(nearest))
+    nearest = upper[np.argsort(spectrum.from_border(upper))][:1]
+    return np.asarray(np.angle(nearest) if spectrum is Spectrum.MULTIPLIERS else nearest.imag)

@@ -51,7 +51,7 @@ class Trail:
         """
         value = orbit.system.parameters[self._problem.names[0]]
         p = np.array([value])
-        return any(_same(orbit, self._problem.orbit(x, p)) for x in self._near(value))
+        return any(_same(orbit, self._problem.solution(x, p)) for x in self._near(value))
 
     def solutions(self, value: float) -> list[tuple[Array, tuple[float, ...]]]:
         """Return the solutions (m,) at a value of the parameter, each with its residuals."""

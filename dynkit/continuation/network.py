@@ -125,7 +125,7 @@ class Network(Saved):
             if label is not None and branch.label != label:
                 continue
             p = np.array([at])
-            found += [branch.problem.orbit(x, p, history) for x, history in trail.solutions(at)]
+            found += [branch.problem.solution(x, p, history) for x, history in trail.solutions(at)]
         return found
 
     @cached_property

@@ -7,8 +7,9 @@ from typing import Any, Self, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
 from dynkit.orbits.newton import Equations, error_bound
-from dynkit.orbits.problem import Problem
+from dynkit.orbits.problem import repetition
 
 
 class CurveEquations(Equations):
@@ -60,8 +61,8 @@ class CurveEquations(Equations):
         return self
 
     def repetition(self, y: Array) -> float:
-        """Return how far the orbit is from one of a shorter period: see `Problem.repetition`."""
-        return self.problem.repetition(self.split(y)[0])
+        """Return how far it is from an orbit of a shorter period; infinite without a period."""
+        return repetition(self.problem, self.split(y)[0])
 
 
 @final

@@ -16,12 +16,11 @@ from dynkit.continuation.bifurcations import given
 from dynkit.continuation.termination import Ending, Reason
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, largest
-from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, index_in
 from dynkit.data import store
 from dynkit.data.dataset import Variables, described
 from dynkit.data.result import Saved, read_result, write_result
-from dynkit.orbits.problem import Problem
+from dynkit.orbits.equations import Problem
 
 if TYPE_CHECKING:
     from dynkit.orbits.problem import PeriodicOrbit
@@ -67,7 +66,7 @@ class SolutionCurve(Saved):
 
     @property
     @abstractmethod
-    def system(self) -> SmoothMap:
+    def system(self) -> Any:
         """The system, at one value of each free parameter.
 
         Raises
@@ -95,8 +94,8 @@ class SolutionCurve(Saved):
     def __len__(self) -> int:
         return len(self.residuals)
 
-    def orbit(self, place: int) -> PeriodicOrbit:
-        """Return the orbit of a point; negative places count from the end.
+    def orbit(self, place: int) -> Any:
+        """Return the orbit, or equilibrium, of a point; negative places count from the end.
 
         Raises
         ------
@@ -105,7 +104,7 @@ class SolutionCurve(Saved):
         """
         place = index_in("place", place, -len(self), len(self) - 1)
         p = np.array([column[place] for column in self._free.values()])
-        return self.problem.orbit(self.unknowns[place], p, (float(self.residuals[place]),))
+        return self.problem.solution(self.unknowns[place], p, (float(self.residuals[place]),))
 
     def _first(self) -> dict[str, float]:
         """Return the free parameters' values at the first point, by name."""

@@ -14,9 +14,10 @@ from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.points import Point
 from dynkit.continuation.test_functions import TestFunction, crossings, examine
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import Problem
+from dynkit.orbits.problem import repetition
 
 # Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart. This and
 # the next ones are parts of the distance to an orbit of a shorter period where that is below one.
@@ -45,7 +46,7 @@ class Acceptance:
         except NoSolution:
             return after, False
         way = (after.y - before.y) / before.scale
-        sizes = (self.problem.repetition(point.y[:-1]) for point in (before, after))
+        sizes = (repetition(self.problem, point.y[:-1]) for point in (before, after))
         length = float(np.sqrt(way @ way)) / min(max(sizes), 1.0)
         after = replace(after, seen=seen)
         if length > _SHORTEST and self._unclear(before.seen, seen, length):

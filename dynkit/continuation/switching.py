@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
+from typing import Any, NamedTuple, TypeAlias, final
 
 import numpy as np
 
 from dynkit.continuation.initial_tangents import crossing_directions
 from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import WatchedProblem
 from dynkit.orbits.newton import NoConvergence, NoSolution, correct, solve
-from dynkit.orbits.problem import Problem
-
-if TYPE_CHECKING:
-    from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.problem import PeriodicProblem, shortest
+from dynkit.orbits.spectrum import Spectrum
 
 # How far to go along the new branch, in scaled unknowns: the first distance at which the branch is
 # still near its start. Below the last one an orbit and its half are one.
@@ -43,6 +43,8 @@ class Place(NamedTuple):
         Direction of the branch.
     event : int
         Which of the problem's events it is, if it is one.
+    own : (e,) array
+        Unknowns of the condition's own: at HB the frequency.
     """
 
     problem: Problem
@@ -51,14 +53,17 @@ class Place(NamedTuple):
     direction: Array
     tangent: Array
     event: int
+    own: Array
 
 
-Switch: TypeAlias = "Callable[[Place], list[PeriodicOrbit]]"
+Switch: TypeAlias = "Callable[[Place], list[Any]]"
 
 
-def doubled(place: Place) -> list[PeriodicOrbit]:
+def doubled(place: Place) -> list[Any]:
     """Return an orbit near by on the branch of twice the period that leaves a PD."""
-    problem, y, error, direction, _, _ = place
+    problem, y, error, direction = place.problem, place.y, place.error, place.direction
+    if not isinstance(problem, PeriodicProblem):
+        return []
     twice, start, along = problem.doubled(y[:-1], direction)
     errors = np.append(abs(problem.doubled(y[:-1], error[:-1])[2]), error[-1])
     found = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
@@ -66,9 +71,9 @@ def doubled(place: Place) -> list[PeriodicOrbit]:
     return [orbit for orbit in found if orbit.unknowns.size == len(start)]
 
 
-def crossing(place: Place) -> list[PeriodicOrbit]:
+def crossing(place: Place) -> list[Any]:
     """Return an orbit near by on the branch that crosses at a BP."""
-    problem, y, error, _, old, _ = place
+    problem, y, error, old = place.problem, place.y, place.error, place.tangent
     equations = OrbitEquations(problem, _width(y))
     scale = equations.scale(y)
     old = old / scale / np.linalg.norm(old / scale)
@@ -83,7 +88,7 @@ def crossing(place: Place) -> list[PeriodicOrbit]:
     return _stepped(problem, y, direction * scale, error)
 
 
-def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list[PeriodicOrbit]:
+def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list[Any]:
     """Return an orbit a little further on along a direction, or none.
 
     It is so near that the branch's own expansion y + e q + e^2 c + ... holds: of half the way e
@@ -107,20 +112,40 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
             size = np.linalg.norm(gap)
             # both gaps are wrong by as much as the bifurcation is
             if size < distance and np.linalg.norm(gap - 4.0 * of_half) <= _OFF * size + 5.0 * off:
-                shortest, x = problem.shortest(found.y[:-1])
-                orbit = shortest.orbit(x, found.y[-1:], found.history)
-                if abs(problem.multipliers(found.y[:-1], found.y[-1:]) - 1.0).min() <= _FROM_ONE:
-                    return [orbit]
+                once, x = shortest(problem, found.y[:-1])
+                made = once.solution(x, found.y[-1:], found.history)
+                if _is_near(problem, found.y):
+                    return [made]
     return []
 
 
-def neighbours(place: Place) -> list[PeriodicOrbit]:
+def _is_near(problem: Problem, y: Array) -> bool:
+    """Whether a multiplier is near enough to one; eigenvalues have no unit to say so."""
+    if problem.stability is not Spectrum.MULTIPLIERS:
+        return True
+    return bool(abs(problem.spectrum(y[:-1], y[-1:]) - 1.0).min() <= _FROM_ONE)
+
+
+def born(place: Place) -> list[Any]:
+    """Return a periodic orbit near by on the branch that is born at an HB."""
+    y, m = place.y, len(place.direction)
+    found = place.problem.oscillation(y[:m], y[-1:], float(place.own[0]), place.direction)
+    if found is None:
+        return []
+    problem, at, direction = found
+    error = np.append(np.full(len(at), abs(place.error[:m]).max()), place.error[-1])
+    return _stepped(problem, np.append(at, y[-1:]), np.append(direction, 0.0), error)
+
+
+def neighbours(place: Place) -> list[Any]:
     """Return the orbits near by of one impact more or fewer, where an orbit grazes."""
     problem, y, event, found = place.problem, place.y, place.event, []
+    if not isinstance(problem, WatchedProblem):
+        return []
     for other, guess, values in problem.neighbours(event, y[:-1], y[-1:]):
         try:
             solution, history = solve(other, guess, values)
-            found.append(other.orbit(solution, values, history))
+            found.append(other.solution(solution, values, history))
         except (NoConvergence, NoSolution):
             continue
     return found

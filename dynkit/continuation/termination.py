@@ -18,6 +18,7 @@ class Reason(Enum):
     NEAR_REPETITION = "an orbit of a shorter period is too near"
     NO_SOLUTION = "the equations are not defined beyond"
     RESONANCE = "a strong resonance is near"
+    DOUBLE_ZERO = "two eigenvalues are nearly zero"
     BORDER = "beyond, there is no such orbit"
     INADMISSIBLE = "beyond, it is no motion of the system"
 

@@ -10,13 +10,10 @@ import numpy as np
 
 from dynkit.continuation.crossings import Crossing, Seen
 from dynkit.continuation.points import Point
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import events_of, is_admissible
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.problem import Problem
-
-# Squares of moduli, and products, up to here count as inside the unit circle: more is rounding.
-_INSIDE = 1.0 + 1e-9
-# What stands for infinite multipliers in products.
-_HUGE = 1e150
+from dynkit.orbits.spectrum import Spectrum
 
 
 @final
@@ -39,17 +36,19 @@ class TestFunction:
 def examine(problem: Problem, point: Point) -> Seen:
     """Return what is to be known of a point's orbit."""
     x, p = point.y[:-1], point.y[-1:]
-    multipliers = np.asarray(problem.multipliers(x, p))
-    events = tuple(problem.events(x, p))
-    # not from the multipliers, which may change their sign through infinity
-    flip = bool(np.linalg.slogdet(problem.linearization(x, p, -1.0))[0] < 0.0)
-    upper = multipliers[(multipliers.imag > 0.0) & ~are_real(multipliers)]
-    inside = int(np.count_nonzero(abs(upper) ** 2 <= _INSIDE))
-    return Seen(multipliers, problem.admissible(x, p), events, flip, len(upper), inside)
+    kind, values = problem.stability, np.asarray(problem.spectrum(x, p))
+    flip = False
+    if kind is Spectrum.MULTIPLIERS:
+        # not from the multipliers, which may change their sign through infinity
+        flip = bool(np.linalg.slogdet(problem.pencil(x, p, -1.0))[0] < 0.0)
+    upper = values[(values.imag > 0.0) & ~are_real(values)]
+    inside = int(np.count_nonzero(kind.inside(upper)))
+    admissible, events = is_admissible(problem, x, p), events_of(problem, x, p)
+    return Seen(kind, values, admissible, events, flip, len(upper), inside)
 
 
 def are_real(multipliers: Any) -> Any:
-    """Return which multipliers are real."""
+    """Return which multipliers or eigenvalues are real."""
     return abs(multipliers.imag) <= 1e-10 * abs(multipliers)
 
 
@@ -79,10 +78,19 @@ def _period_doublings(before: Point, after: Point) -> int:
 
 
 def _tori(before: Point, after: Point) -> int:
-    """Return how many complex pairs enter or leave the unit circle within a step.
+    return _pairs(before, after) if before.seen.kind is Spectrum.MULTIPLIERS else 0
+
+
+def _oscillations(before: Point, after: Point) -> int:
+    return _pairs(before, after) if before.seen.kind is Spectrum.EIGENVALUES else 0
+
+
+def _pairs(before: Point, after: Point) -> int:
+    """Return how many complex pairs pass the border of stability within a step.
 
     Where pairs become real, or real ones a pair, the product over i < j of mu_i mu_j - 1 tells: it
-    changes its sign there only when a pair is on the circle, or, real, has the product one.
+    changes its sign there only when a pair is on the circle, or, real, has the product one. For
+    eigenvalues it is the product of sums.
     """
     a, b = before.seen, after.seen
     if a.pairs == b.pairs:
@@ -91,10 +99,8 @@ def _tori(before: Point, after: Point) -> int:
 
 
 def _sign(seen: Seen) -> bool:
-    real = seen.multipliers[are_real(seen.multipliers)].real
-    real = np.clip(real, -_HUGE, _HUGE)  # infinite where an orbit grazes
-    products = np.outer(real, real)[np.triu_indices(len(real), 1)]
-    return bool((np.count_nonzero(products <= _INSIDE) + seen.inside) % 2)
+    real = seen.spectrum[are_real(seen.spectrum)].real
+    return bool((seen.kind.pairs_inside(real) + seen.inside) % 2)
 
 
 TESTS = (
@@ -102,5 +108,6 @@ TESTS = (
     TestFunction(BifurcationKind.BP, _branch_points),
     TestFunction(BifurcationKind.PD, _period_doublings),
     TestFunction(BifurcationKind.NS, _tori),
+    TestFunction(BifurcationKind.HB, _oscillations),
 )
-"""The test functions of periodic orbits."""
+"""The test functions of all kinds that are no events."""

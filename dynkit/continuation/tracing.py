@@ -15,8 +15,8 @@ from dynkit.continuation.locating import locate
 from dynkit.continuation.points import Point
 from dynkit.continuation.termination import Ending, Reason
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.problem import Problem
 
 # How far aside of where a branch is symmetric, in scaled unknowns, it is looked at, and no fold
 # counts: as a part of the step over that place, as the branch may be small, and at most.

@@ -38,6 +38,14 @@ class Family(Shown):
             if isinstance(value, numbers) and not isinstance(value, bool)
         }
 
+    @property
+    def identity(self) -> Mapping[str, object]:
+        """Everything that the motion depends on, by name: a store of another is refused."""
+        instance: Any = self  # is_dataclass tells the type checker too much
+        if not dataclasses.is_dataclass(instance):
+            return self.parameters
+        return {entry.name: getattr(instance, entry.name) for entry in dataclasses.fields(instance)}
+
     @final
     def value_of(self, name: str) -> float:
         """Return one of `parameters`.

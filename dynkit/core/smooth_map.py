@@ -1,9 +1,8 @@
 """What maps are to equations of orbits: smooth functions from states to states."""
 
-import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, final
 
 import numpy as np
@@ -183,14 +182,6 @@ class SmoothMap(Family, ABC):
     def observables(self) -> Sequence[str]:
         """Names of what can be kept of a state, the first by default: its coordinates."""
         return tuple(f"state[{i}]" for i in range(self.dimension))
-
-    @property
-    def identity(self) -> Mapping[str, object]:
-        """Everything that the motion depends on, by name: a store of another is refused."""
-        instance: Any = self  # is_dataclass tells the type checker too much
-        if not dataclasses.is_dataclass(instance):
-            return self.parameters
-        return {entry.name: getattr(instance, entry.name) for entry in dataclasses.fields(instance)}
 
     @property
     def accuracy(self) -> float:

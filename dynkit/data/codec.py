@@ -91,7 +91,12 @@ def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]])
         return hint[_is(str, name, tree)]
     if _is_record(hint):
         rows, known = _is(dict, name, tree), schema(hint)
-        found = {key: decoded(of, f"{name}/{key}", rows[key], arrays) for key, of in known.items()}
+        optional = _arguments(hint)
+        found = {
+            key: decoded(of, f"{name}/{key}", rows[key], arrays)
+            for key, of in known.items()
+            if key in rows or not optional.get(key)  # older stores lack what was added since
+        }
         record = _made(hint, found)
         if hasattr(hint, "dataset"):  # which refuses arrays that do not fit together
             record.dataset()

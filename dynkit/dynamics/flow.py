@@ -92,13 +92,15 @@ class Flow(Family, ABC):
        rounding, has not crossed it yet. When no crossing comes by the time limit it raises
        `NoCrossing`: no search goes on for ever.
 
-    and may offer ``parameters``, ``replace`` and `accuracy` as a map does, and two derivatives that
-    otherwise are found by differences:
+    and may offer ``parameters``, ``replace`` and `accuracy` as a map does, and four derivatives
+    that otherwise are found by differences:
 
     5. ``derivative(state, duration)``, the exact (d, d) derivative of ``advance`` with respect to
        the state, the duration held fixed.
     6. ``parameter_derivative(state, duration, name)``, the exact (d,) derivative of ``advance`` by
        a parameter.
+    7. ``velocity_jacobian(state)``, the exact (d, d) derivative of ``velocity``.
+    8. ``velocity_parameter_derivative(state, name)``, its exact (d,) derivative by a parameter.
 
     None of these changes its arguments or the flow, and a state that is not finite, or not of the
     right shape, is refused with ValueError. Where the motion runs away, `velocity` and `advance`
@@ -115,6 +117,31 @@ class Flow(Family, ABC):
     @abstractmethod
     def velocity(self, state: Array) -> Array:
         """Return the rate of change, (d,), of a state, (d,)."""
+
+    def velocity_jacobian(self, state: Array) -> Array:
+        """Return the derivative, (d, d), of the velocity at a state, (d,)."""
+        return self._velocity_differences(state)[0]
+
+    def _velocity_differences(self, state: Array) -> tuple[Array, Array]:
+        """The derivative, (d, d), of the velocity by differences, and its error."""
+        here = finite_array("state", state, (self.dimension,))
+        return numerical_derivative(self.velocity, here)
+
+    @property
+    def _velocity_by_differences(self) -> bool:
+        return type(self).velocity_jacobian is Flow.velocity_jacobian
+
+    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
+        """Return the derivative, (d,), of the velocity at a state, (d,), by a parameter.
+
+        Raises
+        ------
+        ValueError
+            As ``velocity``; and when there is no such parameter.
+        """
+        return parameter_difference(
+            lambda changed: replaced(self, **{name: changed}).velocity(state), self.value_of(name)
+        )
 
     @abstractmethod
     def advance(self, state: Array, duration: float) -> Array:

@@ -19,6 +19,8 @@ class BifurcationKind(StrEnum):
     """Period doubling: a multiplier is -1."""
     NS = "NS"
     """Neimark-Sacker: a pair of complex multipliers is on the unit circle."""
+    HB = "HB"
+    """Hopf: a pair of complex eigenvalues of an equilibrium is on the imaginary axis."""
     GR = "GR"
     """Grazing: an impact appears or vanishes."""
     CB = "CB"

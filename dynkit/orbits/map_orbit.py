@@ -10,20 +10,22 @@ from typing import Any, Self, final
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.reprs import told
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, finite_array, one_of
+from dynkit.orbits.equations import NOISE
+from dynkit.orbits.events import is_admissible
+from dynkit.orbits.families import FamilyProblem
 from dynkit.orbits.multipliers import product_eigenvalues
-from dynkit.orbits.newton import NoSolution, orbit_bound
-from dynkit.orbits.problem import NOISE, PeriodicOrbit, Problem, fractions
+from dynkit.orbits.newton import orbit_bound
+from dynkit.orbits.problem import PeriodicOrbit, PeriodicProblem, fractions
 
 _NONE = np.empty(0)
 # States that agree so well, in units of their size, are one.
 _REPEATED = 1e-7
 
 
-class StatesProblem(Problem):
+class StatesProblem(PeriodicProblem, FamilyProblem):
     """Equations of a periodic orbit whose unknowns are its n states: n d numbers, state by state.
 
     The equations of a state contain this state and the one after it.
@@ -44,19 +46,11 @@ class StatesProblem(Problem):
     """
 
     def __init__(self, system: SmoothMap, states: Array, names: Sequence[str] = ()) -> None:
-        self._system = system
+        super().__init__(system, names)
         self._like = states
-        self._names = tuple(names)
-        self._values = np.array([system.value_of(name) for name in names])
         self._sizes = sizes(states)
         self.units = self._sizes * max(1.0, system.accuracy / NOISE)
         """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
-        self._at: tuple[bytes, SmoothMap] = (self._values.tobytes(), system)
-
-    @property
-    @abstractmethod
-    def label(self) -> str:
-        """Label of the orbits."""
 
     @abstractmethod
     def made_of(self, system: SmoothMap, states: Array, which: Any, names: Sequence[str]) -> Self:
@@ -77,21 +71,8 @@ class StatesProblem(Problem):
     def states(self, x: Array) -> Array:
         """Return the states (n, d) of a solution; angles are where the map has them."""
 
-    @property
-    def system(self) -> SmoothMap:
-        """The map at whose parameters the others than the free ones stay."""
-        return self._system
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self._names
-
     def free(self, *names: str) -> Self:
         return self.made_of(self._system, self._like, np.arange(len(self._like)), names)
-
-    @property
-    def values(self) -> Array:
-        return self._values
 
     @property
     def size(self) -> int:
@@ -126,7 +107,7 @@ class StatesProblem(Problem):
         problem = self.made_of(self._system, self._like[twice], twice, self._names)
         return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
 
-    def shortest(self, x: Array) -> tuple[Problem, Array]:
+    def shortest(self, x: Array) -> tuple[PeriodicProblem, Array]:
         for k in fractions(len(self._like)):
             if (abs(self._changes_over(k, x)) <= _REPEATED * self.units).all():
                 problem = self.made_of(self._system, self._like[:k], np.arange(k), self._names)
@@ -141,7 +122,7 @@ class StatesProblem(Problem):
     def _changes_over(self, k: int, x: Array) -> Array:
         """How the states (n, d) change over k iterates."""
         states = self._rows(x)
-        return self._system.difference(np.roll(states, -k, axis=0), states)
+        return np.asarray(self._system.difference(np.roll(states, -k, axis=0), states))
 
     def apart(self, x: Array, other: Array) -> Array:
         """Return differences (n d,) of the states, from the one on that makes them smallest."""
@@ -149,23 +130,6 @@ class StatesProblem(Problem):
         turned = (np.arange(n)[:, None] + np.arange(n)) % n
         gaps = self._system.difference(self._rows(x)[turned], self._rows(other)) / self._sizes
         return np.asarray(gaps[np.argmin((gaps**2).sum(axis=(1, 2)))].ravel())
-
-    def at(self, p: Array) -> SmoothMap:
-        """Return the map with the free parameters set.
-
-        Raises
-        ------
-        NoSolution
-            When it refuses them.
-        """
-        key = np.asarray(p, dtype=np.float64).tobytes()
-        if key != self._at[0]:
-            values = dict(zip(self._names, np.asarray(p).tolist(), strict=True))
-            try:
-                self._at = (key, replaced(self._system, **values))
-            except Refused as refusal:
-                raise NoSolution(str(refusal)) from refusal
-        return self._at[1]
 
     def _rows(self, x: Array) -> Array:
         return np.asarray(x).reshape(self._like.shape)
@@ -203,7 +167,8 @@ class MapOrbit(PeriodicOrbit):
 
     @property
     def system(self) -> SmoothMap:
-        return self._problem.system
+        system: SmoothMap = self._problem.system
+        return system
 
     @property
     def period(self) -> int:
@@ -239,7 +204,7 @@ class MapOrbit(PeriodicOrbit):
 
     @cached_property
     def admissible(self) -> bool:
-        return self._problem.admissible(self._x, _NONE)
+        return is_admissible(self._problem, self._x, _NONE)
 
     @property
     def history(self) -> tuple[float, ...]:

@@ -16,13 +16,13 @@ _SMALLEST = 2.0**-1074
 
 
 class ProductOfFactors(Protocol):
-    """Multipliers of orbits, and the matrices whose product has them, as `Problem` has them."""
+    """Spectra of solutions, and the matrices whose product has them, as `Problem` has them."""
 
     def factors(self, x: Array, p: Array, /) -> tuple[Array, Array] | None:
         """Return the matrices, (n, d, d), and errors of their entries, (n,); None if unknown."""
 
-    def multipliers(self, x: Array, p: Array, /) -> Any:
-        """Return the multipliers, complex."""
+    def spectrum(self, x: Array, p: Array, /) -> Any:
+        """Return the multipliers or eigenvalues, complex."""
 
 
 def multiplier_errors(
@@ -52,7 +52,7 @@ def multiplier_errors(
 def _disturbed(problem: ProductOfFactors, x: Array, p: Array, random: np.random.Generator) -> Any:
     known = problem.factors(x, p)
     if known is None:
-        return problem.multipliers(x, p)
+        return problem.spectrum(x, p)
     return disturbed_eigenvalues(*known, random)
 
 

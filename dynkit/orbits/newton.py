@@ -255,7 +255,7 @@ def error_bound(
 
 
 class OrbitProblem(Protocol):
-    """Equations F(x, p) = 0 of orbits with parameters p, as `dynkit.orbits.problem.Problem`."""
+    """Equations F(x, p) = 0 of orbits with parameters p, as `dynkit.orbits.equations.Problem`."""
 
     def residual(self, x: Array, p: Array, /) -> Array:
         """Return F, (m,)."""
@@ -309,8 +309,12 @@ def orbit_bound(problem: OrbitProblem, x: Array, p: Array) -> Array:
     return error_bound(equations, equations.jacobian(x), x, equations.scale(x), None)
 
 
-def solve(problem: OrbitProblem, guess: Array, p: Array) -> tuple[Array, tuple[float, ...]]:
-    """Return the unknowns of one orbit at given parameters, and the history of residuals.
+def solve(
+    problem: OrbitProblem, guess: Array, p: Array, what: str = "no periodic orbit"
+) -> tuple[Array, tuple[float, ...]]:
+    """Return the unknowns of one solution at given parameters, and the history of residuals.
+
+    `what` begins the message where there is none.
 
     Raises
     ------
@@ -323,7 +327,5 @@ def solve(problem: OrbitProblem, guess: Array, p: Array) -> tuple[Array, tuple[f
         why = found.message or found.outcome.value
         how_far = f", residual {found.history[-1]:.1e}" if found.history else ""
         steps = max(len(found.history) - 1, 0)
-        raise NoConvergence(
-            f"no periodic orbit found from the guess after {steps} steps: {why}{how_far}"
-        )
+        raise NoConvergence(f"{what} found from the guess after {steps} steps: {why}{how_far}")
     return found.y, found.history

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from dynkit.core.differences import numerical_derivative, parameter_difference
-from dynkit.core.no_motion import CannotFollow, replaced
+from dynkit.core.differences import numerical_derivative
+from dynkit.core.no_motion import CannotFollow
 from dynkit.core.validation import Array, finite_array, in_interval, non_negative, positive
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
 from dynkit.systems.flows.crossings import Search
@@ -126,25 +126,9 @@ class IntegratedFlow(Flow):
         """
         return 20.0 * self.tolerance
 
-    def velocity_jacobian(self, state: Array) -> Array:
-        """Return the derivative, (d, d), of the velocity at a state, (d,)."""
-        return numerical_derivative(self.velocity, self._checked(state))[0]
-
     @property
     def _by_differences(self) -> bool:
-        return type(self).velocity_jacobian is IntegratedFlow.velocity_jacobian
-
-    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
-        """Return the derivative, (d,), of the velocity at a state, (d,), by a parameter.
-
-        Raises
-        ------
-        ValueError
-            As ``velocity``; and when there is no such parameter.
-        """
-        return parameter_difference(
-            lambda changed: replaced(self, **{name: changed}).velocity(state), self.value_of(name)
-        )
+        return self._velocity_by_differences
 
     def advance(self, state: Array, duration: float) -> Array:
         """Return the state, (d,), a duration >= 0 after a state, (d,).

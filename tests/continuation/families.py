@@ -11,9 +11,11 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import Condition, Event, PeriodicOrbit, Problem
+from dynkit.orbits.problem import PeriodicOrbit, PeriodicProblem
 
 
 class LinearMap(Map):
@@ -187,7 +189,7 @@ class AtBorder(Condition):
 
 
 @dataclass(frozen=True)
-class CycleProblem(Problem):
+class CycleProblem(PeriodicProblem, WatchedProblem):
     """Orbits of a toy map of one period: all states are unknowns."""
 
     map: Map

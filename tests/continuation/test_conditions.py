@@ -7,7 +7,7 @@ import pytest
 
 from dynkit.continuation.defining_systems import BifurcationEquations
 from dynkit.core.validation import Array
-from dynkit.orbits.problem import Condition
+from dynkit.orbits.events import Condition
 from tests.continuation.starts import henon
 
 

@@ -8,6 +8,7 @@ import pytest
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.kinds import KINDS, Kind, Noticed
 from dynkit.orbits.kinds import BifurcationKind
+from dynkit.orbits.spectrum import Spectrum
 from tests.continuation.starts import logistic
 
 
@@ -25,10 +26,10 @@ def test_test_functions_have_defining_systems_and_events_leave_them_to_the_probl
 @pytest.mark.parametrize("row", KINDS.values(), ids=KINDS)
 def test_the_critical_multiplier_is_that_of_the_defining_system(row: Kind) -> None:
     orbit = logistic(2.5)
-    if row.critical is not None and row.defining_system is not None:
+    if row.critical and row.defining_system is not None:
         problem = orbit.problem("rate")
         condition = row.defining_system(problem, orbit.unknowns, np.zeros(1), problem.values)
-        assert condition.multiplier(np.zeros(1)) == row.critical
+        assert condition.multiplier(np.zeros(1)) == row.critical[Spectrum.MULTIPLIERS]
 
 
 def test_a_kind_equals_its_text() -> None:

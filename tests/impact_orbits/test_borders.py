@@ -12,8 +12,8 @@ from numpy.polynomial import Polynomial
 
 from dynkit import continue_orbit
 from dynkit.core.validation import Array
+from dynkit.orbits.events import Condition
 from dynkit.orbits.newton import solve
-from dynkit.orbits.problem import Condition
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.flights import smallest_minimum
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit

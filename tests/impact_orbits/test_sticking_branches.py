@@ -17,6 +17,7 @@ from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import solve
+from dynkit.orbits.problem import shortest
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from tests.impact_orbits.sticking_cases import differences, releases_of, returned
@@ -61,7 +62,7 @@ def near(found: Bifurcation, offset: float) -> StickingOrbit:
     """The orbit of a branch at the value of a bifurcation and so much more."""
     p = np.array([found.value + offset])
     x, history = solve(found.problem, found.unknowns, p)
-    orbit = found.problem.orbit(x, p, history)
+    orbit = found.problem.solution(x, p, history)
     assert isinstance(orbit, StickingOrbit)
     return orbit
 
@@ -367,9 +368,9 @@ def test_all_points_of_a_doubled_branch_that_sticks_have_twice_the_period() -> N
     assert any(abs(value - doubling().value) < 1e-9 for value in meetings)
     apart = abs(branch.parameter - doubling().value) > 1e-9
     for x in branch.unknowns[apart]:
-        orbit = branch.problem.orbit(x, branch.parameter[:1])
+        orbit = branch.problem.solution(x, branch.parameter[:1])
         assert isinstance(orbit, StickingOrbit)
-        assert branch.problem.shortest(x)[0] is branch.problem
+        assert shortest(branch.problem, x)[0] is branch.problem
         phases = orbit.phases.reshape(2, -1)
         # the second half is not the first one a period of the table later
         assert abs(phases[1] - phases[0] - 2.0 * np.pi).max() > 1e-7

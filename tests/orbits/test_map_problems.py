@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, Map, PoincareMap, Stroboscope, periodic_orbit
+from dynkit.continuation.kinds import condition_of
 from dynkit.core.validation import Array
+from dynkit.orbits.events import events_of, is_admissible
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.map_problem import MapProblem
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems import BouncingBall, Duffing, Henon, HighBounce, Logistic, Lorenz
@@ -159,10 +162,10 @@ def test_different_orbits_are_apart(name: str) -> None:
 
 def test_there_is_nothing_to_watch(name: str) -> None:
     problem, x, p = made(name)
-    assert problem.events(x, p) == []
-    assert problem.admissible(x, p)
-    with pytest.raises(ValueError, match="event must be one of the events: there are none; got 0"):
-        problem.condition(0, x, p)
+    assert events_of(problem, x, p) == ()
+    assert is_admissible(problem, x, p)
+    with pytest.raises(ValueError, match=r"^problem must have events, for GR; got <"):
+        condition_of(BifurcationKind.GR, 0, problem, x, np.empty(0), p)
 
 
 def test_an_orbit_gives_back_its_equations() -> None:

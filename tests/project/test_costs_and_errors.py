@@ -18,6 +18,7 @@ from dynkit import (
     basins,
     continue_curve,
     continue_orbit,
+    equilibrium,
     explore,
     find_orbits,
     parameter_map,
@@ -30,8 +31,9 @@ from dynkit.analysis import (
     LyapunovSpectrum,
     PowerSpectrum,
 )
-from dynkit.systems import Henon, ImpactChain, Logistic, SingleImpactOscillator
+from dynkit.systems import Henon, ImpactChain, Logistic, Lorenz, SingleImpactOscillator
 from tests.public_classes import example, measures, public_classes
+from tests.testing.test_problems import rest
 
 SYSTEM = "a system: a call is as wrong as its `accuracy`, a motion as its record or attractor says"
 OPTION = "an option: what the user says"
@@ -44,6 +46,7 @@ NO_RESULTS = {
     "Dataset": "arrays of a result, which carries its cost and error among the attributes",
     "Duffing": SYSTEM,
     "ExponentialSum": SYSTEM,
+    "Family": SYSTEM,
     "Flow": SYSTEM,
     "Henon": SYSTEM,
     "HighBounce": SYSTEM,
@@ -90,10 +93,12 @@ NO_RESULTS = {
     "Stretching": STATE,
     "Condition": EQUATIONS,
     "Event": EQUATIONS,
+    "FamilyProblem": EQUATIONS,
     "Flight": EQUATIONS,
     "FreeMotion": EQUATIONS,
     "ImpactProblem": EQUATIONS,
     "Passage": EQUATIONS,
+    "PeriodicProblem": EQUATIONS,
     "Problem": EQUATIONS,
     "Scene": EQUATIONS,
     "Solution": EQUATIONS,
@@ -101,6 +106,7 @@ NO_RESULTS = {
     "StickingProblem": EQUATIONS,
     "Terms": EQUATIONS,
     "Transitions": EQUATIONS,
+    "WatchedProblem": EQUATIONS,
 }
 
 
@@ -131,6 +137,8 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "CorrelationSums": lambda: (
         CorrelationDimension(np.random.default_rng(0).uniform(size=(2000, 1))).sums
     ),
+    "Equilibrium": lambda: equilibrium(Lorenz(rho=15.0), [6.0, 6.0, 14.0]),
+    "FamilySolution": rest,
     "Harmonics": lambda: PowerSpectrum(attractor()).lines,
     "ImpactAttractor": attractor,
     "ImpactOrbit": lambda: attractor().periodic_orbit(),
@@ -158,7 +166,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
 }
 """How to make one of each: of measures as the example of the class does."""
 
-ABSTRACT = {"Attractor", "PeriodicOrbit"}
+ABSTRACT = {"Attractor", "PeriodicOrbit", "ProblemSolution"}
 """Results that others are made of: what is abstract cannot be made."""
 
 

@@ -66,7 +66,7 @@ def test_names_of_modules_in_the_reference_are_there(page: str) -> None:
 
 
 INSIDE = {
-    *("Condition", "Event", "ImpactProblem", "Problem", "StatesProblem", "StickingProblem"),
+    *("ImpactProblem", "StatesProblem", "StickingProblem"),
     *("Flight", "FreeMotion", "Passage", "Scene", "SecondMoments", "Solution", "Terms"),
     *("ImpactMap", "SmoothMap", "Transitions"),
 }

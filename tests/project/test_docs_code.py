@@ -105,7 +105,10 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
     "page",
     [
         "docs/index.md",
-        *(f"{HOW_TO}{name}.md" for name in ("keep-results", "make-a-structure")),
+        *(
+            f"{HOW_TO}{name}.md"
+            for name in ("keep-results", "make-a-structure", "continue-your-own-equations")
+        ),
     ],
 )
 def test_code_prints_what_its_page_shows(page: str) -> None:

@@ -159,7 +159,7 @@ CASES: list[tuple[Callable[[], Any], str]] = [
         "seeds[0] must be a PeriodicOrbit; got 0.5",
     ),
     (
-        lambda: Network.load("none.h5", branch().orbit(0)),  # type: ignore[arg-type]
+        lambda: Network.load("none.h5", branch().orbit(0)),
         "orbits must be a sequence of PeriodicOrbit; got <P(1) of Logistic",
     ),
     (

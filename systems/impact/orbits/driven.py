@@ -17,7 +17,7 @@ from dynkit.systems.impact.state import TWO_PI
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.orbits.problem import Problem
+    from dynkit.orbits.equations import Problem
     from dynkit.systems.impact.impact_map import ImpactMap
 
 NONE = np.empty(0)

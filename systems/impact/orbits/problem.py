@@ -11,8 +11,10 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import Condition, Event, Problem, fractions
+from dynkit.orbits.problem import PeriodicProblem, fractions
 from dynkit.systems.impact.orbits import neutral
 from dynkit.systems.impact.orbits.machine import Changes, residual_change
 from dynkit.systems.impact.orbits.monodromy import factors, multipliers
@@ -34,7 +36,7 @@ _REPEATED = 1e-7
 
 
 @final
-class ImpactProblem(Problem):
+class ImpactProblem(PeriodicProblem, WatchedProblem):
     """P(n,m): n impacts in m periods of the forcing.
 
     The unknowns are the phases (n,) at the impacts, not wrapped, the impulses (n,), changes of

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.orbits.events import Condition, Event
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.problem import Condition, Event
 from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.state import TWO_PI
 

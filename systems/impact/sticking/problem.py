@@ -10,9 +10,11 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import Condition, Event, Problem, fractions
+from dynkit.orbits.problem import PeriodicProblem, fractions
 from dynkit.systems.impact.orbits.machine import Changes, passage_change
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.sticking.orbit import StickingOrbit
@@ -28,7 +30,7 @@ _REPEATED = 1e-7
 
 
 @final
-class StickingProblem(Problem):
+class StickingProblem(PeriodicProblem, WatchedProblem):
     """P(inf,m): releases, the impacts after them, chatter and contact, in m periods of the forcing.
 
     The unknowns are, passage by passage from one release to the next, the positions and velocities

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.orbits.events import Condition, Event
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import Condition, Event
 from dynkit.systems.impact.orbits.flights import LEAST, MOST, smallest_minimum
 from dynkit.systems.impact.orbits.watching import SAME
 from dynkit.systems.impact.state import TWO_PI

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.orbits.problem import Problem
+from dynkit.orbits.equations import Problem
 from dynkit.systems.impact.sticking.passage import Word
 from dynkit.systems.impact.sticking.watching import items, lowest_gap
 

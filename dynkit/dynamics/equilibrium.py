@@ -1,0 +1,212 @@
+"""Equilibria of flows, and their equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.flow import Flow
+from dynkit.dynamics.poincare_map import PoincareMap
+from dynkit.dynamics.section import Hyperplane
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.families import FamilyProblem, FamilySolution, find_solution
+from dynkit.orbits.map_orbit import sizes
+from dynkit.orbits.map_problem import MapProblem
+from dynkit.orbits.newton import NoConvergence, NoSolution
+
+_ROUNDING = 2.0**-52
+# A return to the section of a periodic orbit is waited for as many periods of the Hopf point.
+_PERIODS = 10.0
+
+
+@final
+class EquilibriumProblem(FamilyProblem):
+    """velocity(x) = 0: d equations for the state of an equilibrium of a flow.
+
+    Each equation is in units of what its terms add up to at a state.
+
+    Parameters
+    ----------
+    flow : Flow
+    state : (d,) array
+        Near the solutions.
+    names : sequence of str
+        The free parameters.
+
+    Raises
+    ------
+    ValueError
+        When the flow has no such parameter.
+    """
+
+    def __init__(self, flow: Flow, state: Array, names: Sequence[str] = ()) -> None:
+        super().__init__(flow, names)
+        self._sizes = sizes(state[None])
+        self._units = np.ones(len(state))
+        units = abs(self._jacobian(state, self.values)[0]) @ self._sizes
+        self._units[units > 0.0] = units[units > 0.0]
+
+    @property
+    def label(self) -> str:
+        return "equilibrium"
+
+    @property
+    def size(self) -> int:
+        return len(self._sizes)
+
+    def scale(self, x: Array) -> Array:
+        # a branch through zero, too, goes on in steps of the size that it had
+        return np.maximum(sizes(x[None]), self._sizes)
+
+    def residual(self, x: Array, p: Array) -> Array:
+        return np.asarray(_defined(self.at(p).velocity, x) / self._units)
+
+    def rounding(self, x: Array, p: Array) -> Array:
+        """Sixteen roundings of what the terms of each equation add up to."""
+        terms = abs(self._jacobian(x, p)[0]) @ abs(x) / self._units
+        return np.asarray(16.0 * _ROUNDING * np.maximum(1.0, terms))
+
+    def linearization(self, x: Array, p: Array) -> Any:
+        return self._jacobian(x, p)[0] / self._units[:, None]
+
+    def linearization_error(self, x: Array, p: Array) -> Any:
+        if not self.at(p)._velocity_by_differences:
+            return 0.0
+        return self._jacobian(x, p)[1] / self._units[:, None]
+
+    def pencil(self, x: Array, p: Array, value: complex) -> Any:
+        """Return the velocity's derivative minus the value, in the units of the equations."""
+        return self.linearization(x, p) - np.diag(value / self._units)
+
+    def parameter_derivative(self, x: Array, p: Array) -> Array:
+        by_name = partial(self.at(p).velocity_parameter_derivative, x)
+        columns = [_defined(by_name, name) / self._units for name in self.names]
+        return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
+
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
+        """Return the velocity's derivative, (1, d, d), and how wrong its entries may be, (1,)."""
+        matrix, off = self._jacobian(x, p)
+        return matrix[None], np.array([4.0 * _ROUNDING * abs(matrix).max() + off.max()])
+
+    def observables(self, x: Array) -> Mapping[str, Array]:
+        return {f"state[{i}]": x[i : i + 1] for i in range(len(x))}
+
+    def made(self, x: Array, history: Sequence[float], cost: Cost) -> Equilibrium:
+        return Equilibrium(self, x, history, cost)
+
+    def oscillation(
+        self, x: Array, p: Array, frequency: float, mode: Any
+    ) -> tuple[Problem, Array, Array] | None:
+        """Return the map of returns to a plane through a Hopf point, and the way orbits leave it.
+
+        The plane is that through the branch of equilibria, to first order, that the oscillation
+        crosses. On it the orbit of amplitude a is a times the direction away from the place.
+
+        References
+        ----------
+        Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 4th ed., Springer 2023, section 3.4
+        and 10.2.
+        """
+        flow, plane = self.at(p), np.linalg.qr(np.column_stack([mode.real, mode.imag]))[0]
+        along = np.linalg.solve(self.linearization(x, p), self.parameter_derivative(x, p))[:, 0]
+        slope = plane.T @ along
+        length = float(np.linalg.norm(slope))
+        turned = np.array([-slope[1], slope[0]]) / length if length else np.array([1.0, 0.0])
+        normal = plane @ turned
+        across = complex(normal @ mode)
+        # Re(mode exp(i omega t)) at the time when it crosses the plane along the normal
+        crossing = (mode * (-1j * across.conjugate() / abs(across))).real
+        section = Hyperplane(normal, float(normal @ x))
+        returns = PoincareMap(flow, section, _PERIODS * 2.0 * np.pi / frequency)
+        place = section.reduce(x)
+        like = np.full((1, len(place)), float(abs(x).max()) or 1.0)
+        direction = section.reduce_derivative(x) @ crossing
+        return MapProblem(returns, like, self.names), place, direction
+
+    def _jacobian(self, x: Array, p: Array) -> tuple[Array, Array]:
+        """The velocity's derivative, (d, d), and its error beyond rounding, (d, d)."""
+        flow = self.at(p)
+        if flow._velocity_by_differences:
+            matrix, off = _defined(flow._velocity_differences, x)
+            return matrix, off
+        matrix = _defined(flow.velocity_jacobian, x)
+        return matrix, np.zeros_like(matrix)
+
+
+def _defined(function: Callable[[Any], Any], argument: Any) -> Any:
+    """What a function gives, if it is finite."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            found = function(argument)
+    except NoMotion as end:
+        raise NoSolution(str(end)) from end
+    if not np.isfinite(found).all():
+        raise NoSolution(f"the flow is not finite at {argument}")
+    return found
+
+
+@final
+class Equilibrium(FamilySolution):
+    """An equilibrium of a flow: a state that does not move, stable or not.
+
+    From `equilibrium` or from a branch. It is always admissible; its label is ``equilibrium``.
+    """
+
+    @property
+    def state(self) -> Array:
+        """The state, (d,), read-only."""
+        return self.unknowns
+
+
+def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
+    """Find an equilibrium of a flow, stable or not, by Newton's method from a guess.
+
+    Parameters
+    ----------
+    flow : Flow
+        Its `velocity_jacobian` is used; without one, differences.
+    guess : (d,) array_like
+        A state near it.
+
+    Returns
+    -------
+    Equilibrium
+        `continue_orbit` follows it as one parameter changes.
+
+    Raises
+    ------
+    ValueError
+        When it is no flow, or the guess is not finite or of another shape.
+    NoConvergence
+        When Newton's method does not get to an equilibrium.
+
+    Examples
+    --------
+    >>> from dynkit import continue_orbit
+    >>> from dynkit.systems import Lorenz
+    >>> found = equilibrium(Lorenz(rho=15.0), [6.0, 6.0, 14.0])
+    >>> found.state.round(6), found.stable
+    (array([ 6.110101,  6.110101, 14.      ]), True)
+    >>> branch = continue_orbit(found, "rho", bounds=(0.5, 30.0))
+    >>> [(b.kind.value, round(b.value, 9)) for b in branch.bifurcations if b.kind == "HB"]
+    [('HB', 24.736842105), ('HB', 24.736842105)]
+    """
+    if not isinstance(flow, Flow):
+        raise ValueError(f"flow must be a Flow; got {flow!r}")
+    start = finite_array("guess", guess, (flow.dimension,))
+    found = find_solution(_near(flow, start), start)
+    near = _near(flow, found.unknowns)
+    return near.made(found.unknowns, found.history, found.cost)
+
+
+def _near(flow: Flow, state: Array) -> EquilibriumProblem:
+    try:
+        return EquilibriumProblem(flow, state)
+    except NoSolution as refusal:
+        raise NoConvergence(f"no equilibrium found from the guess: {refusal}") from refusal

@@ -1,0 +1,297 @@
+"""Problems of systems with named parameters, and their solutions."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import Refused, replaced
+from dynkit.core.parameters import Family
+from dynkit.core.reprs import Facts, largest, told, written
+from dynkit.core.validation import Array, finite_array, one_of
+from dynkit.orbits.equations import Problem, ProblemSolution
+from dynkit.orbits.multiplier_errors import multiplier_errors
+from dynkit.orbits.newton import NoSolution, orbit_bound, solve
+
+_NONE = np.empty(0)
+
+
+class FamilyProblem(Problem):
+    """Equations of a system with named parameters, any of which may be free.
+
+    A subclass must implement `size`, `scale`, `residual`, `linearization` and
+    `parameter_derivative`; ``self.at(p)`` is the system at parameters p. It may offer
+
+    1. `label`, what kind of solutions they are;
+    2. ``observables(x)``, what a diagram draws, by name: each unknown by default;
+
+    and whatever a `Problem` may offer.
+
+    Parameters
+    ----------
+    system : Family
+    names : sequence of str
+        The free parameters.
+
+    Raises
+    ------
+    ValueError
+        When the system has no such parameter.
+    """
+
+    def __init__(self, system: Any, names: Sequence[str] = ()) -> None:
+        if not isinstance(system, Family):
+            raise ValueError(f"system must be a Family; got {system!r}")
+        self._system: Any = system
+        self._names = tuple(names)
+        self._values = np.array([system.value_of(name) for name in names])
+        self._at: tuple[bytes, Any] = (self._values.tobytes(), system)
+
+    @property
+    def label(self) -> str:
+        """What kind of solutions they are."""
+        return "solution"
+
+    @property
+    def system(self) -> Any:
+        """The system at whose parameters the others than the free ones stay."""
+        return self._system
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self._names
+
+    def free(self, *names: str) -> Self:
+        return self._of(self._system, names)
+
+    @property
+    def values(self) -> Array:
+        return self._values
+
+    def at(self, p: Array) -> Any:
+        """Return the system with the free parameters set.
+
+        Raises
+        ------
+        NoSolution
+            When it refuses them.
+        """
+        key = np.asarray(p, dtype=np.float64).tobytes()
+        if key != self._at[0]:
+            values = dict(zip(self._names, np.asarray(p).tolist(), strict=True))
+            try:
+                self._at = (key, replaced(self._system, **values))
+            except Refused as refusal:
+                raise NoSolution(str(refusal)) from refusal
+        return self._at[1]
+
+    def observables(self, x: Array) -> Mapping[str, Array]:
+        """Return what a diagram draws of a solution, by name: arrays (n,)."""
+        return {f"unknown[{i}]": x[i : i + 1] for i in range(len(x))}
+
+    def made(self, x: Array, history: Sequence[float], cost: Cost) -> FamilySolution:
+        """Return a solution, of this problem without free parameters."""
+        return FamilySolution(self, x, history, cost)
+
+    def solution(self, x: Array, p: Array, history: Sequence[float] = ()) -> Any:
+        past = history or (float(abs(self.residual(x, p)).max()),)
+        cost = Cost(0.0, {"newton steps": len(past) - 1})
+        return self._of(self.at(p), ()).made(x, past, cost)
+
+    def _of(self, system: Any, names: Sequence[str]) -> Self:
+        changed = copy.copy(self)
+        FamilyProblem.__init__(changed, system, names)
+        return changed
+
+
+class FamilySolution(ProblemSolution):
+    """A solution of a `FamilyProblem`, from `find_solution` or from a branch."""
+
+    def __init__(
+        self, problem: FamilyProblem, x: Array, history: Sequence[float], cost: Cost
+    ) -> None:
+        self._problem = problem
+        self._x = np.array(x, dtype=np.float64)
+        self._x.setflags(write=False)
+        self._history = tuple(history)
+        self._cost = cost
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # copies are read-only too
+        return type(self), (self._problem, self._x, self._history, self._cost)
+
+    def __repr__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        return f"<{self.label} of {told(self.system, 6)}: {kind}>"
+
+    def _caption(self) -> str:
+        return self.label.capitalize()
+
+    def _facts(self) -> Facts:
+        more = ", ..." if len(self.eigenvalues) > 6 else ""
+        return {
+            "system": told(self.system, 6),
+            "stable": self.stable,
+            "eigenvalues": ", ".join(written(complex(v)) for v in self.eigenvalues[:6]) + more,
+            "residual": largest(self.residual),
+            "error": self.error,
+            "cost": self.cost,
+        }
+
+    @property
+    def system(self) -> Any:
+        return self._problem.system
+
+    @property
+    def label(self) -> str:
+        return self._problem.label
+
+    @property
+    def stable(self) -> bool:
+        """Whether all eigenvalues have negative real parts."""
+        return bool(np.all(self._problem.stability.stable(self.eigenvalues)))
+
+    @property
+    def admissible(self) -> bool:
+        return True
+
+    @cached_property
+    def eigenvalues(self) -> Any:
+        """Eigenvalues, (m,) complex, read-only, the largest real part first.
+
+        They tell stability where the equations are those of the rate, x' = F(x, p).
+        """
+        found = np.asarray(self._problem.spectrum(self._x, _NONE))
+        found.setflags(write=False)
+        return found
+
+    @cached_property
+    def eigenvalues_error(self) -> Array:
+        """Estimate of the error of each eigenvalue, (m,), read-only.
+
+        Four times the largest change in some probes, which disturb the unknowns by their errors and
+        the entries of the linearization by theirs.
+        """
+        moved = orbit_bound(self._problem, self._x, _NONE)
+        error = multiplier_errors(self._problem, self._x, _NONE, self.eigenvalues, moved)
+        error.setflags(write=False)
+        return error
+
+    @property
+    def history(self) -> tuple[float, ...]:
+        return self._history
+
+    @cached_property
+    def error(self) -> float:
+        """Bound of the largest error of an unknown, to first order.
+
+        Twice the sum, over the inverse derivative, of the residual that is left and of rounding.
+        Infinite where the derivative is singular.
+        """
+        return float(orbit_bound(self._problem, self._x, _NONE).max())
+
+    @property
+    def cost(self) -> Cost:
+        return self._cost
+
+    def problem(self, *names: str) -> Problem:
+        """Return the equations that it solves, with the named parameters free.
+
+        Raises
+        ------
+        ValueError
+            When the system has no such parameter.
+        """
+        return self._problem.free(*names)
+
+    @property
+    def unknowns(self) -> Array:
+        return self._x
+
+    @property
+    def observables(self) -> Sequence[str]:
+        return tuple(self._problem.observables(self._x))
+
+    def observable(self, name: str) -> Array:
+        """Return one of the observables, (n,).
+
+        Raises
+        ------
+        ValueError
+            When there is no such observable.
+        """
+        found = self._problem.observables(self._x)
+        return np.asarray(found[one_of("name", name, list(found))])
+
+
+def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
+    """Return the solution of a problem that Newton's method finds from a guess.
+
+    Parameters
+    ----------
+    problem : FamilyProblem
+        At the parameters of its system.
+    guess : (m,) array_like
+
+    Returns
+    -------
+    FamilySolution
+        `continue_orbit` follows it.
+
+    Raises
+    ------
+    ValueError
+        When the guess is not finite or of another shape.
+    NoConvergence
+        When Newton's method does not get to a solution.
+
+    Examples
+    --------
+    >>> from dynkit.core.parameters import Family
+    >>> class Circle(Family):
+    ...     radius: float = 1.0
+    ...     x: float = 0.5
+    >>> class OnCircle(FamilyProblem):
+    ...     size = 1
+    ...
+    ...     def scale(self, y):
+    ...         return np.ones(1)
+    ...
+    ...     def residual(self, y, p):
+    ...         circle = self.at(p)
+    ...         return y**2 + circle.x**2 - circle.radius**2
+    ...
+    ...     def linearization(self, y, p):
+    ...         return np.array([2.0 * y])
+    ...
+    ...     def parameter_derivative(self, y, p):
+    ...         circle = self.at(p)
+    ...         known = {"x": 2.0 * circle.x, "radius": -2.0 * circle.radius}
+    ...         return np.array([[known[name] for name in self.names]])
+    >>> from dynkit import continue_orbit
+    >>> point = find_solution(OnCircle(Circle()), [-1.0])
+    >>> branch = continue_orbit(point, "x", bounds=(-2.0, 2.0))
+    >>> branch.bifurcations
+    (<SN at x -1>, <SN at x 1>)
+    >>> branch.closed
+    True
+    """
+    if not isinstance(problem, FamilyProblem):
+        raise ValueError(f"problem must be a FamilyProblem; got {problem!r}")
+    began = time.perf_counter()
+    fixed = problem.free()
+    x, history = solve(
+        fixed, finite_array("guess", guess, (fixed.size,)), _NONE, what=f"no {fixed.label}"
+    )
+    # What is zero has no size of its own: nothing may be measured in what rounding leaves of it.
+    cleared = np.where(abs(x) <= orbit_bound(fixed, x, _NONE), 0.0, x)
+    if abs(fixed.residual(cleared, _NONE)).max() <= history[-1]:
+        x = cleared
+    cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
+    return fixed.made(x, history, cost)
