@@ -26,13 +26,13 @@ from dynkit.orbits.spectrum import Spectrum
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.orbits.problem import PeriodicOrbit
+    from dynkit.orbits.equations import ProblemSolution
 
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Branch(SolutionCurve):
-    """Periodic orbits that hang together as one parameter changes, made by `continue_orbit`.
+    """Periodic orbits, or equilibria, connected as one parameter changes, from `continue_orbit`.
 
     Its k points stand in the order in which the curve is run through; orbits are made of them when
     asked for. All arrays are read-only.
@@ -260,7 +260,7 @@ class Branch(SolutionCurve):
             self._attributes(f"Branch of {self.label}"),
         )
 
-    def _replaced(self, problem: Problem, orbit: PeriodicOrbit) -> dict[str, Any]:
+    def _replaced(self, problem: Problem, orbit: ProblemSolution) -> dict[str, Any]:
         found = tuple(dataclasses.replace(b, _problem=problem) for b in self.bifurcations)
         return {"bifurcations": found, "_problem": problem, "_system": orbit.system}
 

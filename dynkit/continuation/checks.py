@@ -58,7 +58,7 @@ def problem_of(orbit: ProblemSolution, names: tuple[str, ...]) -> Problem:
         When it does not solve its equations.
     """
     if not isinstance(orbit, ProblemSolution):
-        raise ValueError(f"orbit must be a PeriodicOrbit; got {_no_orbit(orbit)}")
+        raise ValueError(f"orbit must be a PeriodicOrbit or an Equilibrium; got {_no_orbit(orbit)}")
     for name in names:
         orbit.system.value_of(name)
     problem = orbit.problem(*names)

@@ -23,7 +23,7 @@ from dynkit.data.result import Saved, read_result, write_result
 from dynkit.orbits.equations import Problem
 
 if TYPE_CHECKING:
-    from dynkit.orbits.problem import PeriodicOrbit
+    from dynkit.orbits.equations import ProblemSolution
 
 ERROR = (
     "to first order a bound on the distance from the exact curve, "
@@ -126,13 +126,13 @@ class SolutionCurve(Saved):
         write_result(path, self, self._identity())
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], orbit: PeriodicOrbit | None = None) -> Self:
+    def load(cls, path: str | os.PathLike[str], orbit: ProblemSolution | None = None) -> Self:
         """Read it from a store: the same bits.
 
         Parameters
         ----------
         path : path
-        orbit : PeriodicOrbit, optional
+        orbit : PeriodicOrbit or Equilibrium, optional
             Any orbit of the same kind of the same system, at any values of the free parameters;
             needed for whatever makes orbits.
 
@@ -146,7 +146,7 @@ class SolutionCurve(Saved):
         return found if orbit is None else found._with_orbits(file, archive, orbit, found._first())
 
     def _with_orbits(
-        self, file: Path, archive: store.Archive, orbit: PeriodicOrbit, free: Mapping[str, float]
+        self, file: Path, archive: store.Archive, orbit: ProblemSolution, free: Mapping[str, float]
     ) -> Self:
         """Return it, which was read, as a curve that makes orbits like the one given.
 
@@ -173,7 +173,7 @@ class SolutionCurve(Saved):
         vars(found)["error"] = self.error
         return found
 
-    def _replaced(self, problem: Problem, orbit: PeriodicOrbit) -> dict[str, Any]:
+    def _replaced(self, problem: Problem, orbit: ProblemSolution) -> dict[str, Any]:
         del orbit
         return {"_problem": problem}
 

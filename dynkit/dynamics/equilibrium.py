@@ -23,6 +23,9 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 _ROUNDING = 2.0**-52
 # A return to the section of a periodic orbit is waited for as many periods of the Hopf point.
 _PERIODS = 10.0
+# An oscillation with a smaller part of the size of the state is one with the equilibrium: below it
+# the map of returns says more of rounding than of the orbit.
+_LEAST = 1e-4
 
 
 @final
@@ -123,9 +126,10 @@ class EquilibriumProblem(FamilyProblem):
         # Re(mode exp(i omega t)) at the time when it crosses the plane along the normal
         crossing = (mode * (-1j * across.conjugate() / abs(across))).real
         section = Hyperplane(normal, float(normal @ x))
-        returns = PoincareMap(flow, section, _PERIODS * 2.0 * np.pi / frequency)
-        place = section.reduce(x)
-        like = np.full((1, len(place)), float(abs(x).max()) or 1.0)
+        size = float(abs(x).max()) or 1.0
+        limit, least = _PERIODS * 2.0 * np.pi / frequency, _LEAST * size * frequency
+        returns = PoincareMap(flow, section, limit, least)
+        place, like = section.reduce(x), np.full((1, section.dimension - 1), size)
         direction = section.reduce_derivative(x) @ crossing
         return MapProblem(returns, like, self.names), place, direction
 

@@ -8,7 +8,7 @@ from typing import Self, final
 import numpy as np
 
 from dynkit.core.no_motion import TangentCrossing
-from dynkit.core.validation import Array, finite_array, positive
+from dynkit.core.validation import Array, finite_array, non_negative, positive
 from dynkit.dynamics.flow import Crossing, Flow
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.section import PoincareSection
@@ -29,11 +29,15 @@ class PoincareMap(Map):
         Of the flow's dimension.
     time_limit : float
         The longest time to wait for a crossing. A call that gets none by then raises `NoCrossing`.
+    least_rate : float
+        A state that the flow leaves the section from, in its direction, more slowly than this
+        raises `TangentCrossing`: the section's value grows by less in a unit of time. By default no
+        state is refused.
 
     Raises
     ------
     ValueError
-        When the dimensions differ or the time limit is not positive.
+        When the dimensions differ, the time limit is not positive, or the least rate is negative.
 
     References
     ----------
@@ -44,6 +48,7 @@ class PoincareMap(Map):
     flow: Flow
     section: PoincareSection
     time_limit: float
+    least_rate: float = 0.0
 
     def __post_init__(self) -> None:
         if self.section.dimension != self.flow.dimension:
@@ -52,6 +57,7 @@ class PoincareMap(Map):
                 f"got {self.section.dimension}"
             )
         object.__setattr__(self, "time_limit", positive("time_limit", self.time_limit))
+        object.__setattr__(self, "least_rate", non_negative("least_rate", self.least_rate))
 
     @property
     def dimension(self) -> int:
@@ -84,10 +90,19 @@ class PoincareMap(Map):
         ------
         NoCrossing
             When the flow does not cross the section within the time limit.
+        TangentCrossing
+            When it leaves the section more slowly than the least rate.
         ValueError
             When the state is not finite, or not of that shape.
         """
         start = self.section.lift(finite_array("state", state, (self.dimension,)))
+        if self.least_rate:
+            rate = float(self.section.gradient(start) @ self.flow.velocity(start))
+            if not self.section.direction * rate >= self.least_rate:
+                raise TangentCrossing(
+                    f"the flow must leave the section at a rate of {self.least_rate:.2g} or more; "
+                    f"got {self.section.direction * rate:.2g} at {start.tolist()}"
+                )
         return self.flow.next_crossing(start, self.section, self.time_limit)
 
     def __call__(self, state: Array) -> Array:

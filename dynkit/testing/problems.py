@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem
@@ -55,7 +56,7 @@ def linearization_is_the_derivative(problem: Problem, x: Array, p: Array) -> Non
     require_derivative(
         "the linearization",
         np.asarray(problem.linearization(x, p)),
-        lambda y: problem.residual(y, p),
+        lambda y: _residual(problem, y, p),
         x,
         accuracy=max(float(problem.rounding(x, p).max()), float(off), _ROUNDING),
     )
@@ -66,7 +67,7 @@ def parameter_derivative_is_the_derivative(problem: Problem, x: Array, p: Array)
     require_derivative(
         "the parameter derivative",
         problem.parameter_derivative(x, p),
-        lambda q: problem.residual(x, q),
+        lambda q: _residual(problem, x, q),
         p,
         accuracy=max(float(problem.rounding(x, p).max()), _ROUNDING),
     )
@@ -183,6 +184,14 @@ def events_have_conditions(problem: Problem, x: Array, p: Array) -> None:
         except NoSolution:
             continue
         require_shape(f"the condition of event {i}", left, (condition.unknowns + 1,))
+
+
+def _residual(problem: Problem, x: Array, p: Array) -> Array:
+    """The residual; where it is not defined differences take other steps."""
+    try:
+        return problem.residual(x, p)
+    except NoSolution as refusal:
+        raise Refused(str(refusal)) from refusal
 
 
 problem_checks: tuple[ProblemCheck, ...] = (

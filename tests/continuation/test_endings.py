@@ -89,7 +89,9 @@ def test_a_parameter_that_the_system_lacks_is_refused() -> None:
 
 def test_what_is_no_orbit_is_refused() -> None:
     system: Any = Logistic(2.5)
-    with pytest.raises(ValueError, match=r"^orbit must be a PeriodicOrbit; got Logistic"):
+    with pytest.raises(
+        ValueError, match=r"^orbit must be a PeriodicOrbit or an Equilibrium; got Logistic"
+    ):
         continue_orbit(system, "rate", bounds=(2.0, 3.0))
     attractor: Any = ImpactChain(masses=1, frequency=0.9).attractor(transient=5, impacts=5)
     with pytest.raises(ValueError, match=r">, whose periodic_orbit\(\) gives one$"):
