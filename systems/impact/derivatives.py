@@ -29,7 +29,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     if run.impacts < 1:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     structure, free = oscillator._structure, oscillator._free
-    side = run.final._side
+    side = run.final.element
     gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
     r = oscillator.restitution
 
@@ -38,7 +38,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     derivative = _lift(oscillator, state)
     time = np.zeros(derivative.shape[1])
     if len(run.contacts):
-        contact = oscillator._automaton.held(state._side)
+        contact = oscillator._automaton.held(state.element)
         began = float(run.contacts[0, 1])
         stuck = transformed(contact.to_stuck, y[None])
         inner = _linear(contact.to_stuck) @ derivative
@@ -95,7 +95,7 @@ def parameter_derivative(
     if len(run.contacts):
         return None
     structure, free, r = oscillator._structure, oscillator._free, oscillator.restitution
-    side, time = run.final._side, float(run.time[0])
+    side, time = run.final.element, float(run.time[0])
     gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
 
     x, v = np.zeros((2, 1, structure.size))
@@ -138,7 +138,7 @@ def _stop_by(
         return float(a * time * cosine), float(a * (cosine - w * time * sine))
     if name == "offset":
         return 1.0, 0.0
-    if name == "play" and state._side == 1:
+    if name == "play" and state.element == 1:
         return float(oscillator._stops[0].sign), 0.0
     return 0.0, 0.0
 
@@ -148,11 +148,11 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     structure, free = oscillator._structure, oscillator._free
     n, c, others = structure.size, structure.contact, structure.others
     sine, cosine = state._turn
-    sign = oscillator._stops[state._side].sign
+    sign = oscillator._stops[state.element].sign
     x, v = np.zeros((2 * n, n)), np.zeros((2 * n, n))
     x[np.arange(n - 1), others] = 1.0
     v[np.arange(n - 1) + n - 1, others] = 1.0
-    v[2 * n - 2, c] = sign if state._side == 0 else -sign
+    v[2 * n - 2, c] = sign if state.element == 0 else -sign
     x[2 * n - 1, c] = oscillator.amplitude * cosine
     v[2 * n - 1, c] = -oscillator.amplitude * oscillator.frequency * sine
     by_sine, by_cosine = np.zeros(2 * n), np.zeros(2 * n)

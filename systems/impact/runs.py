@@ -89,8 +89,8 @@ class Course:
         free = oscillator._free
         q, turn = start._coordinates, start._turn
         clock = np.zeros(clock_kernels.CLOCK)
-        clock[clock_kernels.SPEED] = abs(start.relative_velocity)
-        clock[clock_kernels.GUARD] = start._side
+        clock[clock_kernels.SPEED] = start.speed
+        clock[clock_kernels.GUARD] = start.element
         clock[clock_kernels.LEFT_FROM] = -1
         clock[clock_kernels.MOTION] = _MOTIONS.index(start.motion)
         clock[clock_kernels.ORDER] = 3 if start.motion is Motion.RELEASE else 0
@@ -205,7 +205,7 @@ class Course:
         speed, motion = clock[clock_kernels.SPEED], int(clock[clock_kernels.MOTION])
         return Trajectory(
             self._start,
-            state_of(oscillator, q, turn, -speed if element else speed, _MOTIONS[motion]),
+            state_of(oscillator, q, turn, speed, element, _MOTIONS[motion]),
             log,
             Switches(*(array[:k] for array in self._switches)),
             tuple(automaton.regimes),

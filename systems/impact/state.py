@@ -39,17 +39,25 @@ class ImpactState:
 
     Attributes
     ----------
-    relative_velocity : float
-        Rate of the gap; exact after an impact, where the difference of two velocities would have
-        lost digits. Negative, if only its zero, on the far side of a play.
+    speed : float
+        Rate of the gap, not negative; exact after an impact, where the difference of two velocities
+        would have lost digits. In flight its absolute value.
+    element : int
+        The stop that it is at: 0 for the table, also in flight, and 1 for the far stop of a play.
     motion : Motion
     """
 
-    relative_velocity: float
+    speed: float
+    element: int
     motion: Motion
     _system: DrivenStructure = field(repr=False)
     _coordinates: Array = field(repr=False)
     _turn: Array = field(repr=False)
+
+    @property
+    def relative_velocity(self) -> float:
+        """Section coordinate: the speed, negative, if only its zero, on the far side of a play."""
+        return -self.speed if self.element == 1 else self.speed
 
     @property
     def position(self) -> Array:
@@ -77,7 +85,7 @@ class ImpactState:
             raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
         if self.motion is not Motion.FLIGHT:
             c = system.contact
-            x[c], v[c] = on_stop(system, self._side, sine, cosine, abs(self.relative_velocity))
+            x[c], v[c] = on_stop(system, self.element, sine, cosine, self.speed)
         x.setflags(write=False)
         v.setflags(write=False)
         return x, v
@@ -87,13 +95,9 @@ class ImpactState:
         at = f"phase {self.phase:.6g}, relative velocity {self.relative_velocity:.6g}"
         return f"<ImpactState of {masses} coordinates: {self.motion.value}, {at}>"
 
-    @property
-    def _side(self) -> int:
-        return int(math.copysign(1.0, self.relative_velocity) < 0.0)
-
 
 def state_of(
-    oscillator: DrivenStructure, q: Array, turn: Array, u: float, motion: Motion
+    oscillator: DrivenStructure, q: Array, turn: Array, speed: float, element: int, motion: Motion
 ) -> ImpactState:
     """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase.
 
@@ -105,7 +109,7 @@ def state_of(
     q, turn = q.copy(), turn.copy()
     q.setflags(write=False)
     turn.setflags(write=False)
-    state = ImpactState(float(u), motion, oscillator, q, turn)
+    state = ImpactState(float(speed), element, motion, oscillator, q, turn)
     if not np.vdot(q, q) < _LARGE**2:
         _ = state.position
     return state
@@ -135,7 +139,13 @@ def on_stop(
 
 
 def state_at(
-    oscillator: DrivenStructure, x: Array, v: Array, turn: Array, u: float, motion: Motion
+    oscillator: DrivenStructure,
+    x: Array,
+    v: Array,
+    turn: Array,
+    speed: float,
+    element: int,
+    motion: Motion,
 ) -> ImpactState:
     """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
     forced = oscillator._free.forced
@@ -143,7 +153,7 @@ def state_at(
         q = forced.coordinates(x - forced.rest, v - forced.drift, *turn)
     if not np.isfinite(q).all():
         raise Refused(f"positions and velocities must not overflow; got {x} and {v}")
-    return state_of(oscillator, q, turn, u, motion)
+    return state_of(oscillator, q, turn, speed, element, motion)
 
 
 # The first mode has a node at the contact mass where that moves less than this part of the largest:
@@ -206,9 +216,9 @@ def start(
                     f"the table; got {moving}"
                 )
             u = 0.0 if u <= rounding else u
-            return state_at(oscillator, x, v, turn, -u if side else u, Motion.TABLE)
+            return state_at(oscillator, x, v, turn, u, side, Motion.TABLE)
     u = oscillator._stops[0].sign * (moving - speed)
-    return state_at(oscillator, x, v, turn, abs(u), Motion.FLIGHT)
+    return state_at(oscillator, x, v, turn, abs(u), 0, Motion.FLIGHT)
 
 
 def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
@@ -223,7 +233,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     if start.position.shape != (n,):
         raise ValueError(f"start must have {n} masses; got {start.position.size}")
     turn = start._turn
-    x, v, u = start.position.copy(), start.velocity.copy(), start.relative_velocity
+    x, v, u = start.position.copy(), start.velocity.copy(), start.speed
     stands = oscillator._stops
     if start.motion is Motion.FLIGHT:
         for stop in stands:
@@ -231,14 +241,14 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
             if stop.sign * (x[c] - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {float(x[c])}")
-        return state_at(oscillator, x, v, turn, u, Motion.FLIGHT)
-    if start._side >= len(stands):
+        return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT)
+    if start.element >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
-    stop = stands[start._side]
+    stop = stands[start.element]
     x[c] = oscillator.amplitude * float(turn[0]) + stop.offset
-    v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stop.sign * abs(u)
+    v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stop.sign * u
     # Where the table released it under other parameters, its contact force is not zero here.
-    return state_at(oscillator, x, v, turn, u, Motion.TABLE)
+    return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE)
 
 
 def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
@@ -258,26 +268,29 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
         if u < 0.0:
             raise Refused(f"state[{2 * n - 2}] must not be negative; got {u}")
         u += 0.0
-    stop = stands[int(math.copysign(1.0, u) < 0.0)]
+    # the sign of a section coordinate, and that of its zero, tells the stop
+    element, speed = int(math.copysign(1.0, u) < 0.0), abs(u)
+    stop = stands[element]
     turn = np.array([math.sin(phase), math.cos(phase)])
     x, v = np.empty(n), np.empty(n)
     x[others], v[others] = y[: n - 1], y[n - 1 : -2]
     x[oscillator.contact] = oscillator.amplitude * turn[0] + stop.offset
     v[oscillator.contact] = oscillator.amplitude * oscillator.frequency * turn[1]
-    v[oscillator.contact] += stop.sign * abs(u)
-    return state_at(oscillator, x, v, turn, u, Motion.TABLE)
+    v[oscillator.contact] += stop.sign * speed
+    return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE)
 
 
 def packed(state: ImpactState) -> Array:
-    """All numbers of a state, (2N + 4,)."""
+    """All numbers of a state, (2N + 5,)."""
     motion = tuple(Motion).index(state.motion)
-    own = [motion, state.relative_velocity, *state._turn.tolist()]
+    own = [motion, state.element, state.speed, *state._turn.tolist()]
     return np.concatenate([own, state._coordinates.ravel()])
 
 
 def unpacked(oscillator: DrivenStructure, numbers: object) -> ImpactState:
     """The state that `packed` turned into numbers."""
     n = oscillator.degrees_of_freedom
-    array = finite_array("packed", numbers, (4 + 2 * n,))
-    motion = tuple(Motion)[int(array[0])]
-    return state_of(oscillator, array[4:].reshape(2, n), array[2:4], float(array[1]), motion)
+    array = finite_array("packed", numbers, (5 + 2 * n,))
+    motion, element = tuple(Motion)[int(array[0])], int(array[1])
+    q, turn = array[5:].reshape(2, n), array[3:5]
+    return state_of(oscillator, q, turn, float(array[2]), element, motion)

@@ -264,12 +264,12 @@ class Trajectory:
     @property
     def speeds(self) -> Array:
         """Rates of the gap of the stop that is left, just after the points."""
-        return np.append(abs(self.start.relative_velocity), self.log.speed)
+        return np.append(self.start.speed, self.log.speed)
 
     @property
     def sides(self) -> Indices:
         """The stop at each point."""
-        return np.append(self.start._side, self.element)
+        return np.append(self.start.element, self.element)
 
     @property
     def free_states(self) -> Array:
@@ -287,7 +287,7 @@ class Trajectory:
         """The parts of the motion in one mode each, from the start and from every event on."""
         s, place = self.switches, self.switches.before + 1
         point = np.arange(len(self.log.time) + 1)
-        guards = np.insert(np.append(self.start._side, self.log.guard), place, s.guard)
+        guards = np.insert(np.append(self.start.element, self.log.guard), place, s.guard)
         impact = EventKind.IMPACT
         kind = np.insert(np.full(len(point), impact), place, self.guards[s.guard, 3])
         states = np.concatenate([self._begin[None], self.log.states])

@@ -43,7 +43,7 @@ def numbers(found: Trajectory) -> tuple[Any, ...]:
         *(array.tobytes() for array in vars(found.switches).values()),
         found.final._coordinates.tobytes(),
         found.final._turn.tobytes(),
-        (found.final.relative_velocity, found.final.motion, found.final._side),
+        (found.final.relative_velocity, found.final.motion, found.final.element),
         (found.impacts, found.ending, found.chatter_error, found.cells, found.touches),
         found.longest,
     )

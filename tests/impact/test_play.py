@@ -137,8 +137,9 @@ def begins(draw: st.DrawFn) -> tuple[PlayOscillator, ImpactState]:
 
 def mirrored(system: PlayOscillator, state: ImpactState) -> ImpactState:
     """The state at -x, -x' half a period later: all numbers but the first negative."""
-    packed = -system.pack_state(state)
-    packed[0] = -packed[0]
+    packed = system.pack_state(state)
+    packed[1] = 1.0 - packed[1]  # the other stop, left as fast
+    packed[3:] = -packed[3:]
     return system.unpack_state(packed)
 
 

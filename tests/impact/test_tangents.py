@@ -63,7 +63,7 @@ def at_one_time(system: ImpactOscillator, state: ImpactState) -> Array:
     n, free = system.degrees_of_freedom, system._free
     lift = _lift(system, state).reshape(2, free.layout.slots, 2 * n)[:, free.layout.modes]
     # A later phase is an earlier state: less the rate of the free motion, times the time.
-    gap = system._gaps[state._side]
+    gap = system._gaps[state.element]
     y = free.states(state._coordinates, *state._turn)
     g = gap.generator
     rate = np.stack([g[0] * y[0] + g[1] * y[1], g[2] * y[0] + g[3] * y[1]])

@@ -112,7 +112,7 @@ class Holding:
         """The state of the oscillator that is released at places and a phase."""
         q, _, _ = self.system._free.parts(self.released(self.state(z, phase)))
         turn = np.array([math.sin(phase), math.cos(phase)])
-        return state_of(self.system, q, turn, math.copysign(0.0, 0.5 - self.side), Motion.RELEASE)
+        return state_of(self.system, q, turn, 0.0, self.side, Motion.RELEASE)
 
     def after(self, state: Array, durations: Array) -> Array:
         """Stuck states (k, 2, slots) at durations (k,) after one."""

@@ -156,9 +156,10 @@ class Passage:
         sign = scene.system._stops[side].sign
         self.states[-1] = self.states[-1] - sign * self.gaps[-1] * scene.shift
         q, sine, cosine = free.parts(self.states[-1])
-        u = math.copysign(self.r * self.rates[-1], 0.5 - side)
         turn = np.array([float(sine), float(cosine)])
-        self.run = self._to_contact(state_of(scene.system, q, turn, u, Motion.TABLE))
+        self.run = self._to_contact(
+            state_of(scene.system, q, turn, abs(self.r * self.rates[-1]), side, Motion.TABLE)
+        )
         self.last = self.states[-1]
         lasts = 0.0
         if self.run.impacts:
