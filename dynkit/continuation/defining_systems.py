@@ -66,8 +66,10 @@ class CriticalMultiplier(Condition):
             sizes = np.linalg.norm(factors[0], axis=(1, 2))
             # a factor that is zero has no critical multiplier
             off = float((factors[1][sizes > 0.0] / sizes[sizes > 0.0]).sum())
-        # an eigenvalue is as wrong as the matrix, a multiplier relative to itself
-        size = mu if self._problem.stability is Spectrum.MULTIPLIERS else abs(matrix).max()
+        size = mu
+        if self._problem.stability is Spectrum.EIGENVALUES:
+            # an eigenvalue is as wrong as its matrix, a multiplier relative to itself
+            size = 1.0 if factors is None else float(np.linalg.norm(factors[0]))
         ends = [self._scaled(x, p, mu + s * _DISTURBED * size) for s in (1.0, -1.0)]
         slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
         own_rounding = 16.0 * ROUNDING * max(1.0, float(abs(matrix).max()))
