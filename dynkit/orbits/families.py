@@ -278,7 +278,7 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     >>> point = find_solution(OnCircle(Circle()), [-1.0])
     >>> branch = continue_orbit(point, "x", bounds=(-2.0, 2.0))
     >>> branch.bifurcations
-    (<SN at x -1>, <SN at x 1>)
+    (<SN at x 1>, <SN at x -1>)
     >>> branch.closed
     True
     """
