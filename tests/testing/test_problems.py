@@ -59,6 +59,10 @@ def solutions() -> dict[str, tuple[ProblemSolution, tuple[str, ...]]]:
         "fixed point": (periodic_orbit(Henon(), [0.6, 0.2]), ("a", "b")),
         "P(2)": (periodic_orbit(Logistic(3.2), [0.5], period=2), ("rate",)),
         "P(1,3)": (chain.periodic_orbit(impacts=1, periods=3), ("frequency", "restitution")),
+        "P(inf,1)": (
+            ImpactChain(masses=1, frequency=0.408, restitution=0.3).periodic_orbit(sticking=True),
+            ("frequency", "restitution"),
+        ),
         "ball": (periodic_orbit(ball, [2.8, 0.8]), ("restitution", "amplitude")),
         "equilibrium": (fixed, ("rho", "beta")),
         "origin": (equilibrium(Lorenz(rho=15.0), [0.1, 0.1, 0.1]), ("sigma", "rho")),
@@ -66,7 +70,10 @@ def solutions() -> dict[str, tuple[ProblemSolution, tuple[str, ...]]]:
     }
 
 
-NAMES = ("own", "fixed point", "P(2)", "P(1,3)", "ball", "equilibrium", "origin", "cycle")
+NAMES = (
+    *("own", "fixed point", "P(2)", "P(1,3)", "P(inf,1)", "ball"),
+    *("equilibrium", "origin", "cycle"),
+)
 
 
 @pytest.mark.parametrize("check", testing.problem_checks, ids=testing.check_name)
