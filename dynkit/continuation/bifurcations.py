@@ -170,6 +170,7 @@ class Bifurcation(Tabled):
 
     def _facts(self) -> Facts:
         return {
+            "kind": KINDS[self.kind].title,
             self.parameter: f"{self.value:.12g}",
             "critical multiplier": written(self.multiplier),
             "admissible": self.admissible,
