@@ -6,6 +6,7 @@ from contextlib import redirect_stdout
 from enum import Enum
 from io import StringIO
 from pathlib import Path
+from types import BuiltinFunctionType, MethodDescriptorType
 
 from sphinx.application import Sphinx
 
@@ -91,7 +92,9 @@ for command in COMMANDS:
 
 
 def keep_values(_app: Sphinx, _what: str, _name: str, member: object, *_: object) -> bool | None:
-    """Show the values of enumerations, which have no docstrings."""
+    """Show the values of enumerations, which have no docstrings, and no methods of texts."""
+    if isinstance(member, MethodDescriptorType | BuiltinFunctionType):
+        return True
     return False if isinstance(member, Enum) else None
 
 

@@ -9,6 +9,7 @@ from dynkit.continuation.corrector import Corrector, NewtonCorrector
 from dynkit.continuation.predictor import Predictor, cubic
 from dynkit.continuation.step_control import AdaptiveSteps, StepControl
 from dynkit.continuation.test_functions import TESTS, TestFunction
+from dynkit.core.validation import positive_integer
 
 
 @final
@@ -59,3 +60,6 @@ class ContinuationMethod:
     steps: StepControl = field(default_factory=AdaptiveSteps)
     tests: tuple[TestFunction, ...] = TESTS
     points: int = 2000
+
+    def __post_init__(self) -> None:
+        positive_integer("points", self.points)

@@ -90,3 +90,8 @@ def test_what_no_test_function_notices_is_passed_over() -> None:
 def test_bad_step_sizes_are_refused(options: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}$"):
         AdaptiveSteps(**options)
+
+
+def test_a_method_has_room_for_a_point() -> None:
+    with pytest.raises(ValueError, match=r"^points must be a positive integer; got 0$"):
+        ContinuationMethod(points=0)

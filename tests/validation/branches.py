@@ -123,7 +123,9 @@ def _of_oscillator(
     system = MatrixOscillator(**{**arguments, "play": np.inf, **changed})
     try:
         system.periodic_orbits(periods=periods)
-    except ValueError:  # not driven, or not held
+    except ValueError:  # not driven
+        return
+    if system.natural_frequencies[0] == 0.0:  # not held: these have no such form
         return
     exact, width = _closed_forms(system, periods)
     if not np.isfinite(width):  # elastic and undamped: there is no fold

@@ -191,9 +191,12 @@ class Machine:
         out[self.contact] = self._table(side) @ z
         return out - (z[self.size + self.contact] - moves) * self.kick
 
-    def bounced(self, z: Any, side: int) -> Any:
-        """The state just after an impact."""
-        rate = self.gap(side) @ (self.flow @ z)
+    def rate(self, z: Any, side: int) -> Any:
+        """Rate of the gap."""
+        return self.gap(side) @ (self.flow @ z)
+
+    def bounced(self, z: Any, side: int, rate: Any) -> Any:
+        """The state just after an impact, by the rate of the gap just before it."""
         return z - (1.0 + self.restitution) * rate * self.signs[side] * self.kick
 
     def placed(self, z: Any) -> Any:
@@ -223,20 +226,33 @@ def passage_change(passage: Passage, change: Array) -> tuple[Array, float, Array
     for side, lasts in zip(word.sides, durations, strict=True):
         z = _moved(m.flow, lasts, z)
         gaps.append(m.gap(side) @ z)
-        z = m.bounced(z, side)
+        z = m.bounced(z, side, m.rate(z, side))
     side = word.sides[-1]
     # from here on the gap is taken to be zero
     z[m.contact] -= m.signs[side] * gaps[-1]
-    row, late = m.gap(side), 0.0j
-    times = passage.run.time
-    for lasts in np.diff(times, prepend=0.0).tolist():
-        z = _moved(m.flow, lasts, z)
-        moves = m.flow @ z
-        later = 1j * (-(row @ z) / (row @ moves)).imag  # an impact is where the gap is zero
-        z, late = m.bounced(z + later * moves, side), late + later
+    row, late, times = m.gap(side), 0.0j, passage.run.time
+    flights = np.diff(times, prepend=0.0).tolist()
+    # late in a chatter rates are far below the rounding of velocities: what is known is taken
+    rates = (-passage.run.log.speed / passage.r if flights else passage.run.log.speed).tolist()
+    for lasts, rate, after in zip(flights, rates, _chatter(passage), strict=True):
+        before = m.bounced(after, side, -rate).real
+        z = before + 1j * _moved(m.flow, lasts, z).imag
+        later = -1j * (row @ z).imag / rate  # an impact is where the gap is zero
+        z += later * (m.flow @ z)
+        z[m.contact] -= 1j * m.signs[side] * (row @ z).imag
+        z = m.bounced(z, side, complex(rate, m.rate(z, side).imag))
+        late += later
     lasts = (phases[-1] - phases[-2]) / m.frequency - late - (times[-1] if len(times) else 0.0)
     z = _moved(m.held, lasts, m.caught(z, side))
     return m.placed(z).imag / STEP, float(force.imag) / STEP, np.array(gaps).imag / STEP
+
+
+def _chatter(passage: Passage) -> Array:
+    """States (k, 2N + 3) just after the impacts of a chatter."""
+    free, states = passage.scene.system._free, passage.run.free_states[1:]
+    x, v = free.motion(states)
+    _, sine, cosine = free.parts(states)
+    return np.concatenate([x, v, np.stack([sine, cosine, np.ones(len(x))], axis=1)], axis=1)
 
 
 def residual_change(
