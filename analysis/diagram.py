@@ -39,7 +39,7 @@ class BifurcationDiagram(Saved):
     observables : mapping of str to (k, n) array_like
         For each observable the numbers found at each value; NaN where there are fewer than n.
     labels : sequence of str or OrbitLabel, optional
-        One for each value, kept as texts; none when empty.
+        One for each value, kept as texts (of an OrbitLabel its `name`); none when empty.
     symbols : mapping of str to str, optional
         How the parameter and the observables are written beside their names on the axes, in
         matplotlib's mathematical notation without the dollar signs.
@@ -88,7 +88,8 @@ class BifurcationDiagram(Saved):
             )
         for array in (values, *observables.values()):
             array.setflags(write=False)
-        object.__setattr__(self, "labels", tuple(str(label) for label in self.labels))
+        names = [getattr(label, "name", label) for label in self.labels]
+        object.__setattr__(self, "labels", tuple(map(str, names)))
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "observables", MappingProxyType(observables))
         object.__setattr__(self, "symbols", MappingProxyType(dict(self.symbols)))
@@ -114,7 +115,7 @@ class BifurcationDiagram(Saved):
             sweep.parameter,
             sweep.values,
             {name: sweep.observable(name) for name in sweep.observables},
-            labels=[str(label) for label in sweep.labels] if with_labels else (),
+            labels=[label.name for label in sweep.labels] if with_labels else (),
             symbols=symbols or {},
             _sweep=sweep,
         )

@@ -3,6 +3,7 @@ from ._version import __version__ as __version__
 from .continuation.bifurcations import Bifurcation as Bifurcation
 from .continuation.branch import Branch as Branch
 from .continuation.continuing import continue_by as continue_by, continue_orbit as continue_orbit
+from .continuation.criticality import Criticality as Criticality
 from .continuation.curves import (
     BifurcationCurve as BifurcationCurve,
     continue_curve as continue_curve,

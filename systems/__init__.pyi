@@ -13,7 +13,6 @@ from .impact.play import PlayOscillator as PlayOscillator
 from .impact.record import ImpactRecord as ImpactRecord
 from .impact.single import SingleImpactOscillator as SingleImpactOscillator
 from .impact.state import ImpactState as ImpactState
-from .impact.sticking.orbit import StickingOrbit as StickingOrbit
 from .maps.henon import Henon as Henon
 from .maps.high_bounce import HighBounce as HighBounce
 from .maps.logistic import Logistic as Logistic

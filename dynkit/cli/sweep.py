@@ -86,7 +86,7 @@ def run(asked: Asked) -> None:
     _, file = files_of(asked)
     options = {"start": asked.start(chain), "observables": names, **asked.only(*_SIMULATION)}
     found = sweep(chain, parameter, values, **options)
-    labels = [str(label) for label in found.labels] if asked.get("labels", True) else []
+    labels = [label.name for label in found.labels] if asked.get("labels", True) else []
     error = {"error": found.error} if asked.get("error", False) else {}
     kept = {name: found.observable(name) for name in names}
     if file:

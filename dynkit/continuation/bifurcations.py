@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar, final
+from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.continuation.criticality import Criticality, criticality
 from dynkit.continuation.kinds import KINDS
 from dynkit.continuation.switching import Place
 from dynkit.core.cost import Cost
@@ -17,10 +19,6 @@ from dynkit.core.reprs import Facts, Tabled, largest, table, written
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
-
-if TYPE_CHECKING:
-    pass
-
 
 _Known = TypeVar("_Known")
 
@@ -34,8 +32,8 @@ def given(part: _Known | None, owner: str = "Branch") -> _Known:
 
 def borders_a_motion(admissible: NDArray[np.bool_], place: float) -> bool:
     """Whether one of the points on both sides of a place on a branch is a motion of the system."""
-    around = np.clip([np.floor(place), np.floor(place) + 1.0], 0, len(admissible) - 1)
-    return bool(admissible[around.astype(int)].any())
+    before, after = math.ceil(place) - 1, math.floor(place) + 1
+    return bool(admissible[np.clip(before, 0, len(admissible) - 1) : after + 1].any())
 
 
 def shown(bifurcations: Iterable[Bifurcation]) -> str:
@@ -132,6 +130,23 @@ class Bifurcation(Tabled):
         return self.problem.solution(self.unknowns, np.array([self.value]), self.history[-1:])
 
     @property
+    def rotation_number(self) -> float | None:
+        """At NS the angle of the critical multiplier over 2 pi, in (0, 1/2); None at other kinds.
+
+        In turns of the period of the orbit: of an orbit of n iterates, of the n-th iterate. The
+        rotation number of a quasi-periodic motion tends to it where the motion is born here; it is
+        that of the label, `OrbitLabel.rotation_number`, as n closed curves are born.
+        """
+        if self.kind != BifurcationKind.NS or self.multiplier is None:
+            return None
+        return float(abs(np.angle(self.multiplier)) / (2.0 * np.pi))
+
+    @property
+    def rotation_error(self) -> float | None:
+        """To first order a bound on the error of `rotation_number`; None where there is none."""
+        return None if self.rotation_number is None else float(self.own_error[0] / (2.0 * np.pi))
+
+    @property
     def problem(self) -> Problem:
         """The equations of the branch.
 
@@ -156,23 +171,39 @@ class Bifurcation(Tabled):
         NS and CB have none.
         """
         switch = KINDS[self.kind].switch
-        if switch is None:
-            return []
+        return [] if switch is None else switch(self._place)
+
+    @cached_property
+    def criticality(self) -> Criticality | None:
+        """On which side orbits are born at SN, PD, NS or HB, and whether they are stable.
+
+        From second and third derivatives of the orbit's equations, at NS of the map of returns.
+        None at the other kinds, at NS near a strong resonance or of a P(n,m) that is no motion of
+        the system, and where there are no such derivatives. In flows it takes seconds.
+        """
+        kind = KINDS[self.kind]
+        if kind.normal_form is None or self.multiplier is None:
+            return None
+        return criticality(self._place, self.multiplier, kind.normal_form, kind.supercritical)
+
+    @property
+    def _place(self) -> Place:
         y = np.append(self.unknowns, self.value)
         error = np.append(self.unknowns_error, self.error)
-        return switch(
-            Place(self.problem, y, error, self.direction, self.tangent, self.event, self.own)
-        )
+        return Place(self.problem, y, error, self.direction, self.tangent, self.event, self.own)
 
     def __repr__(self) -> str:
+        turns = self.rotation_number
+        rotation = "" if turns is None else f", rotation number {turns:.6g}"
         doubt = "" if self.admissible else ", inadmissible"
-        return f"<{self.kind} at {self.parameter} {self.value:.12g}{doubt}>"
+        return f"<{self.kind} at {self.parameter} {self.value:.12g}{rotation}{doubt}>"
 
     def _facts(self) -> Facts:
         return {
             "kind": KINDS[self.kind].title,
             self.parameter: f"{self.value:.12g}",
             "critical multiplier": written(self.multiplier),
+            "rotation number": self.rotation_number,
             "admissible": self.admissible,
             "residual": largest(self.history[-1]),
             "cost": self.cost,

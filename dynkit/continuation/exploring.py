@@ -1,16 +1,17 @@
-"""`explore`: the network of branches that periodic orbits of one system make."""
+"""`explore`: the network of branches that periodic orbits or equilibria of one system make."""
 
 from __future__ import annotations
 
-import math
+import operator
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
+from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
@@ -21,14 +22,14 @@ from dynkit.continuation.network import Finish, Link, Network, Unexplored
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import positive_integer
+from dynkit.dynamics.flow import Flow
 from dynkit.dynamics.map import Map
 from dynkit.engine.executors import WorkerLost, all_finished, finished
+from dynkit.orbits.equations import ProblemSolution
 from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.problem import PeriodicOrbit, shortest
 from dynkit.orbits.search import OrbitSearch
-
-if TYPE_CHECKING:
-    from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.orbits.spectrum import Spectrum
 
 # Points of a branch, at most, in each direction.
 _POINTS = 2000
@@ -39,21 +40,21 @@ _FAILURES = (MemoryError, OSError, WorkerLost)
 
 
 def explore(
-    system: Map,
+    system: Map | Flow,
     parameter: str,
     bounds: tuple[float, float],
     *,
     iterates: int = 2,
     periods: int = 4,
     values: int = 9,
-    seeds: Iterable[PeriodicOrbit] | None = None,
+    seeds: Iterable[ProblemSolution] | None = None,
     box: Any = None,
     calls: int = 100_000,
     branches: int = 100,
     points: int = 50_000,
     executor: Executor | None = None,
 ) -> Network:
-    """Return the network of branches of periodic orbits, as far as a budget reaches.
+    """Return the network of branches of periodic orbits or equilibria, as far as a budget reaches.
 
     It starts from orbits at several values of the parameter, and continues each that lies on no
     branch that is known: so it finds branches that hang together with no other, and stable orbits
@@ -61,9 +62,12 @@ def explore(
     (orbits of one impact more or fewer), wherever a motion of the system is or borders. The same
     arguments give the same network.
 
+    Of a flow it starts from equilibria, and switches at BP and, to periodic orbits, at HB. Each
+    branch of these lies on a plane of its own.
+
     Parameters
     ----------
-    system : Map
+    system : Map or Flow
         Its parameters but for one are those of all orbits.
     parameter : str
         Name of the parameter that changes.
@@ -77,8 +81,8 @@ def explore(
         system finds near motions and from random guesses; or those of a map that `find_orbits`
         finds in a box, at both bounds too. A branch that reaches none of these values, and hangs
         together with no other, is not found.
-    seeds : iterable of PeriodicOrbit, optional
-        The orbits to start from, instead of these.
+    seeds : iterable of PeriodicOrbit or Equilibrium, optional
+        What to start from, instead of these; of a flow there must be some.
     box : (d, 2) array_like, optional
         Least and greatest value of each coordinate: where orbits of a map are searched for.
     calls : int
@@ -117,21 +121,23 @@ def explore(
     within = checked_bounds("bounds", bounds)
     largest = positive_integer("iterates", iterates), positive_integer("periods", periods)
     budget = positive_integer("calls", calls)
-    if not isinstance(system, Map):
-        raise ValueError(f"system must be a Map; got {system!r}")
+    if not isinstance(system, Map | Flow):
+        raise ValueError(f"system must be a Map or a Flow; got {system!r}")
     system.value_of(parameter)
     count = positive_integer("values", values)
     searches: list[Search] = []
-    orbits: list[PeriodicOrbit] = []
+    orbits: list[ProblemSolution] = []
     told: Told = _told_of_seeds
     if seeds is None:
+        if isinstance(system, Flow):
+            raise ValueError("seeds must be equilibria, for a flow; got None")
         searches, told = searches_of(
             system, parameter, within, values=count, largest=largest, box=box, calls=budget
         )
     elif box is not None:
         raise ValueError(f"box must not be given beside seeds; got {box!r}")
     else:
-        orbits = seeds_of(seeds)
+        orbits = seeds_of(seeds, parameter)
     exploration = _Exploration(
         parameter,
         within,
@@ -139,6 +145,7 @@ def explore(
         positive_integer("branches", branches),
         positive_integer("points", points),
         executor,
+        isinstance(system, Flow),
     )
     finish, failure = Finish.COMPLETE, ""
     try:
@@ -172,7 +179,7 @@ class _Lead:
     `known` is the number of the branch that it lies on, or why it cannot be compared.
     """
 
-    orbit: PeriodicOrbit
+    orbit: ProblemSolution
     known: int | str | None = None
     compared: int = 0
 
@@ -182,8 +189,8 @@ class _Lead:
 class _Exploration:
     """What was found so far, and what is still to be done.
 
-    An orbit is compared with branches of its own label only. So orbits of different labels can be
-    continued at the same time, and nothing is continued twice.
+    An orbit is compared with branches of its own group only, mostly its label. So orbits of
+    different groups can be continued at the same time, and nothing is continued twice.
     """
 
     parameter: str
@@ -192,6 +199,7 @@ class _Exploration:
     most_branches: int
     most_points: int
     executor: Executor | None
+    on_planes: bool
     searches: list[OrbitSearch[Any]] = field(default_factory=list)
     found: list[Branch] = field(default_factory=list)
     trails: list[Trail] = field(default_factory=list)
@@ -203,7 +211,7 @@ class _Exploration:
     coming: deque[_Lead] = field(default_factory=deque)
     ready: dict[_Lead, Branch | str] = field(default_factory=dict)
 
-    def run(self, searches: Sequence[Search], seeds: Sequence[PeriodicOrbit]) -> None:
+    def run(self, searches: Sequence[Search], seeds: Sequence[ProblemSolution]) -> None:
         """Explore from orbits to start from, the shortest ones first, then breadth first.
 
         What a search finds need not be a motion where it has several impacts: of these the
@@ -215,7 +223,7 @@ class _Exploration:
             When the budget is used up.
         """
         self.starting = "the first orbit to start from"
-        self.searches = all_finished(_searched, searches, self.executor)
+        self.searches = all_finished(operator.call, searches, self.executor)
         orbits = [*seeds]
         for search in self.searches:
             orbits += [orbit for orbit in search if len(orbit.states) == 1 or orbit.admissible]
@@ -247,7 +255,7 @@ class _Exploration:
                     self.links.append(Link(number, place, to))
             self.waiting.popleft()
 
-    def _leads(self, orbits: Iterable[PeriodicOrbit]) -> list[_Lead]:
+    def _leads(self, orbits: Iterable[ProblemSolution]) -> list[_Lead]:
         """Return what is to be continued next, of orbits that are not too long."""
         pairs = [(orbit, _length(orbit)) for orbit in orbits]
         most, longest = self.largest
@@ -259,9 +267,11 @@ class _Exploration:
         """The number of the branch, of those found, that an orbit lies on; or why none can tell."""
         while lead.known is None and lead.compared < len(self.found):
             number = lead.compared
-            same_label = self.found[number].label == lead.orbit.label
+            branch = self.found[number]
+            periodic = branch.spectrum is Spectrum.MULTIPLIERS
+            same = self._group(branch.label, periodic) == self._group_of(lead)
             try:
-                if same_label and self.trails[number].holds(lead.orbit):
+                if same and self.trails[number].holds(lead.orbit, self.on_planes):
                     lead.known = number
             except _REFUSALS as refusal:
                 lead.known = str(refusal)
@@ -280,17 +290,24 @@ class _Exploration:
         if left < _POINTS:
             self._continue([lead], left)
         elif lead not in self.ready:
-            others = [] if self.executor is None else self._others(lead.orbit.label)
+            others = [] if self.executor is None else self._others(self._group_of(lead))
             self._continue([lead, *others][: self.most_branches - len(self.found)], left)
         branch = self.ready.pop(lead)
         return branch if isinstance(branch, str) else self._add(branch)
 
-    def _others(self, label: str) -> list[_Lead]:
-        """Of each other label the next orbit that lies on no branch that is found."""
-        busy, others = {label, *(lead.orbit.label for lead in self.ready)}, []
+    def _group(self, label: str, periodic: bool) -> str:
+        """What two orbits share that can be the same: on other planes they have other labels."""
+        return "any plane" if self.on_planes and periodic else label
+
+    def _group_of(self, lead: _Lead) -> str:
+        return self._group(lead.orbit.label, isinstance(lead.orbit, PeriodicOrbit))
+
+    def _others(self, group: str) -> list[_Lead]:
+        """Of each other group the next orbit that lies on no branch that is found."""
+        busy, others = {group, *map(self._group_of, self.ready)}, []
         for lead in self.coming:
-            if lead.orbit.label not in busy and self._known(lead) is None:
-                busy.add(lead.orbit.label)
+            if self._group_of(lead) not in busy and self._known(lead) is None:
+                busy.add(self._group_of(lead))
                 others.append(lead)
         return others
 
@@ -306,7 +323,8 @@ class _Exploration:
         self.trails.append(Trail(branch))
         self.points += len(branch)
         for place, bifurcation in enumerate(branch.bifurcations):
-            if KINDS[bifurcation.kind].switch and _at_motions(branch, bifurcation):
+            at_motions = borders_a_motion(branch.admissible, bifurcation.place)
+            if KINDS[bifurcation.kind].switch and at_motions:
                 self.waiting.append((number, place))
         return number
 
@@ -346,17 +364,14 @@ class _Exploration:
         )
 
 
-def _length(orbit: PeriodicOrbit) -> tuple[int, int]:
+def _length(orbit: ProblemSolution) -> tuple[int, int]:
     """Numbers of states and of periods of the forcing, one where nothing forces."""
-    return len(orbit.states), getattr(orbit, "periods", 1)
-
-
-def _searched(search: Search) -> OrbitSearch[Any]:
-    return search()
+    states = len(orbit.states) if isinstance(orbit, PeriodicOrbit) else 1
+    return states, getattr(orbit, "periods", 1)
 
 
 def _continued(
-    orbit: PeriodicOrbit, parameter: str, bounds: tuple[float, float], points: int
+    orbit: ProblemSolution, parameter: str, bounds: tuple[float, float], points: int
 ) -> Branch | str:
     """The branch of an orbit, or why there is none; a switch may have put it beyond the bounds."""
     value, (low, high) = orbit.system.parameters[parameter], bounds
@@ -368,7 +383,7 @@ def _continued(
         return str(refusal)
 
 
-def _switched(bifurcation: Bifurcation) -> tuple[list[PeriodicOrbit], str]:
+def _switched(bifurcation: Bifurcation) -> tuple[list[ProblemSolution], str]:
     """Orbits on the branches that leave a bifurcation, or why there are none where some should be.
 
     Where an orbit grazes there need not be any.
@@ -381,13 +396,7 @@ def _switched(bifurcation: Bifurcation) -> tuple[list[PeriodicOrbit], str]:
     return orbits, "no orbit was found on another branch" if missing else ""
 
 
-def _at_motions(branch: Branch, bifurcation: Bifurcation) -> bool:
-    """Whether a point beside it is a motion of the system."""
-    before, after = math.ceil(bifurcation.place) - 1, math.floor(bifurcation.place) + 1
-    return bool(branch.admissible[max(before, 0) : after + 1].any())
-
-
-def _once(orbit: PeriodicOrbit) -> PeriodicOrbit:
+def _once(orbit: ProblemSolution) -> ProblemSolution:
     """The same orbit, run through once."""
     problem = orbit.problem()
     shorter, x = shortest(problem, orbit.unknowns)

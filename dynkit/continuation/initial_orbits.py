@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from dynkit.dynamics.map import Map
-from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.equations import ProblemSolution
 from dynkit.orbits.search import OrbitSearch, checked_box, find_orbits
 
 Search: TypeAlias = Callable[[], OrbitSearch[Any]]
@@ -83,14 +83,22 @@ def searches_of(
     return list(offers), partial(_told_of_offers, periods=m, where=where)
 
 
-def seeds_of(seeds: object) -> list[PeriodicOrbit]:
-    """Return the orbits that a user starts from; ValueError where they are no periodic orbits."""
+def seeds_of(seeds: object, parameter: str) -> list[ProblemSolution]:
+    """Return what a user starts from.
+
+    Raises
+    ------
+    ValueError
+        When it is no orbit and no equilibrium, or its system lacks the parameter.
+    """
     if not isinstance(seeds, Iterable):
-        raise ValueError(f"seeds must be periodic orbits; got {seeds!r}")
+        raise ValueError(f"seeds must be periodic orbits or equilibria; got {seeds!r}")
     orbits = list(seeds)
     for i, orbit in enumerate(orbits):
-        if not isinstance(orbit, PeriodicOrbit):
-            raise ValueError(f"seeds[{i}] must be a PeriodicOrbit; got {orbit!r}")
+        if not isinstance(orbit, ProblemSolution):
+            raise ValueError(f"seeds[{i}] must be a PeriodicOrbit or an Equilibrium; got {orbit!r}")
+        if parameter not in orbit.system.parameters:
+            raise ValueError(f"seeds[{i}] must have a parameter {parameter!r}; got {orbit!r}")
     return orbits
 
 

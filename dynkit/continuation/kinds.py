@@ -9,6 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.continuation.criticality import NormalForm, flip, fold, rotation
 from dynkit.continuation.defining_systems import (
     BranchPoint,
     CriticalMultiplier,
@@ -55,6 +56,10 @@ class Kind:
     jump : float
         Where what is noticed changes its sign, but stays above this part of what it was a step
         away, it jumps, and nothing is there.
+    normal_form : callable, optional
+        Finds the coefficient of its normal form.
+    supercritical : int
+        The sign of this coefficient where it is supercritical; 0 where there is no such thing.
     """
 
     title: str
@@ -64,12 +69,20 @@ class Kind:
     switch: Switch | None = None
     critical: Mapping[Spectrum, float] = field(default_factory=dict)
     jump: float = 0.0
+    normal_form: NormalForm | None = None
+    supercritical: int = 0
 
 
 _NEUTRAL = {spectrum: spectrum.neutral for spectrum in Spectrum}
 
 KINDS: Mapping[BifurcationKind, Kind] = {
-    BifurcationKind.SN: Kind("saddle-node (fold)", "-", defining_system=Fold, critical=_NEUTRAL),
+    BifurcationKind.SN: Kind(
+        "saddle-node (fold)",
+        "-",
+        defining_system=Fold,
+        critical=_NEUTRAL,
+        normal_form=fold,
+    ),
     BifurcationKind.BP: Kind(
         "branch point",
         (0, (5, 2, 1, 2, 1, 2)),
@@ -83,9 +96,24 @@ KINDS: Mapping[BifurcationKind, Kind] = {
         defining_system=PeriodDoubling,
         switch=doubled,
         critical={Spectrum.MULTIPLIERS: -1.0},
+        normal_form=flip,
+        supercritical=1,
     ),
-    BifurcationKind.NS: Kind("Neimark-Sacker", (0, (5, 2, 1, 2)), defining_system=NeimarkSacker),
-    BifurcationKind.HB: Kind("Hopf", (0, (1.5, 1.5, 5, 1.5)), defining_system=Hopf, switch=born),
+    BifurcationKind.NS: Kind(
+        "Neimark-Sacker",
+        (0, (5, 2, 1, 2)),
+        defining_system=NeimarkSacker,
+        normal_form=rotation,
+        supercritical=-1,
+    ),
+    BifurcationKind.HB: Kind(
+        "Hopf",
+        (0, (1.5, 1.5, 5, 1.5)),
+        defining_system=Hopf,
+        switch=born,
+        normal_form=rotation,
+        supercritical=-1,
+    ),
     # The smallest gap of a flight would jump as a square root within 1e-9 of the border; beyond the
     # last chatter that completes there is no orbit, so that steps are not halved to the end.
     BifurcationKind.GR: Kind("grazing", (0, (3, 1.5)), Noticed.EVENT, switch=neighbours, jump=1e-4),

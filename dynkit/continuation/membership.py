@@ -12,10 +12,11 @@ from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.points import SAME
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import FixedParameters, correct
+from dynkit.orbits.problem import PeriodicOrbit
 
 if TYPE_CHECKING:
     from dynkit.continuation.branch import Branch
-    from dynkit.orbits.problem import PeriodicOrbit
+    from dynkit.orbits.equations import ProblemSolution
 
 # How often a place between two nodes is narrowed down; values as near as this, in units of the
 # range of the parameter, are the same.
@@ -43,15 +44,21 @@ class Trail:
             rows.append(np.append(x, branch.parameter[int(place)] if b is None else b.value))
         self._nodes = np.array(rows)
 
-    def holds(self, orbit: PeriodicOrbit) -> bool:
+    def holds(self, orbit: ProblemSolution, on_planes: bool = False) -> bool:
         """Whether an orbit is one of the branch's.
 
         The branch is solved for at the same value of the parameter, wherever it takes it, and the
-        states are compared.
+        states are compared; on planes of their own, where the one orbit crosses the other's plane.
         """
         value = orbit.system.parameters[self._problem.names[0]]
         p = np.array([value])
-        return any(_same(orbit, self._problem.solution(x, p)) for x in self._near(value))
+        if not isinstance(orbit, PeriodicOrbit):
+            return any(self._is(orbit.unknowns, x) for x in self._near(value))
+        found = (self._problem.solution(x, p) for x in self._near(value))
+        return any(_same(orbit, other, on_planes) for other in found)
+
+    def _is(self, x: Array, other: Array) -> bool:
+        return len(x) == len(other) and bool(abs(self._problem.apart(x, other)).max() < SAME)
 
     def solutions(self, value: float) -> list[tuple[Array, tuple[float, ...]]]:
         """Return the solutions (m,) at a value of the parameter, each with its residuals."""
@@ -126,13 +133,15 @@ class Trail:
         return None
 
 
-def _same(orbit: PeriodicOrbit, other: PeriodicOrbit) -> bool:
+def _same(orbit: PeriodicOrbit, other: PeriodicOrbit, on_planes: bool) -> bool:
     """Whether two orbits of one system have the same states, in whatever order."""
     states, others = orbit.states, other.states
+    if on_planes:
+        states = other.system.seen_of(orbit.system, states)
     if states.shape != others.shape:
         return False
     sizes = np.maximum(abs(states).max(axis=0), 0.1 * abs(states).max())
     sizes[sizes == 0.0] = 1.0
-    rows = [orbit.system.difference(others, state) for state in states]
+    rows = [other.system.difference(others, state) for state in states]
     apart = (abs(np.array(rows)) / sizes).max(axis=2)
     return bool(max(apart.min(axis=0).max(), apart.min(axis=1).max()) < SAME)

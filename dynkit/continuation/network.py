@@ -21,7 +21,7 @@ from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, finite_scalar
 from dynkit.data.dataset import Dataset, Variables, described
 from dynkit.data.result import Saved, read_result, write_result
-from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.equations import ProblemSolution
 
 # A residual that is no larger is that of a solution.
 _SOLVED = 1e-8
@@ -105,7 +105,7 @@ class Network(Saved):
         """Return the branches of one label, such as ``P(1,3)``."""
         return tuple(branch for branch in self.branches if branch.label == label)
 
-    def orbits(self, value: float, label: str | None = None) -> list[PeriodicOrbit]:
+    def orbits(self, value: float, label: str | None = None) -> list[ProblemSolution]:
         """Return the orbits of the branches at a value of the parameter, solved for there.
 
         Parameters
@@ -177,7 +177,8 @@ class Network(Saved):
         ax : Axes, optional
             Where; a new figure otherwise.
         y : str, optional
-            Name of an observable; the system's first one otherwise.
+            Name of an observable. Otherwise the first one of all branches; of a flow's orbits and
+            equilibria together the ``norm`` of the state, at which the orbits cross their planes.
 
         Raises
         ------
@@ -186,7 +187,13 @@ class Network(Saved):
         """
         from dynkit.continuation.network_drawing import draw_branches
 
-        return draw_branches([branch._line(y) for branch in self.branches], ax)
+        return draw_branches([branch._line(y or self._common) for branch in self.branches], ax)
+
+    @property
+    def _common(self) -> str | None:
+        """What all branches are drawn by, if it is not the first observable of each."""
+        rows = [branch.orbit(0).observables for branch in self.branches]
+        return "norm" if len({row[0] for row in rows}) > 1 else None
 
     def dataset(self) -> Dataset:
         """Return the points of all branches, one after the other, as a dataset.
@@ -235,13 +242,13 @@ class Network(Saved):
         write_result(path, self, self.branches[0]._identity() if self.branches else {})
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], orbits: Sequence[PeriodicOrbit] = ()) -> Network:
+    def load(cls, path: str | os.PathLike[str], orbits: Sequence[ProblemSolution] = ()) -> Network:
         """Read it from a store: the same bits.
 
         Parameters
         ----------
         path : path
-        orbits : sequence of PeriodicOrbit, optional
+        orbits : sequence of ProblemSolution, optional
             One of each kind of orbit, at any value of the parameter. Branches of the other kinds
             are read as by `Branch.load` without an orbit.
 
@@ -251,8 +258,8 @@ class Network(Saved):
             When the file is missing, damaged or no store of a network, or the orbits are of another
             system.
         """
-        if isinstance(orbits, PeriodicOrbit) or not isinstance(orbits, Iterable):
-            raise ValueError(f"orbits must be a sequence of PeriodicOrbit; got {orbits!r}")
+        if isinstance(orbits, ProblemSolution) or not isinstance(orbits, Iterable):
+            raise ValueError(f"orbits must be a sequence of orbits; got {orbits!r}")
         network, file, archive = read_result(path, cls)
         given = list(orbits)
 

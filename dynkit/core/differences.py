@@ -198,7 +198,7 @@ def _derivative(
         kinds = [(ahead, 2.0), (behind, 2.0), (central, 4.0)]
     best, error = refused, np.full(center.shape, np.inf)
     for kind, power in kinds:
-        found, its_error = _extrapolated(map(kind, steps), power, accuracy * size)
+        found, its_error = extrapolated(map(kind, steps), power, accuracy * size)
         if not its_error.max(initial=0.0) >= error.max(initial=0.0):
             best, error = found, its_error
         if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
@@ -209,10 +209,31 @@ def _derivative(
     return best, error, float(np.nan_to_num(ends).max(initial=0.0))
 
 
-def _extrapolated(
+def extrapolated(
     quotients: Iterable[tuple[Array, Array, float]], power: float, noise: float
 ) -> tuple[Array, Array]:
-    """Ridders's tableau; `noise` is the error of a value. Returns the best and its error."""
+    """Extrapolate to step zero what is known at ever smaller steps, each half of the one before.
+
+    Parameters
+    ----------
+    quotients : iterable of ((m,) array, (m,) array, float)
+        At each step a quotient of differences, as (value, mean, width): rounding makes it wrong by
+        the noise, and by the mean of the values, over the width. NaN where it is not defined. No
+        more are taken than help.
+    power : float
+        By how much the error falls from one step to the next: 4 where it goes as the square.
+    noise : float
+        How wrong values are.
+
+    Returns
+    -------
+    limit, error : (m,) arrays
+        NaN and infinity where no two steps have a value.
+
+    References
+    ----------
+    See `parameter_difference`.
+    """
     rows: list[Array] = []
     waited = 0
     for slope, mean, width in quotients:

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -182,6 +182,18 @@ class SmoothMap(Family, ABC):
     def observables(self) -> Sequence[str]:
         """Names of what can be kept of a state, the first by default: its coordinates."""
         return tuple(f"state[{i}]" for i in range(self.dimension))
+
+    def coordinates(self, states: Array) -> Mapping[str, Array]:
+        """Return the coordinates (n,) of states (n, d), by name: what a diagram of orbits draws."""
+        return {f"state[{i}]": column for i, column in enumerate(states.T)}
+
+    def seen_of(self, other: Any, states: Array) -> Array:  # noqa: ARG002
+        """Return states (n, d) of a periodic orbit of another map as this one sees the same motion.
+
+        They are its states, but where maps see motions in different places, as Poincare maps do.
+        There may be none.
+        """
+        return states
 
     @property
     def accuracy(self) -> float:

@@ -11,13 +11,12 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, finite_array
-from dynkit.dynamics.flow import Flow
+from dynkit.dynamics.flow import Flow, flow_coordinates
 from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.families import FamilyProblem, FamilySolution, find_solution
-from dynkit.orbits.map_orbit import sizes
-from dynkit.orbits.map_problem import MapProblem
+from dynkit.orbits.map_problem import MapProblem, sizes
 from dynkit.orbits.newton import NoConvergence, NoSolution
 
 _ROUNDING = 2.0**-52
@@ -98,7 +97,7 @@ class EquilibriumProblem(FamilyProblem):
         return matrix[None], np.array([4.0 * _ROUNDING * abs(matrix).max() + off.max()])
 
     def observables(self, x: Array) -> Mapping[str, Array]:
-        return {f"state[{i}]": x[i : i + 1] for i in range(len(x))}
+        return flow_coordinates(x[None])
 
     def made(self, x: Array, history: Sequence[float], cost: Cost) -> Equilibrium:
         return Equilibrium(self, x, history, cost)

@@ -35,6 +35,12 @@ def every_direction(state: Array) -> Array:
     return np.eye(len(state))
 
 
+def flow_coordinates(states: Array) -> dict[str, Array]:
+    """Return the coordinates (n,) of a flow's states (n, d), and their norm, by name."""
+    columns = {f"flow[{i}]": column for i, column in enumerate(states.T)}
+    return {**columns, "norm": np.linalg.norm(states, axis=1)}
+
+
 @final
 class Part(NamedTuple):
     """A part of the way: the state at its end, and its derivative (d, d) by that at its start.

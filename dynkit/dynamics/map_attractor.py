@@ -177,7 +177,7 @@ class MapAttractor(Attractor):
         Raises
         ------
         ValueError
-            When the label is none of a periodic orbit: chaotic, or unsettled.
+            When the label is none of a periodic orbit: quasi-periodic, chaotic, or unsettled.
         NoConvergence
             When Newton's method does not get to an orbit, or to one elsewhere.
 
@@ -264,6 +264,7 @@ class _MapOrbit:
 
     def __init__(self, system: SmoothMap, kept: Array) -> None:
         self.system = system
+        self.accuracy = system.accuracy
         self.kept = kept
         self.window: Array | None = None
 

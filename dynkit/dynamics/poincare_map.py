@@ -3,15 +3,18 @@
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
-from dynkit.core.no_motion import TangentCrossing
+from dynkit.core.no_motion import NoCrossing, TangentCrossing
 from dynkit.core.validation import Array, finite_array, non_negative, positive
-from dynkit.dynamics.flow import Crossing, Flow
+from dynkit.dynamics.flow import Crossing, Flow, flow_coordinates
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.section import PoincareSection
+
+# Of a period: times that differ by less are one.
+_CLOSED = 1e-6
 
 
 @final
@@ -78,6 +81,27 @@ class PoincareMap(Map):
 
     def difference(self, a: Array, b: Array) -> Array:
         return self.section.difference(a, b)
+
+    def coordinates(self, states: Array) -> Mapping[str, Array]:
+        """Return the coordinates (n,) of states (n, d - 1), by name, the flow's own among them."""
+        full = np.array([self.section.lift(state) for state in states])
+        return {**super().coordinates(states), **flow_coordinates(full)}
+
+    def seen_of(self, other: Any, states: Array) -> Array:
+        """Return the crossings (n, d - 1) of this section by a periodic orbit of another one."""
+        if not isinstance(other, PoincareMap) or other.section is self.section:
+            return states
+        period = sum(other.return_time(state) for state in states)
+        at, left, found = other.section.lift(states[0]), period, list[Array]()
+        # the orbit closes but for its error: a crossing at the start comes again at the end
+        while left > _CLOSED * period:
+            try:
+                hit = self.flow.next_crossing(at, self.section, left + _CLOSED * period)
+            except NoCrossing:
+                break
+            at, left = hit.state, left - hit.time
+            found.append(self.section.reduce(at))
+        return np.array(found).reshape(-1, self.dimension)
 
     def crossing(self, state: Array) -> Crossing:
         """Return time and full state, (d,), of the next crossing from a point of the section.

@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.labels.label import OrbitKind, OrbitLabel
 
 COLUMNS: dict[str, tuple[str, tuple[int | None, ...]]]
-COLUMNS = {"kind": ("i", ()), "numbers": ("i", (3,)), "sizes": ("f", (5,))}
+COLUMNS = {"kind": ("i", ()), "numbers": ("i", (4,)), "sizes": ("f", (7,))}
 """What `empty_columns` returns: kinds of numbers, and the shape of a row."""
 
 KINDS = tuple(OrbitKind)
@@ -21,25 +21,27 @@ def empty_columns(count: int, kind: int) -> dict[str, Any]:
     """Return the columns of so many motions, all of one number of kind, for `put_label`."""
     return {
         "kind": np.full(count, kind, dtype=np.int64),
-        "numbers": np.zeros((count, 3), dtype=np.int64),  # n, m, simulated
-        # tolerance, recurrence, chance, multiplier and its error
-        "sizes": np.full((count, 5), np.nan),
+        "numbers": np.zeros((count, 4), dtype=np.int64),  # n, m, simulated, curves
+        # tolerance, recurrence, chance; multiplier and rotation number, each with its error
+        "sizes": np.full((count, 7), np.nan),
     }
 
 
 def put_label(columns: Mapping[str, Any], place: int, label: OrbitLabel) -> None:
     """Write a label into its place of the columns, in place."""
     columns["kind"][place] = KINDS.index(label.kind)
-    columns["numbers"][place] = label.iterates or 0, label.periods or 0, label.simulated
-    sizes = label.tolerance, label.recurrence, label.chance
-    columns["sizes"][place] = *sizes, label.multiplier, label.multiplier_error
+    counts = label.iterates or 0, label.periods or 0, label.simulated, label.curves
+    columns["numbers"][place] = counts
+    sizes = label.tolerance, label.recurrence, label.chance, label.multiplier
+    rotation = label.rotation_number, label.rotation_error
+    columns["sizes"][place] = *sizes, label.multiplier_error, *rotation
 
 
 def label_in(columns: Mapping[str, Any], place: int, kind: OrbitKind) -> OrbitLabel:
     """Return the label of a kind that a place of the columns holds, with its stability."""
-    n, m, simulated = columns["numbers"][place].tolist()
-    tolerance, recurrence, chance, *stability = columns["sizes"][place].tolist()
-    multiplier, multiplier_error = stability
+    n, m, simulated, curves = columns["numbers"][place].tolist()
+    tolerance, recurrence, chance, *others = columns["sizes"][place].tolist()
+    multiplier, multiplier_error, rotation_number, rotation_error = others
     return OrbitLabel(
         kind,
         n or None,
@@ -50,4 +52,7 @@ def label_in(columns: Mapping[str, Any], place: int, kind: OrbitKind) -> OrbitLa
         chance=chance,
         multiplier=multiplier,
         multiplier_error=multiplier_error,
+        rotation_number=rotation_number,
+        rotation_error=rotation_error,
+        curves=curves,
     )

@@ -1,4 +1,4 @@
-"""Orbit labels: P(n,m), P(inf,m), chaotic or unsettled."""
+"""Orbit labels: P(n,m), P(inf,m), quasi-periodic, chaotic or unsettled."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,6 +19,7 @@ class OrbitKind(Enum):
     CHAOTIC = "chaotic"
     UNSETTLED = "unsettled"
     AT_REST = "at rest"
+    QUASI_PERIODIC = "quasi-periodic"
 
 
 @final
@@ -39,8 +40,10 @@ class OrbitLabel:
     recurrence : float
         Recurrence that was found, in the same units. For a periodic orbit the largest distance
         between states a period apart; it may exceed the tolerance when the orbit was seen to settle
-        geometrically. Otherwise the smallest distance of the last state to an earlier one, or
-        infinity when there was none to compare.
+        geometrically. For a quasi-periodic motion the largest distance of a state from a smooth
+        closed curve through the states beside it, relative to the size of the curve. Otherwise the
+        smallest distance of the last state to an earlier one, or infinity when there was none to
+        compare.
     simulated : int
         States that were looked at, those for the growth of disturbances included.
     transient_chaos : int
@@ -52,6 +55,18 @@ class OrbitLabel:
         Largest modulus of the multipliers over the last period, and an estimate of its distance to
         that of the orbit itself; NaN where the motion is not periodic or has no derivative. See
         `stable`.
+    rotation_number, rotation_error : float
+        Of a quasi-periodic motion the turns on a closed curve from a state to the next one on it,
+        in (0, 1/2), and an estimate of the distance to the exact number; NaN for other kinds. The
+        curve has no orientation, so that w and 1 - w are the same. Whole turns do not show in the
+        states: a flow, or a forced motion, may make some more between them. The states are iterates
+        of the map; impacts, or of a motion that sticks, releases.
+    curves : int
+        Of a quasi-periodic motion how many closed curves the states visit in turn, as after a
+        Neimark-Sacker bifurcation of an orbit of that many iterates; zero for other kinds. The
+        rotation number is that of as many iterates, which lead back to the curve. Where these last
+        for m periods of the forcing on average, it is the rotation number divided by m in turns a
+        period.
     seconds : float
         Wall-clock time of the decision; the states that were kept before are not in it.
     count_harmonics : callable, optional
@@ -70,11 +85,15 @@ class OrbitLabel:
     ... )
     >>> str(label), label.stable
     ('P(1) unstable', False)
+    >>> turning = {"rotation_number": 0.1647841535218, "rotation_error": 1e-13, "curves": 1}
+    >>> str(OrbitLabel(OrbitKind.QUASI_PERIODIC, None, None, 1e-6, 3e-9, 20000, **turning))
+    'quasi-periodic, rotation number 0.164784'
     """
 
     _stored: ClassVar = (
         *("kind", "iterates", "periods", "tolerance", "recurrence", "simulated", "transient_chaos"),
         *("chance", "multiplier", "multiplier_error", "seconds"),
+        *("rotation_number", "rotation_error", "curves"),
     )
     kind: OrbitKind
     iterates: int | None
@@ -87,6 +106,9 @@ class OrbitLabel:
     multiplier: float = field(default=np.nan, repr=False, compare=False)
     multiplier_error: float = field(default=np.nan, repr=False, compare=False)
     seconds: float = field(default=0.0, repr=False, compare=False)
+    rotation_number: float = field(default=np.nan, repr=False, compare=False)
+    rotation_error: float = field(default=np.nan, repr=False, compare=False)
+    curves: int = 0
     count_harmonics: Callable[[], int] | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -94,11 +116,13 @@ class OrbitLabel:
         """How wrong the label may be, in the sense of its kind.
 
         Of P(n,m) and P(inf,m) the `recurrence`: how far the states are, relative, from repeating
-        themselves, which whatever is slower than the window can hide behind. Of chaos the `chance`.
+        themselves, which whatever is slower than the window can hide behind. Of a quasi-periodic
+        motion the `recurrence`, too: how far the states are, relative, from closed curves; how
+        wrong its rotation number may be is the `rotation_error`. Of chaos the `chance`.
         Of a motion at rest zero: that no impact comes any more, or none that doubles can hold, is
         proved. An unsettled one claims nothing: infinite.
         """
-        if self.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
+        if self.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING, OrbitKind.QUASI_PERIODIC):
             return self.recurrence
         if self.kind is OrbitKind.CHAOTIC:
             return self.chance
@@ -131,10 +155,9 @@ class OrbitLabel:
         """
         return None if self.count_harmonics is None else self.count_harmonics()
 
-    def __repr__(self) -> str:
-        return f"<OrbitLabel {self}: error {self.error:.1e}, {self.simulated} states>"
-
-    def __str__(self) -> str:
+    @property
+    def name(self) -> str:
+        """The label without a rotation number, so that neighbouring motions of a kind share it."""
         name = str(self.kind.value)
         if self.kind is OrbitKind.STICKING:
             name = f"P(inf,{self.periods})"
@@ -144,3 +167,13 @@ class OrbitLabel:
         if self.stable is False:
             name += " unstable"
         return f"{name} after transient chaos" if self.transient_chaos else name
+
+    def __repr__(self) -> str:
+        return f"<OrbitLabel {self}: error {self.error:.1e}, {self.simulated} states>"
+
+    def __str__(self) -> str:
+        if self.kind is not OrbitKind.QUASI_PERIODIC:
+            return self.name
+        digits = next((k for k in range(6, 1, -1) if self.rotation_error <= 10.0**-k), 1)
+        on = f" on {self.curves} curves" if self.curves > 1 else ""
+        return f"{self.name}, rotation number {self.rotation_number:.{digits}f}{on}"

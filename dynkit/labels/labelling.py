@@ -10,6 +10,7 @@ import numpy as np
 from dynkit.core.validation import Array, positive, positive_integer
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.recurrence import REPETITIONS, Recurrences
+from dynkit.labels.rotation import Rotation, rotation_of
 from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, product_eigenvalues
 
 # A decay is extrapolated when the orbit it leads to is this near: in tolerances; relative, when the
@@ -54,7 +55,15 @@ class Window:
 
 
 class OrbitSource(Protocol):
-    """An orbit that can be followed on, as `label_orbit` asks for it."""
+    """An orbit that can be followed on, as `label_orbit` asks for it.
+
+    Attributes
+    ----------
+    accuracy : float
+        How wrong a state may be that follows from another one, relative to its size.
+    """
+
+    accuracy: float
 
     def more(self, count: int) -> Window:
         """Return the next count states; the first call begins with the first state of the orbit.
@@ -99,8 +108,13 @@ def label_orbit(
     - From 800 states on, a motion that neither recurs nor settles is chaotic when nearby states
       part exponentially: when their mean growth less three standard errors is positive, and amounts
       to more than that of the square of time. The `chance` is Student's t of 16 batches.
+    - When the budget ends, a motion is quasi-periodic when the mean growth is zero within three
+      standard errors and that of the square of time, and the states of the last window fill smooth
+      closed curves, on which they advance by a constant turn: see
+      `dynkit.labels.rotation.rotation_of`.
 
-    `chaotic` speaks of the states looked at, not of later. Quasi-periodic motion is `unsettled`.
+    `chaotic` speaks of the states looked at, not of later. So does `quasi-periodic`: a periodic
+    orbit of a period longer than the window, or a decay far slower than it, is not told from it.
 
     Parameters
     ----------
@@ -158,6 +172,10 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         if period is not None:
             return _periodic_label(orbit, period, window, tolerance, spent)
         if ends:
+            neutral = not orbit.decays and _neither_part_nor_meet(growth, spent)
+            rotation = rotation_of(orbit, tolerance, source.accuracy) if neutral else None
+            if rotation and _is_certain(window, orbit.count - 1, tolerance * orbit.scale):
+                return _quasi_periodic_label(rotation, tolerance, spent)
             return OrbitLabel(OrbitKind.UNSETTLED, None, None, tolerance, nearest, spent)
 
 
@@ -236,6 +254,7 @@ class _Counted:
         self._source = source
         self.seen = 0
         self.difference, self.growth = source.difference, source.growth
+        self.accuracy = source.accuracy
 
     def more(self, count: int) -> Window:
         window = self._source.more(count)
@@ -254,6 +273,16 @@ def _periodic_label(
     return OrbitLabel(OrbitKind.PERIODIC, n, orbit.periods(n), tolerance, found, spent)
 
 
+def _quasi_periodic_label(rotation: Rotation, tolerance: float, spent: int) -> OrbitLabel:
+    found = (tolerance, rotation.distance, spent)
+    return OrbitLabel(
+        *(OrbitKind.QUASI_PERIODIC, None, None, *found),
+        rotation_number=rotation.number,
+        rotation_error=rotation.error,
+        curves=rotation.curves,
+    )
+
+
 def _recurrences(window: Window, source: OrbitSource) -> Recurrences:
     if window.releases is not None and len(window.releases) > 0:
         return Recurrences(window.releases, window.release_times, source.difference)
@@ -265,17 +294,28 @@ def _is_certain(window: Window, period: int, most: float) -> bool:
     return window.release_error is None or window.release_error(period) <= most
 
 
-def _parts_exponentially(growth: list[Array], time: int) -> float | None:
-    """The chance of growth like this where there is none on average; None where it is not sure."""
+def _growth_of(growth: list[Array]) -> tuple[int, float, float] | None:
+    """How many blocks there are, their mean and its standard error; None for too few of them."""
     # the first quarter of each run turns the disturbance into the direction that grows
-    blocks = np.concatenate([run[len(run) // 4 :] for run in growth])
+    blocks = np.concatenate([np.empty(0), *(run[len(run) // 4 :] for run in growth)])
     if len(blocks) < 2 * _BATCHES or not np.isfinite(blocks).all():
         return None
     means = np.array([batch.mean() for batch in np.array_split(blocks, _BATCHES)])
-    error = means.std(ddof=1) / np.sqrt(_BATCHES)
+    return len(blocks), float(means.mean()), float(means.std(ddof=1) / np.sqrt(_BATCHES))
+
+
+def _parts_exponentially(growth: list[Array], time: int) -> float | None:
+    """The chance of growth like this where there is none on average; None where it is not sure."""
+    count, mean, error = _growth_of(growth) or (0, 0.0, 0.0)
     # disturbances that grow as a power of time, up to the square, are no chaos
-    if not (means.mean() - 3.0 * error) * len(blocks) > 2.0 * np.log(time):
+    if not (mean - 3.0 * error) * count > 2.0 * np.log(time):
         return None
     from scipy.special import stdtr
 
-    return float(stdtr(_BATCHES - 1, -means.mean() / error)) if error else 0.0
+    return float(stdtr(_BATCHES - 1, -mean / error)) if error else 0.0
+
+
+def _neither_part_nor_meet(growth: list[Array], time: int) -> bool:
+    """Whether disturbances grow or decay on average by no more than a power of time."""
+    count, mean, error = _growth_of(growth) or (0, np.inf, 0.0)
+    return bool((abs(mean) - 3.0 * error) * count <= 2.0 * np.log(time))

@@ -78,6 +78,14 @@ class Recurrences:
         distance[whole == 0.0] = np.inf
         return distance
 
+    def gaps(self, later: _Indices, earlier: _Indices) -> Array:
+        """Differences (k, d) of states to earlier ones, relative; with times, (k, d + 1)."""
+        gap = self.difference(self.states[later], self.states[earlier]) / self.scale
+        if self.times is None:
+            return gap
+        elapsed = self.times[later] - self.times[earlier]
+        return np.column_stack([gap, elapsed - np.rint(elapsed)])
+
     @cached_property
     def from_last(self) -> Array:
         """Distance of the last state to the one n before it, at index n - 1."""

@@ -206,3 +206,49 @@ class ProblemSolution(Tabled, ABC):
     @abstractmethod
     def observable(self, name: str) -> Array:
         """Return one of the observables, (n,)."""
+
+
+class KeptSolution(ProblemSolution):
+    """A solution that is kept as its problem without free parameters, and its unknowns.
+
+    Parameters
+    ----------
+    problem : Problem
+    x : (m,) array
+    history : sequence of float
+    cost : Cost
+    """
+
+    def __init__(self, problem: Any, x: Array, history: Sequence[float], cost: Cost) -> None:
+        self._problem = problem
+        self._x = np.array(x, dtype=np.float64)
+        self._x.setflags(write=False)
+        self._history = tuple(history)
+        self._cost = cost
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew: copies of arrays could be written to.
+        return type(self), (self._problem, self._x, self._history, self._cost)
+
+    @property
+    def history(self) -> tuple[float, ...]:
+        return self._history
+
+    @property
+    def cost(self) -> Cost:
+        return self._cost
+
+    def problem(self, *names: str) -> Any:
+        """Return the equations that it solves, with the named parameters free.
+
+        Raises
+        ------
+        ValueError
+            When the system has no such parameter.
+        """
+        return self._problem.free(*names)
+
+    @property
+    def unknowns(self) -> Array:
+        """The solution, (m,), of the equations of its `problem`; read-only."""
+        return self._x

@@ -15,7 +15,7 @@ from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, largest, told, written
 from dynkit.core.validation import Array, finite_array, one_of
-from dynkit.orbits.equations import Problem, ProblemSolution
+from dynkit.orbits.equations import KeptSolution, Problem
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution, orbit_bound, solve
 
@@ -110,21 +110,8 @@ class FamilyProblem(Problem):
         return changed
 
 
-class FamilySolution(ProblemSolution):
+class FamilySolution(KeptSolution):
     """A solution of a `FamilyProblem`, from `find_solution` or from a branch."""
-
-    def __init__(
-        self, problem: FamilyProblem, x: Array, history: Sequence[float], cost: Cost
-    ) -> None:
-        self._problem = problem
-        self._x = np.array(x, dtype=np.float64)
-        self._x.setflags(write=False)
-        self._history = tuple(history)
-        self._cost = cost
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # copies are read-only too
-        return type(self), (self._problem, self._x, self._history, self._cost)
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
@@ -150,7 +137,7 @@ class FamilySolution(ProblemSolution):
 
     @property
     def label(self) -> str:
-        return self._problem.label
+        return str(self._problem.label)
 
     @property
     def stable(self) -> bool:
@@ -183,10 +170,6 @@ class FamilySolution(ProblemSolution):
         error.setflags(write=False)
         return error
 
-    @property
-    def history(self) -> tuple[float, ...]:
-        return self._history
-
     @cached_property
     def error(self) -> float:
         """Bound of the largest error of an unknown, to first order.
@@ -195,24 +178,6 @@ class FamilySolution(ProblemSolution):
         Infinite where the derivative is singular.
         """
         return float(orbit_bound(self._problem, self._x, _NONE).max())
-
-    @property
-    def cost(self) -> Cost:
-        return self._cost
-
-    def problem(self, *names: str) -> Problem:
-        """Return the equations that it solves, with the named parameters free.
-
-        Raises
-        ------
-        ValueError
-            When the system has no such parameter.
-        """
-        return self._problem.free(*names)
-
-    @property
-    def unknowns(self) -> Array:
-        return self._x
 
     @property
     def observables(self) -> Sequence[str]:

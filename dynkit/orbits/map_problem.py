@@ -8,28 +8,54 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.stretching import product_with_error
 from dynkit.core.validation import Array
-from dynkit.orbits.map_orbit import StatesProblem, following
+from dynkit.orbits.equations import NOISE
+from dynkit.orbits.families import FamilyProblem
+from dynkit.orbits.map_orbit import MapOrbit
+from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.problem import PeriodicProblem, fractions
 
 TURN = 2.0 * np.pi
+
+# States that agree so well, in units of their size, are one.
+_REPEATED = 1e-7
 
 ROUNDINGS = 4.0
 """What is left in the equations, and in derivatives, in units of the accuracy of a call."""
 
 
 @final
-class MapProblem(StatesProblem):
+class MapProblem(PeriodicProblem, FamilyProblem):
     """x_{i+1} = f(x_i), i modulo n: n d equations for the n states of a periodic orbit.
 
-    See `StatesProblem`.
+    The unknowns are the states, n d numbers, state by state.
+
+    Parameters
+    ----------
+    system : Map
+    states : (n, d) array
+        Near the solutions; the equations are in units of their largest coordinates, enlarged for
+        a map whose calls are wrong by more than 1e-13, so that this is what remains of them.
+    names : sequence of str
+        The free parameters.
+
+    Raises
+    ------
+    ValueError
+        When the system has no such parameter.
     """
 
     def __init__(self, system: SmoothMap, states: Array, names: Sequence[str] = ()) -> None:
-        super().__init__(system, states, names)
+        super().__init__(system, names)
+        self._like = states
+        self._sizes = sizes(states)
+        self.units = self._sizes * max(1.0, system.accuracy / NOISE)
+        """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
         self._derivatives: tuple[bytes, Array, Array, tuple[Array, Array]]
         self._derivatives = b"", np.empty(0), np.empty(0), (np.empty(0), np.empty(0))
 
@@ -37,8 +63,68 @@ class MapProblem(StatesProblem):
     def label(self) -> str:
         return f"P({len(self._like)})"
 
-    def made_of(self, system: SmoothMap, states: Array, which: Any, names: Sequence[str]) -> Self:  # noqa: ARG002
-        return type(self)(system, states, names)
+    def free(self, *names: str) -> Self:
+        return type(self)(self._system, self._like, names)
+
+    @property
+    def size(self) -> int:
+        return self._like.size
+
+    def scale(self, x: Array) -> Array:
+        # a branch through zero, too, goes on in steps of the size that it had
+        return np.tile(np.maximum(sizes(self._rows(x)), self._sizes), len(self._like))
+
+    def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
+        n, d = self._like.shape
+        by_state = self.jacobians(x, p) / self.units[:, None]
+        by_next = np.broadcast_to(-np.diag(1.0 / self.units), by_state.shape)
+        complex_needed = isinstance(multiplier, complex | np.complexfloating)
+        matrix = np.zeros((n, d, n, d), dtype=complex if complex_needed else float)
+        each = np.arange(n)
+        matrix[each, :, each] = by_state
+        returned = np.ones((n, 1, 1), dtype=matrix.dtype)
+        returned[-1] = multiplier
+        matrix[each, :, following(each)] += returned * by_next
+        return matrix.reshape(n * d, n * d)
+
+    def multipliers(self, x: Array, p: Array) -> Any:
+        return product_eigenvalues(self.factors(x, p)[0])
+
+    def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> MapOrbit:
+        past = history or (float(abs(self.residual(x, p)).max()),)
+        fixed = type(self)(self.at(p), self._rows(x).copy())
+        return MapOrbit(fixed, x, past, Cost(0.0, {"newton steps": len(past) - 1}))
+
+    def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
+        problem = type(self)(self._system, np.tile(self._like, (2, 1)), self._names)
+        return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
+
+    def shortest(self, x: Array) -> tuple[PeriodicProblem, Array]:
+        for k in fractions(len(self._like)):
+            if (abs(self._changes_over(k, x)) <= _REPEATED * self.units).all():
+                problem = type(self)(self._system, self._like[:k], self._names)
+                return problem, self._rows(x)[:k].ravel()
+        return self, x
+
+    def repetition(self, x: Array) -> float:
+        sizes = self.scale(x).reshape(self._like.shape)
+        parts = [self._changes_over(k, x) / sizes for k in fractions(len(self._like))]
+        return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
+
+    def _changes_over(self, k: int, x: Array) -> Array:
+        """How the states (n, d) change over k iterates."""
+        states = self._rows(x)
+        return np.asarray(self._system.difference(np.roll(states, -k, axis=0), states))
+
+    def apart(self, x: Array, other: Array) -> Array:
+        """Return differences (n d,) of the states, from the one on that makes them smallest."""
+        n = len(self._like)
+        turned = (np.arange(n)[:, None] + np.arange(n)) % n
+        gaps = self._system.difference(self._rows(x)[turned], self._rows(other)) / self._sizes
+        return np.asarray(gaps[np.argmin((gaps**2).sum(axis=(1, 2)))].ravel())
+
+    def _rows(self, x: Array) -> Array:
+        return np.asarray(x).reshape(self._like.shape)
 
     def residual(self, x: Array, p: Array) -> Array:
         system, states = self.at(p), self._rows(x)
@@ -49,10 +135,6 @@ class MapProblem(StatesProblem):
         """Four times what a call may be wrong by, for states of the size of the largest."""
         wrong = ROUNDINGS * self.at(p).accuracy * float(abs(x).max()) / self.units
         return np.tile(wrong, len(self._like))
-
-    def blocks(self, x: Array, p: Array) -> tuple[Array, Array]:
-        by_state = self.jacobians(x, p) / self.units[:, None]
-        return by_state, np.broadcast_to(-np.diag(1.0 / self.units), by_state.shape)
 
     def linearization_error(self, x: Array, p: Array) -> Any:
         system = self.at(p)
@@ -77,6 +159,7 @@ class MapProblem(StatesProblem):
         return self._derivatives[3]
 
     def states(self, x: Array) -> Array:
+        """Return the orbit's states (n, d); angles are where the map has them."""
         states = self._rows(x).copy()
         turning = angles(self._system)
         if turning.any():
@@ -132,3 +215,15 @@ def angles(system: SmoothMap) -> Any:
     d = system.dimension
     turned = system.difference(TURN * np.eye(d), np.zeros(d))
     return abs(np.diag(turned)) < 1e-9
+
+
+def sizes(states: Array) -> Array:
+    """Sizes (d,) of the coordinates; those that are small beside others count as a tenth."""
+    largest = abs(states).max(axis=0)
+    overall = float(largest.max())
+    return np.maximum(largest, 0.1 * overall) if overall > 0.0 else np.ones(len(largest))
+
+
+def following(rows: Any) -> Any:
+    """Return the rows that follow, the first one after the last."""
+    return np.concatenate([rows[1:], rows[:1]])

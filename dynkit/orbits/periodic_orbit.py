@@ -11,8 +11,8 @@ from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
-from dynkit.orbits.map_orbit import MapOrbit, sizes
-from dynkit.orbits.map_problem import MapProblem
+from dynkit.orbits.map_orbit import MapOrbit
+from dynkit.orbits.map_problem import MapProblem, sizes
 from dynkit.orbits.newton import NoConvergence, solve
 
 # States of an orbit that agree so well, relative, are tried as one: a doubling leaves them so near

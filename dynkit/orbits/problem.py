@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, ClassVar, Self, final
 
@@ -38,7 +38,8 @@ class PeriodicProblem(Problem):
     and may offer
 
     5. ``factors(x, p)``, matrices whose product has these multipliers;
-    6. ``shortest(x)`` and ``repetition(x)``, where orbits of a part of the period are solutions.
+    6. ``shortest(x)`` and ``repetition(x)``, where orbits of a part of the period are solutions;
+    7. ``returns(x, p)``, the map of returns, where it is not that of the orbit's system.
     """
 
     stability: ClassVar[Spectrum] = Spectrum.MULTIPLIERS
@@ -70,6 +71,24 @@ class PeriodicProblem(Problem):
         need not be among the eigenvalues. None, unless a subclass knows the matrices.
         """
         return None
+
+    def returns(self, x: Array, p: Array) -> tuple[Callable[[Array], Array], Array]:
+        """Return the derivative, (d, d), of the map of returns as a function of the state.
+
+        And the state, (d,), of the orbit. By default it is the system's, as many times as the orbit
+        has states. For orbits that are motions of the system.
+        """
+        orbit = self.orbit(x, p)
+        system, count = orbit.system, len(orbit.states)
+
+        def jacobian(state: Array) -> Array:
+            out = system.jacobian(state)
+            for _ in range(count - 1):
+                state = system.next_state(state)
+                out = system.jacobian(state) @ out
+            return out
+
+        return jacobian, orbit.states[0]
 
     @abstractmethod
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> PeriodicOrbit:
@@ -192,6 +211,15 @@ class PeriodicOrbit(ProblemSolution):
     def stable(self) -> bool:
         """Whether all multipliers lie inside the unit circle, those not resolved among them."""
         return bool(np.all(abs(self.multipliers) < 1.0))
+
+    @cached_property
+    def isolated(self) -> bool:
+        """Whether no multiplier is 1 within its error: no other orbit of its period is beside it.
+
+        Otherwise it is one of a family at the same parameters, as where nothing damps a mode in
+        resonance, or on the border where orbits meet, SN or BP: it cannot be told which.
+        """
+        return bool((abs(self.multipliers - 1.0) > self.multipliers_error).all())
 
     @property
     @abstractmethod

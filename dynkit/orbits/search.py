@@ -16,8 +16,7 @@ from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.orbits.covering import Covering
 from dynkit.orbits.laps import CELLS, periodic_points, reached
 from dynkit.orbits.map_calls import MapCalls, Spent
-from dynkit.orbits.map_orbit import sizes
-from dynkit.orbits.map_problem import angles
+from dynkit.orbits.map_problem import angles, sizes
 from dynkit.orbits.newton import NoConvergence, NoSolution
 
 if TYPE_CHECKING:

@@ -132,7 +132,7 @@ class Sweep(Swept):
         return f"<Sweep: {len(self)} values of {self.parameter} from {first:g} to {last:g}>"
 
     def _facts(self) -> Facts:
-        names = [str(label) for label in self._labels.values()]  # those that were decided
+        names = [label.name for label in self._labels.values()]  # those that were decided
         counts = [f"{name} {names.count(name)}" for name in dict.fromkeys(names)]
         return {
             "system": line_of(self._points.plan.system, self._points.plan.kind, [self.parameter]),

@@ -162,7 +162,7 @@ class ImpactAttractor(Attractor):
 
         Returns
         -------
-        ImpactOrbit; a StickingOrbit where it sticks
+        ImpactOrbit
 
         Raises
         ------
@@ -171,8 +171,7 @@ class ImpactAttractor(Attractor):
         NoConvergence
             When its motion is still too far from it.
         """
-        from dynkit.systems.impact.orbits.finding import orbit_of_motion
-        from dynkit.systems.impact.sticking.finding import sticking_orbit_of
+        from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
 
         n, m = self.label.iterates, self.label.periods
         if m is None:
@@ -236,6 +235,7 @@ class _ImpactOrbit:
 
     def __init__(self, record: ImpactRecord) -> None:
         self.system = record.system
+        self.accuracy = record.system.accuracy
         self.record: ImpactRecord = record
         self.fresh = True
         self.clock = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.validation import Array
 from dynkit.systems.impact.mode import Mode, transformed
-from dynkit.systems.impact.orbits.terms import changes_alone
+from dynkit.systems.impact.orbits.impulses.terms import changes_alone
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState
 from dynkit.systems.impact.transitions import reset
@@ -167,7 +167,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
 def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:
     """The state after a duration, and its derivative (2 slots, 2 slots) by the state before."""
     slots, lasts = np.arange(y.shape[1]), np.array([duration])
-    end = mode.after(y[None], np.zeros(1, dtype=np.intp), lasts)[0]
+    end = mode.flown(y, lasts)[0]
     return end, mode.transitions(lasts, slots).matrices(slots)[0]
 
 

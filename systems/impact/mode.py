@@ -155,6 +155,10 @@ class Mode:
             sample(ladder, starts, which[now], durations[now], work, out[now])
         return out
 
+    def flown(self, start: Array, durations: Array) -> Array:
+        """States (m, 2, slots) at durations (m,) from one start, (2, slots)."""
+        return self.after(start[None], np.zeros(len(durations), dtype=np.intp), durations)
+
     def rate(self, states: Array) -> Array:
         """Rates of change (..., 2, slots) of states."""
         ladder = self.propagators.ladder

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, overload
+from typing import TYPE_CHECKING, ClassVar
 
 from dynkit.core.validation import (
     boolean,
@@ -23,7 +22,6 @@ from dynkit.systems.impact.state import (
 if TYPE_CHECKING:
     from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-    from dynkit.systems.impact.sticking.orbit import StickingOrbit
 
 TWO_PI = 2.0 * math.pi
 
@@ -148,20 +146,6 @@ class ImpactOscillator(ImpactMap):
     def _attractor_of(self, record: ImpactRecord) -> ImpactAttractor:
         return ImpactAttractor(self, 0, record, None)
 
-    @overload
-    def periodic_orbit(
-        self,
-        *,
-        impacts: int = 1,
-        periods: int = 1,
-        phases: object = None,
-        sides: object = None,
-        sticking: Literal[False] = False,
-    ) -> ImpactOrbit: ...
-
-    @overload
-    def periodic_orbit(self, *, periods: int = 1, sticking: Literal[True]) -> StickingOrbit: ...
-
     def periodic_orbit(
         self,
         *,
@@ -170,7 +154,7 @@ class ImpactOscillator(ImpactMap):
         phases: object = None,
         sides: object = None,
         sticking: bool = False,
-    ) -> ImpactOrbit | StickingOrbit:
+    ) -> ImpactOrbit:
         """Return a periodic orbit P(n,m), or P(inf,m) that sticks, stable or not.
 
         Parameters
@@ -206,7 +190,6 @@ class ImpactOscillator(ImpactMap):
             for name, given in (("impacts", impacts), ("phases", phases), ("sides", sides)):
                 if given is not None:
                     raise ValueError(f"{name} must not be given with sticking; got {given!r}")
-            orbits: Sequence[ImpactOrbit | StickingOrbit]
             orbits = self.periodic_orbits(periods=periods, sticking=True)
             label = f"P(inf,{periods})"
         elif phases is None and sides is not None:
@@ -221,19 +204,9 @@ class ImpactOscillator(ImpactMap):
             raise ValueError(f"no orbit {label} was found for {self!r}")
         return orbits[0]
 
-    @overload
-    def periodic_orbits(
-        self, *, impacts: int = 1, periods: int = 1, sticking: Literal[False] = False
-    ) -> list[ImpactOrbit]: ...
-
-    @overload
-    def periodic_orbits(
-        self, *, periods: int = 1, sticking: Literal[True]
-    ) -> list[StickingOrbit]: ...
-
     def periodic_orbits(
         self, *, impacts: int | None = None, periods: int = 1, sticking: bool = False
-    ) -> list[ImpactOrbit] | list[StickingOrbit]:
+    ) -> list[ImpactOrbit]:
         """Return the periodic orbits P(n,m), or P(inf,m), that are found, stable or not.
 
         For n = 1 all there are, from their closed form; for more impacts what Newton's method finds
@@ -248,13 +221,10 @@ class ImpactOscillator(ImpactMap):
             When nothing drives the system.
         """
         from dynkit.systems.impact.orbits.finding import find_orbits
-        from dynkit.systems.impact.sticking.finding import find_sticking
 
-        if not boolean("sticking", sticking):
-            return find_orbits(self, 1 if impacts is None else impacts, periods)
-        if impacts is not None:
+        if boolean("sticking", sticking) and impacts is not None:
             raise ValueError(f"impacts must not be given with sticking; got {impacts!r}")
-        return find_sticking(self, periods)
+        return find_orbits(self, 1 if impacts is None else impacts, periods, sticking=sticking)
 
     def find_orbits(self, *, impacts: int = 3, periods: int = 4) -> OrbitSearch[ImpactOrbit]:
         """Return the periodic orbits up to P(n,m) that a search finds, stable or not.

@@ -19,7 +19,7 @@ from dynkit.core.no_motion import NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
 from dynkit.systems.impact.elements import EventKind
-from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
+from dynkit.systems.impact.orbits.impulses.responses import FreeMotion, free_motion
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import ImpactState, on_section, section_of
 from dynkit.systems.impact.trajectory import Trajectory, in_steps

@@ -12,7 +12,7 @@ from dynkit.continuation.branch import Branch
 from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish
 from dynkit.systems import PlayOscillator
-from dynkit.systems.impact.orbits.problem import ImpactProblem
+from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
 
 SYSTEM = PlayOscillator(
     frequency=1.0, play=1.0, spring=1.0, amplitude=0.6, damping=0.1, restitution=0.7
@@ -28,7 +28,7 @@ def network() -> Network:
 
 def stops_of(branch: Branch) -> list[int]:
     problem = branch.problem
-    assert isinstance(problem, ImpactProblem)
+    assert isinstance(problem, ImpulseEquations)
     return [int(side) for side in np.sort(problem.sides)]
 
 

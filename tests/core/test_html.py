@@ -29,12 +29,12 @@ SHOWN: dict[str, Callable[[], Any]] = {
         "Branch",
         "ImpactAttractor",
         "ImpactOrbit",
+        "ImpactOrbit, sticking",
         "ImpactRecord",
         "MapAttractor",
         "MapOrbit",
         "Network",
         "ParameterMap",
-        "StickingOrbit",
         "Sweep",
     )
 }

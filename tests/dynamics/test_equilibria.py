@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import mpmath
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
-from dynkit import Branch, NoConvergence, continue_curve, continue_orbit, equilibrium
+from dynkit import (
+    Branch,
+    Flow,
+    Network,
+    NoConvergence,
+    NoCrossing,
+    PoincareSection,
+    continue_curve,
+    continue_orbit,
+    equilibrium,
+    explore,
+)
 from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.network import Link
 from dynkit.core.validation import Array, finite_array
 from dynkit.data.codec import decoded, encoded
 from dynkit.dynamics.equilibrium import Equilibrium
+from dynkit.dynamics.flow import Crossing
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.systems import Duffing, IntegratedFlow, Logistic, Lorenz
 
@@ -52,6 +68,46 @@ class ExactBrusselator(Brusselator):
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
         x = float(state[0])
         return np.array([1.0, 0.0] if name == "a" else [-x, x])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ring(Flow):
+    """r' = r (p (1 - p) - r^2), angle' = 2, in closed form: HB at p = 0 and p = 1, one circle."""
+
+    p: float
+    dimension = 2
+
+    def velocity(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,)).tolist()
+        growth = self.p * (1.0 - self.p) - x * x - y * y
+        return np.array([growth * x - 2.0 * y, growth * y + 2.0 * x])
+
+    def velocity_jacobian(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,)).tolist()
+        growth = self.p * (1.0 - self.p) - x * x - y * y
+        turn = np.array([[0.0, -2.0], [2.0, 0.0]])
+        return np.asarray(growth * np.eye(2) - 2.0 * np.outer([x, y], [x, y]) + turn)
+
+    def advance(self, state: Array, duration: float) -> Array:
+        x = finite_array("state", state, (2,))
+        growth = 2.0 * self.p * (1.0 - self.p)
+        spent = -np.expm1(-growth * duration) / (0.5 * growth) if growth else 2.0 * duration
+        size = np.exp(-growth * duration) + float(x @ x) * spent
+        turn = np.exp(2j * duration)
+        rotated = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]]) @ x
+        return np.asarray(rotated / np.sqrt(size))
+
+    def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
+        def value(time: float) -> float:
+            return section.direction * section.value(self.advance(state, time))
+
+        times = np.linspace(1e-6, min(np.pi + 1e-6, time_limit), 41)
+        values = [value(time) for time in times.tolist()]
+        for k in range(40):
+            if values[k] < 0.0 <= values[k + 1]:
+                time = float(brentq(value, times[k], times[k + 1], xtol=1e-15, rtol=1e-15))
+                return Crossing(time, self.advance(state, time))
+        raise NoCrossing(f"no crossing within {time_limit}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,18 +308,18 @@ def test_a_store_from_before_there_were_equilibria_is_read() -> None:
 
 def test_a_branch_of_equilibria_is_drawn() -> None:
     axes = lorenz_branch().plot()
-    assert axes.get_ylabel() == "state[0]"
+    assert axes.get_ylabel() == "flow[0]"
     assert {"stable", "unstable"} <= {line.get_label() for line in axes.get_lines()}
 
 
 def test_an_equilibrium_says_what_it_is() -> None:
     found = equilibrium(Lorenz(rho=15.0), [6.0, 6.0, 14.0])
     assert repr(found) == "<equilibrium of Lorenz(rho=15): stable>"
-    assert found.observable("state[2]") == pytest.approx(14.0)
+    assert found.observable("flow[2]") == pytest.approx(14.0)
     assert found.admissible
     assert found.cost.counts["newton steps"] >= 1
     with pytest.raises(ValueError, match=r"^name must be one of"):
-        found.observable("state[3]")
+        found.observable("flow[3]")
 
 
 @pytest.mark.parametrize(
@@ -289,3 +345,74 @@ def test_an_unknown_parameter_is_refused() -> None:
     found = equilibrium(Lorenz(rho=15.0), [6.0, 6.0, 14.0])
     with pytest.raises(ValueError, match=r"^parameter must be one of: .*; got 'speed'$"):
         continue_orbit(found, "speed", bounds=(0.0, 1.0))
+
+
+# --- networks -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ring() -> Network:
+    start = equilibrium(Ring(p=-0.3), [0.0, 0.0])
+    return explore(Ring(p=-0.3), "p", (-0.5, 1.5), seeds=[start])
+
+
+def test_a_network_leads_from_equilibria_to_the_orbits_of_both_hopf_points(ring: Network) -> None:
+    """The circle r^2 = p (1 - p), found from both ends on two planes, is one branch."""
+    assert [branch.label for branch in ring.branches] == ["equilibrium", "P(1)"]
+    assert [b.kind for b in ring.branches[0].bifurcations] == ["HB", "HB"]
+    assert ring.links == (Link(0, 0, 1), Link(0, 1, 1))
+    assert ring.unexplored == ()
+    equilibria, orbits = ring.orbits(0.3)
+    assert not equilibria.stable
+    assert orbits.stable
+    assert abs(orbits.observable("norm")[0] - np.sqrt(0.3 * 0.7)) < 1e-10
+
+
+def test_hopf_points_of_the_ring_are_supercritical(ring: Network) -> None:
+    """Re c = -2: z' = -z |z|^2, and z is the square root of two times the normal form's."""
+    for hopf, side in zip(ring.branches[0].bifurcations, (1, -1), strict=True):
+        found = hopf.criticality
+        assert found is not None
+        assert (found.supercritical, found.side) == (True, side)
+        assert abs(found.coefficient + 2.0) <= found.error < 1e-8
+
+
+def test_a_network_of_equilibria_and_orbits_is_drawn_by_the_norm(ring: Network) -> None:
+    assert ring.plot().get_ylabel() == "norm"
+    plt.close("all")
+
+
+def test_a_network_of_a_flow_is_the_same_by_an_executor(ring: Network) -> None:
+    start = equilibrium(Ring(p=-0.3), [0.0, 0.0])
+    with ThreadPoolExecutor(2) as executor:
+        again = explore(Ring(p=-0.3), "p", (-0.5, 1.5), seeds=[start], executor=executor)
+    assert again.links == ring.links
+    pairs = zip(again.branches, ring.branches, strict=True)
+    assert all((one.unknowns == other.unknowns).all() for one, other in pairs)
+
+
+def test_a_network_of_equilibria_comes_back_from_a_store(ring: Network, tmp_path: Path) -> None:
+    ring.save(tmp_path / "ring.h5")
+    start = equilibrium(Ring(p=-0.3), [0.0, 0.0])
+    (loaded, _) = Network.load(tmp_path / "ring.h5", [start]).branches
+    assert loaded.orbit(0).label == "equilibrium"
+    assert (loaded.unknowns == ring.branches[0].unknowns).all()
+
+
+def test_a_flow_is_explored_from_equilibria_only() -> None:
+    with pytest.raises(ValueError, match="seeds must be equilibria, for a flow; got None"):
+        explore(Ring(p=-0.3), "p", (-0.5, 1.5))
+    with pytest.raises(ValueError, match=r"seeds\[0\] must be a PeriodicOrbit or an Equilibrium"):
+        explore(Ring(p=-0.3), "p", (-0.5, 1.5), seeds=[5])  # type: ignore[list-item]
+    start = equilibrium(Lorenz(rho=0.5), [0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"seeds\[0\] must have a parameter 'p'; got <equilib"):
+        explore(Ring(p=-0.3), "p", (-0.5, 1.5), seeds=[start])
+    with pytest.raises(ValueError, match="system must be a Map or a Flow; got 5"):
+        explore(5, "p", (-0.5, 1.5))  # type: ignore[arg-type]
+
+
+def test_branches_of_the_lorenz_equations_hang_together() -> None:
+    start = equilibrium(Lorenz(rho=0.5), [0.0, 0.0, 0.0])
+    network = explore(Lorenz(rho=0.5), "rho", (0.2, 10.0), seeds=[start])
+    assert [branch.label for branch in network.branches] == ["equilibrium", "equilibrium"]
+    assert all(link.to == 1 for link in network.links if link.branch == 0)

@@ -10,8 +10,14 @@ from flint import arb, arb_mat, ctx
 
 from dynkit import Bifurcation, NoConvergence
 from dynkit.orbits.newton import solve
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.systems.impact.sticking.watching import Watched, items
+from dynkit.systems.impact.orbits.borders import (
+    Border,
+    ChatterEnd,
+    FlatRelease,
+    TouchingForce,
+    VanishingAcceleration,
+)
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tests.impact_orbits.exact_orbits import Ball, size
 from tests.impact_orbits.exact_sticking import BITS, StickingMap, jacobian, root
 
@@ -22,10 +28,11 @@ WIDTH = 4.0
 """The size of its half, in errors that are claimed."""
 
 
-def watched(found: Bifurcation) -> Watched:
+def watched(found: Bifurcation) -> Border:
     """What is zero there."""
-    passages = found.problem.passages(found.unknowns, np.array([found.value]))  # type: ignore[attr-defined]
-    return items(passages)[found.event]
+    problem, p = found.problem, np.array([found.value])
+    border: Border = problem.border(found.event, found.unknowns, p)  # type: ignore[attr-defined]
+    return border
 
 
 def border(found: Bifurcation) -> Ball:
@@ -37,10 +44,11 @@ def border(found: Bifurcation) -> Ball:
         When there is no such border nearby.
     """
     orbit = found.orbit
-    assert isinstance(orbit, StickingOrbit)
+    assert isinstance(orbit, ImpactOrbit)
+    assert orbit.sticks
     w = watched(found)
     with ctx.workprec(BITS):
-        if w.what == "chatter" and orbit.system.restitution > 0.0:
+        if isinstance(w, ChatterEnd) and orbit.system.restitution > 0.0:
             return _of_chatter(found, orbit)
         parts = orbit.problem().parts(orbit.unknowns)
         y = [arb(x) for places, phases in parts for x in [*places.tolist(), float(phases[0])]]
@@ -49,7 +57,7 @@ def border(found: Bifurcation) -> Ball:
         return root(partial(_left, orbit, found.parameter, w), y)[0][-1]
 
 
-def _left(orbit: StickingOrbit, name: str, w: Watched, y: list[Ball]) -> list[Ball]:
+def _left(orbit: ImpactOrbit, name: str, w: Border, y: list[Ball]) -> list[Ball]:
     """What is left of the equations of places and phases at the releases, and at a border.
 
     With phases of the releases, at which the force is zero, as unknowns: at a border it need not
@@ -70,21 +78,22 @@ def _left(orbit: StickingOrbit, name: str, w: Watched, y: list[Ball]) -> list[Ba
         ended = held.contact.after(held.state, (next_phase - held.phase) / frequency)
         out += [a - b for a, b in zip(held.contact.places(ended), next_places, strict=True)]
         out.append(contact.force(begun))
-        if k != w.passage:
+        if k != w.part:
             continue
-        if w.what == "release":
+        if isinstance(w, FlatRelease):
             out.append(contact.force(begun, 1))
-        elif w.what == "chatter":
+        elif isinstance(w, ChatterEnd):
             out.append(held.contact.force(held.state))
-        elif w.what == "lift":
-            out.append(there.bend(held.after[w.number], there.passages[k].word.sides[w.number]))
-        elif w.what == "hold":
+        elif isinstance(w, VanishingAcceleration):
+            number = w.number - sum(len(q.word.sides) for q in there.passages[:k])
+            out.append(there.bend(held.after[number], there.passages[k].word.sides[number]))
+        elif isinstance(w, TouchingForce):
             lowest = held.contact.after(held.state, (y[-2] - held.phase) / frequency)
             out += [held.contact.force(lowest, order) for order in range(2)]
     return out
 
 
-def _of_chatter(found: Bifurcation, orbit: StickingOrbit) -> Ball:
+def _of_chatter(found: Bifurcation, orbit: ImpactOrbit) -> Ball:
     """Where a chatter only just completes, between values at which it does and does not.
 
     The interval is halved until it is a five hundredth of the error that is claimed.
@@ -126,7 +135,7 @@ def _returned(there: StickingMap, places: list[Ball]) -> list[Ball]:
     return [b - a for a, b in zip(places, there.around(places)[-1], strict=True)]
 
 
-def _inverse(orbit: StickingOrbit, name: str, value: Ball, places: list[Ball]) -> Any:
+def _inverse(orbit: ImpactOrbit, name: str, value: Ball, places: list[Ball]) -> Any:
     if not places:
         return None
     there = StickingMap(orbit, **{name: value})
@@ -134,7 +143,7 @@ def _inverse(orbit: StickingOrbit, name: str, value: Ball, places: list[Ball]) -
 
 
 def _settled(
-    orbit: StickingOrbit, name: str, value: Ball, places: list[Ball], inverse: Any
+    orbit: ImpactOrbit, name: str, value: Ball, places: list[Ball], inverse: Any
 ) -> list[Ball]:
     """Places at the first release of the orbit at another value, whose chatter completes."""
     there = StickingMap(orbit, **{name: value})

@@ -19,8 +19,8 @@ import numpy as np
 from flint import acb_mat, arb, arb_mat, ctx
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.systems.impact.sticking.passage import Passage
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.passages.passage import Passage
 from tests.impact_orbits.exact_orbits import Ball, ImpactMap, size
 
 BITS = 400
@@ -169,16 +169,16 @@ class StickingMap:
 
     Parameters
     ----------
-    orbit : StickingOrbit
+    orbit : ImpactOrbit
         Whose impacts are made.
     values : float or ball
         Of parameters that are not those of the orbit.
     """
 
-    def __init__(self, orbit: StickingOrbit, **values: Ball) -> None:
+    def __init__(self, orbit: ImpactOrbit, **values: Ball) -> None:
         system = SimpleNamespace(**{name: getattr(orbit.system, name) for name in GIVEN})
         vars(system).update(values)
-        self.passages: list[Passage] = orbit._passages
+        self.passages: list[Passage] = orbit.problem().at(orbit.unknowns, np.empty(0)).passages
         self.impacts = ImpactMap(system)  # type: ignore[arg-type]
         self.rates = Rates(self.impacts.rates)
         self.contacts = [Contact(self.impacts, system, k) for k in range(len(self.impacts.signs))]
@@ -296,7 +296,7 @@ class ExactSticking:
         When it has no such orbit nearby.
     """
 
-    def __init__(self, orbit: StickingOrbit, **values: Ball) -> None:
+    def __init__(self, orbit: ImpactOrbit, **values: Ball) -> None:
         with ctx.workprec(BITS):
             self._map = StickingMap(orbit, **values)
             first = [arb(x) for x in orbit.states[0, :-2].tolist()]
@@ -324,7 +324,7 @@ class ExactSticking:
             return list(acb_mat(matrix.mid()).eig(algorithm="approx")) if d else []
 
 
-def slope(orbit: StickingOrbit, name: str) -> Array:
+def slope(orbit: ImpactOrbit, name: str) -> Array:
     """Derivative (releases, 2N - 1) of places and phases at the releases by a parameter."""
     with ctx.workprec(BITS):
         h = arb("1e-12")

@@ -14,10 +14,10 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.ball import BouncingBall
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.impact_map import ImpactMap
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
 from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 
 TURN = 2.0 * math.pi
@@ -106,12 +106,13 @@ SEVERAL = [name for name, (system, _) in SYSTEMS.items() if system.degrees_of_fr
 
 
 @cache
-def orbit_of(name: str) -> StickingOrbit:
+def orbit_of(name: str) -> ImpactOrbit:
     system, periods = SYSTEMS[name]
     if name == "chain in a play":
         start = system.state([0.0, 0.03], [0.0, 0.0])
         found = system.attractor(start=start).periodic_orbit()
-        assert isinstance(found, StickingOrbit)
+        assert isinstance(found, ImpactOrbit)
+        assert found.sticks
         return found
     return system.periodic_orbit(sticking=True, periods=periods)
 
@@ -178,7 +179,7 @@ class Releases:
         return np.concatenate([places, [-0.0 if self.far else 0.0, phase]])
 
 
-def releases_of(orbit: StickingOrbit, k: int = 0) -> tuple[Releases, Array, float]:
+def releases_of(orbit: ImpactOrbit, k: int = 0) -> tuple[Releases, Array, float]:
     """The release number k of an orbit: its stop, places and phase."""
     state = orbit.states[k]
     return Releases(orbit.system, bool(np.signbit(state[-2]))), state[:-2], float(orbit.phases[k])
@@ -199,7 +200,7 @@ def simulated(
     return np.concatenate([x[0, others], v[0, others]]), phase + system.frequency * time
 
 
-def returned(orbit: StickingOrbit, places: Array) -> Array:
+def returned(orbit: ImpactOrbit, places: Array) -> Array:
     """Places (2N - 2,) at the release an orbit's period after a release with given places."""
     releases, _, phase = releases_of(orbit)
     start = releases.phase(places, phase)

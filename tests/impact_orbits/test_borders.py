@@ -16,8 +16,8 @@ from dynkit.orbits.events import Condition
 from dynkit.orbits.newton import solve
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.flights import smallest_minimum
+from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.single import SingleImpactOscillator
 from tests.impact_orbits.gaps import dip, gap, lowest, stops
@@ -153,7 +153,7 @@ def test_without_rebound_the_gap_begins_with_the_acceleration() -> None:
 
 
 def on_border(
-    problem: ImpactProblem, condition: Condition, x: Array, own: Array
+    problem: ImpulseEquations, condition: Condition, x: Array, own: Array
 ) -> tuple[Array, Array, Array]:
     """Unknowns, own ones and parameter where the condition holds: Newton, by differences."""
     m, e = problem.size, condition.unknowns

@@ -75,7 +75,7 @@ def free_multipliers(orbit: ImpactOrbit) -> tuple[Array, int]:
     rates[n:, :n] = -np.linalg.solve(system.mass, system.stiffness)
     rates[n:, n:] = -np.linalg.solve(system.mass, system.damping_matrix)
     found = scipy.linalg.eigvals(scipy.linalg.expm(rates * orbit.period))
-    motion = orbit._solution.motion
+    motion = orbit.problem().at(orbit.unknowns, NONE).motion
     transitions = motion.mode.transitions(np.array([orbit.period]), motion.neutral)
     neutral = scipy.linalg.eigvals(transitions.matrices(motion.neutral)[0])
     _, taken = linear_sum_assignment(abs(np.subtract.outer(neutral, found)))
@@ -155,7 +155,7 @@ def test_the_linearization_is_the_derivative_of_the_residual(name: str) -> None:
         step = 1e-2 * size * min(1.0, float(flights.min()))
 
         def moved(h: float, k: int = k) -> Array:
-            return problem.residual(x + h * np.eye(len(x))[k], NONE)
+            return np.asarray(problem.residual(x + h * np.eye(len(x))[k], NONE))
 
         assert abs(extrapolated(moved, step) - wanted[:, k]).max() <= 1e-8 * abs(wanted).max()
 
@@ -186,7 +186,7 @@ def test_parameter_derivatives_are_those_of_the_residual(name: str) -> None:
     for k, step in enumerate(steps.values()):
 
         def moved(h: float, k: int = k) -> Array:
-            return problem.residual(x, problem.values + h * np.eye(len(steps))[k])
+            return np.asarray(problem.residual(x, problem.values + h * np.eye(len(steps))[k]))
 
         wanted = extrapolated(moved, step)
         assert abs(wanted - found[:, k]).max() <= 1e-8 * max(1.0, abs(wanted).max())

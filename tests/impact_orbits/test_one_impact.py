@@ -11,7 +11,8 @@ import pytest
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.orbits.finding import Found, random_guesses
+from dynkit.systems.impact.orbits.finding import Found
+from dynkit.systems.impact.orbits.impulses.guesses import random_guesses
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator

@@ -20,7 +20,6 @@ from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from tests.impact_orbits import sticking_cases
 from tests.impact_orbits.structures import SYSTEMS
 from tests.impact_orbits.test_many_impacts import FREQUENCIES, SEARCHED, searched, settled
@@ -49,10 +48,10 @@ ORBITS: dict[str, Callable[[], ImpactOrbit]] = {
 }
 
 
-STICKING: dict[str, Callable[[], StickingOrbit]] = {
+STICKING: dict[str, Callable[[], ImpactOrbit]] = {
     f"sticking: {name}": partial(sticking_cases.orbit_of, name) for name in sticking_cases.SYSTEMS
 }
-ANY: dict[str, Callable[[], ImpactOrbit | StickingOrbit]] = {**ORBITS, **STICKING}
+ANY: dict[str, Callable[[], ImpactOrbit]] = {**ORBITS, **STICKING}
 FEW = pytest.mark.parametrize(
     "orbit_of", [partial(settled, 0.33), STICKING["sticking: chain of 3, 0.3"]], ids=["P", "P(inf)"]
 )
@@ -130,10 +129,7 @@ def test_times_that_are_no_times_are_refused(orbit_of: Callable[[], Any], times:
 def test_arrays_cannot_be_changed(name: str) -> None:
     orbit = ANY[name]()
     arrays = [orbit.states, orbit.unknowns, orbit.multipliers, orbit.phases]
-    if isinstance(orbit, ImpactOrbit):
-        arrays += [orbit.impulses]
-    else:
-        arrays += [orbit.contacts, orbit.bounces]
+    arrays += [orbit.impulses, orbit.contacts, orbit.bounces]
     for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
@@ -156,6 +152,28 @@ def test_observables_are_those_of_a_diagram() -> None:
     assert np.array_equal(orbit.observable("phase"), orbit.states[:, -1])
     assert np.array_equal(orbit.observable("relative_velocity"), orbit.relative_velocity)
     assert np.array_equal(orbit.observable("time"), orbit.time)
+
+
+@pytest.mark.parametrize("name", ANY)
+def test_impacts_are_counted_and_contacts_are_those_of_orbits_that_stick(name: str) -> None:
+    orbit = ANY[name]()
+    assert orbit.sticks == (name in STICKING)
+    assert orbit.label == f"P({orbit.impacts},{orbit.periods})"
+    assert orbit.impacts == (math.inf if orbit.sticks else len(orbit.impulses))
+    assert orbit.contacts.shape == (len(orbit.phases) if orbit.sticks else 0, 2)
+    assert (orbit.chatter_error > 0.0) <= orbit.sticks
+
+
+@pytest.mark.parametrize("name", ANY)
+def test_impulses_times_and_bounces_agree_with_the_velocities(name: str) -> None:
+    orbit = ANY[name]()
+    r = orbit.system.restitution
+    assert abs(orbit.relative_velocity) == pytest.approx(r / (1.0 + r) * orbit.impulses)
+    named = np.stack([orbit.observable(x) for x in ("time", "phase", "relative_velocity")], axis=1)
+    assert np.array_equal(orbit.time, orbit.observable("time"))
+    # those of chatters come after each passage
+    assert all((orbit.bounces == row).all(axis=1).any() for row in named)
+    assert orbit.sticks or np.array_equal(orbit.bounces, named)
 
 
 @FEW
@@ -216,6 +234,13 @@ def test_an_orbit_is_shown_in_one_line(name: str) -> None:
     assert ("unstable" in shown) != orbit.stable
     assert ("inadmissible" in shown) != orbit.admissible
     assert isinstance(orbit, PeriodicOrbit)
+
+
+@FEW
+def test_a_label_is_known_where_the_equations_have_no_solution(orbit_of: Callable[[], Any]) -> None:
+    problem = orbit_of().problem()
+    nowhere = problem.orbit(np.zeros(problem.size), np.empty(0), (math.inf,))
+    assert nowhere.label == orbit_of().label
 
 
 @pytest.mark.parametrize("name", SEARCHED)
@@ -337,3 +362,11 @@ def test_where_there_is_no_orbit_an_error_says_so() -> None:
 def test_an_attractor_that_is_no_orbit_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^attractor must be P\(n,m\) or P\(inf,m\); it is chao"):
         ImpactChain(frequency=1.346).attractor().periodic_orbit()
+
+
+def test_an_orbit_of_a_family_is_not_isolated() -> None:
+    """The second mass oscillates freely, and in the period of the forcing, with any amplitude."""
+    free: dict[str, Any] = {"M": np.eye(2), "C": np.zeros((2, 2)), "contact": 0}
+    system = MatrixOscillator(frequency=1.0, K=np.diag([1.44, 1.0]), **free)
+    assert not system.periodic_orbit().isolated
+    assert MatrixOscillator(frequency=0.9, K=np.diag([1.44, 1.0]), **free).periodic_orbit().isolated

@@ -19,8 +19,10 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import solve
 from dynkit.orbits.problem import shortest
 from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from tests.impact_orbits.sticking_cases import differences, releases_of, returned
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.state import TWO_PI
+from tests.continuation.doublings import growth_of_born
+from tests.impact_orbits.sticking_cases import differences, orbit_of, releases_of, returned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,12 +60,13 @@ def branch_of(name: str) -> Branch:
     return continue_orbit(orbit, parameter, bounds=bounds)
 
 
-def near(found: Bifurcation, offset: float) -> StickingOrbit:
+def near(found: Bifurcation, offset: float) -> ImpactOrbit:
     """The orbit of a branch at the value of a bifurcation and so much more."""
     p = np.array([found.value + offset])
     x, history = solve(found.problem, found.unknowns, p)
     orbit = found.problem.solution(x, p, history)
-    assert isinstance(orbit, StickingOrbit)
+    assert isinstance(orbit, ImpactOrbit)
+    assert orbit.sticks
     return orbit
 
 
@@ -110,7 +113,7 @@ def test_no_chatter_completes_beyond_a_border(name: str) -> None:
         assert counts == [1, 0]
 
 
-def landing_force(orbit: StickingOrbit) -> float:
+def landing_force(orbit: ImpactOrbit) -> float:
     """The force of the table where contact begins, without rebound."""
     releases, _, phase = releases_of(orbit)
     begin = orbit.contacts[0, 0]
@@ -140,7 +143,7 @@ def test_an_unstable_branch_is_followed_to_both_ends() -> None:
     assert [ending.reason.name for ending in branch.endings] == ["BORDER", "BORDER"]
 
 
-def scaled_velocities(orbit: StickingOrbit) -> Array:
+def scaled_velocities(orbit: ImpactOrbit) -> Array:
     """u j / a^2 after the impacts, where the gap would be u s - a s^2 / 2 + j s^3 / 6."""
     system, c = orbit.system, orbit.system.contact
     times, phases, speeds = orbit.bounces.T
@@ -178,7 +181,7 @@ def test_near_a_border_bounces_stay_ever_longer_near_those_that_never_end(name: 
 # --- grazing --------------------------------------------------------------------------------------
 
 
-def smallest_gap(orbit: StickingOrbit) -> float:
+def smallest_gap(orbit: ImpactOrbit) -> float:
     """Of the minima of the gap in simulated flight, by samples and a search."""
     system = orbit.system
     record = system.simulate(impacts=40, start=system.impact_state(orbit.states[0]))
@@ -221,7 +224,8 @@ def test_a_touch_leads_to_an_orbit_with_an_impact_more() -> None:
     others = touch.switch()
     assert others
     for other in others:
-        assert isinstance(other, StickingOrbit)
+        assert isinstance(other, ImpactOrbit)
+        assert other.sticks
         assert other.label == "P(inf,1)"
         assert other.residual < 1e-13
         assert len(other.unknowns) == len(touch.unknowns) + 1
@@ -292,7 +296,7 @@ def test_orbits_on_both_sides_of_a_fold_are_different_motions() -> None:
 # --- Neimark-Sacker -------------------------------------------------------------------------------
 
 
-def largest_modulus(orbit: StickingOrbit) -> float:
+def largest_modulus(orbit: ImpactOrbit) -> float:
     """Of the multipliers by differences of simulations, less one."""
     _, places, _ = releases_of(orbit)
     steps = np.full(len(places), 2e-5)
@@ -318,7 +322,7 @@ def test_orbits_are_stable_on_one_side_of_neimark_sacker() -> None:
 # --- period doubling ------------------------------------------------------------------------------
 
 
-def lowest_multiplier(orbit: StickingOrbit) -> float:
+def lowest_multiplier(orbit: ImpactOrbit) -> float:
     """By differences of simulations, plus one."""
     _, places, _ = releases_of(orbit)
     matrix = differences(lambda z: returned(orbit, z), places, np.full(len(places), 2e-5))
@@ -331,10 +335,11 @@ def doubling() -> Bifurcation:
 
 
 @cache
-def doubled() -> StickingOrbit:
+def doubled() -> ImpactOrbit:
     """What branches off there."""
     (found,) = doubling().switch()
-    assert isinstance(found, StickingOrbit)
+    assert isinstance(found, ImpactOrbit)
+    assert found.sticks
     return found
 
 
@@ -369,7 +374,8 @@ def test_all_points_of_a_doubled_branch_that_sticks_have_twice_the_period() -> N
     apart = abs(branch.parameter - doubling().value) > 1e-9
     for x in branch.unknowns[apart]:
         orbit = branch.problem.solution(x, branch.parameter[:1])
-        assert isinstance(orbit, StickingOrbit)
+        assert isinstance(orbit, ImpactOrbit)
+        assert orbit.sticks
         assert shortest(branch.problem, x)[0] is branch.problem
         phases = orbit.phases.reshape(2, -1)
         # the second half is not the first one a period of the table later
@@ -410,13 +416,70 @@ def test_a_loaded_branch_has_the_same_bits(tmp_path: Path) -> None:
         assert (a.kind, a.value, a.error, a.touching) == (b.kind, b.value, b.error, b.touching)
 
 
+@pytest.mark.parametrize("name", ["chain of 1", "single", "chain of 10, dead"])
+def test_a_branch_of_several_impacts_reaches_no_rebound(name: str) -> None:
+    orbit = orbit_of(name)
+    assert len(orbit.impulses) > 1
+    branch = continue_orbit(orbit, "restitution", bounds=(0.0, 0.5))
+    assert (branch.parameter[0], branch.parameter[-1]) == (0.0, 0.5)
+    assert branch.admissible.all()
+    assert not branch.bifurcations
+
+
 def test_points_of_a_branch_are_orbits_to_rounding() -> None:
     branch = branch_of("P(inf,1)")
     assert (branch.residuals < 1e-12).all()
     assert branch.admissible.all()
     for place in (0, len(branch) // 2, -1):
         orbit = branch.orbit(place)
-        assert isinstance(orbit, StickingOrbit)
+        assert isinstance(orbit, ImpactOrbit)
+        assert orbit.sticks
         assert orbit.system.frequency == branch.parameter[place]
         _, places, _ = releases_of(orbit)
         assert abs(returned(orbit, places) - places).max() < 1e-10
+
+
+# --- criticality ----------------------------------------------------------------------------------
+
+
+def test_orbits_of_twice_the_period_are_born_as_said() -> None:
+    found = doubling().criticality
+    assert found is not None
+    offset = doubled().system.parameters["damping"] - doubling().value
+    assert np.sign(offset) == found.side
+    assert (doubled().stable, True) == (found.stable, found.supercritical)
+    assert found.error < 1e-6 * found.coefficient
+    assert growth_of_born(doubling(), doubled()) == pytest.approx(1.0, abs=0.06)
+
+
+def test_an_invariant_curve_is_as_large_as_the_coefficient_says() -> None:
+    """|z|^2 = -(growth of the multiplier) / Re d, to first order in the growth.
+
+    From simulated motion in contact, a little before each release.
+    """
+    (border,) = [b for b in branch_of("quasi-periodic").bifurcations if b.kind == "NS"]
+    found = border.criticality
+    assert found is not None
+    assert (found.supercritical, found.stable, found.side) == (True, True, -1)
+    assert found.error < 1e-6 * abs(found.coefficient)
+    orbit = near(border, -2e-5)
+    jacobian, places = orbit.problem().returns(orbit.unknowns, np.empty(0))
+    values, vectors = np.linalg.eig(jacobian(places))
+    k = int(np.argmax(abs(values)))
+    left, growth = np.linalg.inv(vectors)[k], float(np.log(abs(values[k])))
+    expected = -growth / found.coefficient
+    releases, _, phase = releases_of(orbit)
+    moved = places + 2.0 * np.sqrt(1.2 * expected) * vectors[:, k].real
+    system, start = orbit.system, releases.phase(moved, phase)
+    period, before = TWO_PI / system.frequency, 0.03
+    record = system.simulate(
+        impacts=200_000, start=system.impact_state(releases.section(moved, start))
+    )
+    first = (phase - before - start) / system.frequency + period
+    x, v = record.sample(np.arange(first, record.time[-1] - period, period))
+    states = np.concatenate([x[:, releases.others], v[:, releases.others]], axis=1)[-4000:]
+    holding = orbit.problem().scene(np.empty(0)).holdings[0]
+    since = np.array([before / system.frequency])
+    held = [holding.mode.flown(holding.state(z, phase - before), since)[0] for z in states]
+    size = np.mean(abs((holding.places(np.array(held)) - places) @ left) ** 2)
+    assert size == pytest.approx(expected, rel=0.01)

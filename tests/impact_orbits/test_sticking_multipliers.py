@@ -11,9 +11,9 @@ from scipy.optimize import linear_sum_assignment
 
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.core.validation import Array
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.systems.impact.sticking.passage import Word
-from dynkit.systems.impact.sticking.problem import StickingProblem
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.passages.equations import PassageEquations
+from dynkit.systems.impact.orbits.passages.passage import Word
 from tests.impact_orbits.exact_sticking import slope
 from tests.impact_orbits.sticking_cases import (
     SEVERAL,
@@ -92,21 +92,21 @@ def test_the_largest_multiplier_is_the_lyapunov_exponent_per_period(name: str) -
     assert np.isneginf(spectrum.exponents).sum() == 2
 
 
-def cut_later(orbit: StickingOrbit, passage: int) -> tuple[StickingProblem, Array]:
+def cut_later(orbit: ImpactOrbit, passage: int) -> tuple[PassageEquations, Array]:
     """The same orbit, with one impact of a chatter more among the unknowns."""
     problem = orbit.problem()
     words, parts = (
         list(problem.words),
         [np.append(a, b[:-1]) for a, b in problem.parts(orbit.unknowns)],
     )
-    q = problem.passages(orbit.unknowns, NONE)[passage]
+    q = problem.at(orbit.unknowns, NONE).passages[passage]
     word = words[passage]
     since = q.phases[-2] - orbit.phases[0]
     times = orbit.bounces[:, 0] * orbit.system.frequency
     after = float(times[times > since + 1e-9].min())
     words[passage] = Word(word.start, (*word.sides, word.sides[-1]))
     parts[passage] = np.append(parts[passage], orbit.phases[0] + after)
-    return problem.of_words(tuple(words)), np.concatenate(parts)
+    return problem.remade(itinerary=tuple(words)), np.concatenate(parts)
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ class Synthetic:
     release_every: int | None = None
     growth_rate: float = -0.1
     ends_after: int | None = None
+    accuracy: float = 2.0**-52
     given: int = field(default=0, init=False)
 
     def more(self, count: int) -> Window:
@@ -218,13 +219,13 @@ def test_a_source_that_ends_is_at_rest() -> None:
     assert (label.kind, str(label)) == (OrbitKind.AT_REST, "at rest")
 
 
-def test_a_quasi_periodic_rotation_is_unsettled() -> None:
+def test_a_rotation_is_quasi_periodic() -> None:
     angle = np.pi * (np.sqrt(5.0) - 1.0)
     rotation = Synthetic(
         lambda number: np.stack([np.cos(angle * number), np.sin(angle * number)], axis=1),
         growth_rate=0.0,
     )
-    assert label_orbit(rotation).kind is OrbitKind.UNSETTLED
+    assert label_orbit(rotation).kind is OrbitKind.QUASI_PERIODIC
 
 
 def scattered(number: Numbers) -> Array:

@@ -57,7 +57,7 @@ def test_near_a_doubling_newtons_method_is_far_ahead_of_the_motion() -> None:
     [
         (Logistic(4.0), [0.3], "chaotic"),
         (Henon(), [0.1, 0.1], "chaotic"),
-        (CircleRotation(np.pi * (np.sqrt(5.0) - 1.0)), [1.0, 1.0], "unsettled"),
+        (CircleRotation(np.pi * (np.sqrt(5.0) - 1.0)), [1.0, 1.0], "quasi-periodic"),
     ],
 )
 def test_without_a_period_there_is_no_orbit(system: Map, start: list[float], kind: str) -> None:

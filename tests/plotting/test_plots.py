@@ -15,12 +15,12 @@ from dynkit.systems import (
     BouncingBall,
     Henon,
     ImpactChain,
+    ImpactOrbit,
     ImpactOscillator,
     Logistic,
     PlayOscillator,
     SingleImpactOscillator,
 )
-from dynkit.systems.impact.orbits.driven import DrivenOrbit
 
 CHAIN = ImpactChain(masses=2, frequency=0.9)
 
@@ -30,11 +30,11 @@ def data(line: Line2D) -> Array:
     return np.asarray(line.get_xydata(), dtype=float).T
 
 
-def single() -> DrivenOrbit:
+def single() -> ImpactOrbit:
     return CHAIN.periodic_orbit()
 
 
-def sticking() -> DrivenOrbit:
+def sticking() -> ImpactOrbit:
     ball = BouncingBall(amplitude=0.16, frequency=3.0, restitution=0.5)
     return ball.periodic_orbit(sticking=True)
 
@@ -76,7 +76,7 @@ def test_a_long_record_is_drawn_for_a_thousand_periods() -> None:
 
 @pytest.mark.parametrize("orbit", [single, sticking])
 def test_an_orbit_is_drawn_for_one_period(orbit: object) -> None:
-    found: DrivenOrbit = orbit()  # type: ignore[operator]
+    found: ImpactOrbit = orbit()  # type: ignore[operator]
     motion, _, impacts = found.plot(new_figure()[1][0]).lines
     times, place = data(motion)
     assert (times[0], times[-1]) == (0.0, found.period)

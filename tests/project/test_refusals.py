@@ -70,8 +70,8 @@ CASES: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: chain().periodic_orbit(sides=[0]), "sides must not be given without phases; got [0]"),
     # truth
-    (lambda: chain().periodic_orbit(sticking="yes"), "sticking must be True or False; got 'yes'"),  # type: ignore[call-overload]
-    (lambda: chain().periodic_orbits(sticking=1), "sticking must be True or False; got 1"),  # type: ignore[call-overload]
+    (lambda: chain().periodic_orbit(sticking="yes"), "sticking must be True or False; got 'yes'"),  # type: ignore[arg-type]
+    (lambda: chain().periodic_orbits(sticking=1), "sticking must be True or False; got 1"),  # type: ignore[arg-type]
     (
         lambda: sweep(chain(), "frequency", [0.9], follow="no", **BRIEF),  # type: ignore[arg-type]
         "follow must be True or False; got 'no'",
@@ -152,15 +152,15 @@ CASES: list[tuple[Callable[[], Any], str]] = [
     (lambda: branch().save(5), "store must be a path; got 5"),  # type: ignore[arg-type]
     (
         lambda: explore(Logistic(2.9), "rate", (2.8, 3.0), seeds=5),  # type: ignore[arg-type]
-        "seeds must be periodic orbits; got 5",
+        "seeds must be periodic orbits or equilibria; got 5",
     ),
     (
         lambda: explore(Logistic(2.9), "rate", (2.8, 3.0), seeds=[0.5]),  # type: ignore[list-item]
-        "seeds[0] must be a PeriodicOrbit; got 0.5",
+        "seeds[0] must be a PeriodicOrbit or an Equilibrium; got 0.5",
     ),
     (
         lambda: Network.load("none.h5", branch().orbit(0)),
-        "orbits must be a sequence of PeriodicOrbit; got <P(1) of Logistic",
+        "orbits must be a sequence of orbits; got <P(1) of Logistic",
     ),
     (
         lambda: sweep(ImpactChain, "frequency", [0.9], **BRIEF),  # type: ignore[arg-type]

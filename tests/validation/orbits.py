@@ -10,7 +10,6 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.harmonics import harmonics_of
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
 from tests.impact_orbits.exact_orbits import exact_orbit, one_impact_orbits
 from tests.reference.random_cases import STARTS, Kept, random_case
 from tests.reference.random_sticking import FILE, random_sticking, sticking_orbit
@@ -90,7 +89,7 @@ def states_of_sticking_orbits(every: int) -> Iterator[tuple[float, float]]:
         yield float(abs(found - high - low).max()), orbit.error
 
 
-def sticking_orbits(every: int) -> Iterator[tuple[StickingOrbit, Array, Any]]:
+def sticking_orbits(every: int) -> Iterator[tuple[ImpactOrbit, Array, Any]]:
     """Orbits, their exact releases, two parts (2, k, 2N - 1), and multipliers (2N - 2,)."""
     kept = Kept.load(FILE)
     for row in range(0, len(kept.number), every):

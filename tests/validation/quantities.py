@@ -68,7 +68,7 @@ QUANTITIES = {
     ),
     "`multipliers_error`, cycles": Quantity(cycles.of_bent_cycles, 53),
     "`multipliers_error`, branches": Quantity(multipliers.of_branches, 25),
-    "`StickingOrbit.error`": Quantity(orbits.states_of_sticking_orbits, 60),
+    "`ImpactOrbit.error`, P(inf,m)": Quantity(orbits.states_of_sticking_orbits, 60),
     "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
     "`POD.error`, exact": Quantity(averages.powers, 60),
     "`Branch.error`": Quantity(branches.points_of_branches, 100),

@@ -21,7 +21,8 @@ class Basin:
     ending : str
         Why that simulation ended: for a motion at rest, what became of it.
     states : (n, d) array
-        The states of the orbit, in their order, read-only; some of them for chaos, none at rest.
+        The states of the orbit, in their order, read-only; some of them for chaos and
+        quasi-periodic motions, none at rest.
     start : tuple of int
         Place of the first start that leads there.
     count : int

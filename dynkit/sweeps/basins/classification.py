@@ -122,6 +122,9 @@ class Look:
                 state, final, rest = self._settled(motion, label)
             elif label.kind is OrbitKind.CHAOTIC:
                 state, final, rest = motion.states[-1], motion.final, np.nan
+            elif label.kind is OrbitKind.QUASI_PERIODIC:
+                states, final = self.states_after(motion.final, label.simulated)
+                state, rest = states[-1], np.nan
             else:
                 continue
             arrays["state"][place], arrays["rest"][place] = state, rest

@@ -47,8 +47,8 @@ def draw_basins(
     size = starts.shape[-1]
     for basin in basins:
         if first >= 0 and second >= 0 and size == basin.states.shape[1] == 2:
-            chaotic = basin.label.kind is OrbitKind.CHAOTIC
-            look = {"color": ink(), "markersize": 0.5, **DOTS} if chaotic else circles(2.5, 0.5)
+            many = basin.label.kind in (OrbitKind.CHAOTIC, OrbitKind.QUASI_PERIODIC)
+            look = {"color": ink(), "markersize": 0.5, **DOTS} if many else circles(2.5, 0.5)
             states = basin.states[:, [first, second]]
             axes.plot(*states.T, scalex=False, scaley=False, **look)
     return axes

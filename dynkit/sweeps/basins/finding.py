@@ -43,7 +43,8 @@ def basins(
     Chaotic motions have the same attractor when the median distance of 64 states of one to the
     nearest of 2000 states of the other is less than three times that of 512 states of the other
     itself. Attractors that lie that near to one another are not told apart. Chaos that dies out
-    within these 2512 states is what it comes to then.
+    within these 2512 states is what it comes to then. Quasi-periodic motions are compared in the
+    same way, once they have settled as far as their labels looked.
 
     Motions at rest are told apart by why they ended.
 

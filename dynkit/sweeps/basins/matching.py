@@ -1,4 +1,4 @@
-"""Which starts share an attractor: orbits by their states, chaos by how near its states come."""
+"""Which starts share an attractor: orbits by a state, chaos and curves by how near many come."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # and what each may still move; orbits that may still move more than that are not told.
 _NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
 
-# Of chaos: states that stand for the attractor, and that are held against them.
+# Of chaos, and of curves: states that stand for the attractor, and that are held against them.
 _REFERENCE, _OWN, _SAMPLE = 2000, 512, 64
 # The median distance to the nearest of them may be so many times that of the attractor's own.
 _FACTOR = 3.0
@@ -49,8 +49,9 @@ def told_apart(
 
     Numbers below zero are those of `dynkit.sweeps.basins.classification.OTHER_ENDS`.
     """
-    chaos, rows = _chaos(look, rows, executor)
-    groups = [*chaos, *_orbits(look, rows), *_rests(rows)]
+    chaos, rows = _filled(OrbitKind.CHAOTIC, look, rows, executor)
+    curves, rows = _filled(OrbitKind.QUASI_PERIODIC, look, rows, executor)
+    groups = [*chaos, *curves, *_orbits(look, rows), *_rests(rows)]
     kinds: NDArray[np.int64] = rows.arrays["kind"]
     numbers = np.where(kinds < 0, kinds, UNSETTLED)
     groups.sort(key=lambda group: group[0].place)
@@ -107,16 +108,18 @@ def _nearest(look: Look, reference: Array, states: Array) -> Array:
     )
 
 
-def _chaos(look: Look, rows: Rows, executor: Executor | None) -> tuple[list[_Group], Rows]:
-    """The chaotic attractors; and the rows, in which chaos that died out is what it came to."""
+def _filled(
+    kind: OrbitKind, look: Look, rows: Rows, executor: Executor | None
+) -> tuple[list[_Group], Rows]:
+    """The attractors of a kind that fills sets; and the rows, with what others came to."""
     finals, groups, ended = rows.arrays["final"], [], {}
-    left = _places(rows, OrbitKind.CHAOTIC)
+    left = _places(rows, kind)
     while len(left):
         first = int(left[0])
         start = look.system.unpack_state(finals[first])
         motion = look.system.attractor(start=start, transient=1, keep=_REFERENCE + _OWN)
         later = look.rows_from([motion.final])
-        if later.arrays["kind"][0] != KINDS.index(OrbitKind.CHAOTIC):
+        if later.arrays["kind"][0] != KINDS.index(kind):
             ended[first] = later
             left = left[1:]
             continue
@@ -143,7 +146,7 @@ def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
 
 
 def _medians(look: Look, reference: Array, finals: Array, executor: Executor | None) -> Array:
-    """Median distance to a chaotic attractor of what follows packed states (k, p), (k,)."""
+    """Median distance to an attractor's states of what follows packed states (k, p), (k,)."""
     tasks = [finals[slice(*chunk)] for chunk in chunks_of(len(finals))]
     return np.concatenate(all_finished(_Compared(look, reference), tasks, executor))
 
@@ -151,7 +154,7 @@ def _medians(look: Look, reference: Array, finals: Array, executor: Executor | N
 @final
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """The median distance to a chaotic attractor of the states that follow some states."""
+    """The median distance to an attractor's states of the states that follow some states."""
 
     look: Look
     reference: Array

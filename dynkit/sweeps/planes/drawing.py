@@ -38,6 +38,7 @@ def draw_map(
     others = (
         (periodic & ~np.isin(names, chosen), Region("other P", ink(0.9))),
         (where_is(OrbitKind.STICKING), Region("P(inf,m)", ink(0.97), "////")),
+        (where_is(OrbitKind.QUASI_PERIODIC), Region("quasi-periodic", ink(0.97), "----")),
         (where_is(OrbitKind.CHAOTIC), Region("chaotic", ink())),
         (where_is(OrbitKind.UNSETTLED), Region("unsettled", None, "xxxx")),
         (where_is(OrbitKind.AT_REST), Region("at rest", None)),

@@ -142,12 +142,17 @@ class ParameterMap(Swept):
     def names(self) -> NDArray[np.str_]:
         """The labels in words, (k1, k2): P(1,3), chaotic, ``no motion`` or ``refused``.
 
+        Quasi-periodic motions have one name; their rotation numbers are in each `label`.
+
         ``P(1,3) unstable`` is a state that lies on an unstable orbit, and stays there: it shows no
         attractor of the pair, and another start does. See `OrbitLabel.stable`.
         Why there is no motion, or what was refused, is in `endings`.
         """
-        kinds = self._rows.arrays["kind"].tolist()
-        texts = [OTHER_ENDS.get(kind) or str(self._label(i)) for i, kind in enumerate(kinds)]
+        arrays = self._rows.arrays
+        texts = [
+            OTHER_ENDS.get(kind) or label_in(arrays, place, KINDS[kind]).name
+            for place, kind in enumerate(arrays["kind"].tolist())
+        ]
         found = np.array(texts).reshape(self._shape)
         found.setflags(write=False)
         return found
@@ -260,7 +265,8 @@ class ParameterMap(Swept):
         """Draw the kinds of motion over the plane of the two parameters, and return the axes.
 
         The commonest labels have colours, of which neighbours differ in grey too, and their names
-        stand in their regions where there is room. Chaos is black, sticking is hatched.
+        stand in their regions where there is room. Chaos is black; sticking and quasi-periodic
+        motions are hatched.
 
         Parameters
         ----------

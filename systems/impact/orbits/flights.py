@@ -1,19 +1,17 @@
-"""The gap in the flights of an orbit."""
+"""The gap in the flights of an orbit, and other curves that ought to stay positive."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-
-if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.solution import Solution
 
 LEAST, MOST = 24, 4096
 """Cells of a flight."""
@@ -94,86 +92,64 @@ def _dips(times: Array, values: Array, inner: NDArray[np.intp]) -> tuple[NDArray
 
 
 @final
-class Flight:
-    """The gap of one stop from impact number `start` to the next, number `end`.
+class Curve:
+    """A number that a motion keeps positive for a while: the gap in a flight, a contact force.
 
     Parameters
     ----------
-    solution : Solution
-    start : int
-        Number of the impact.
-    side : int
-        Number of the stop.
+    values : callable
+        Of times (k,) from its begin, and a number of orders: it and its derivatives (orders, k).
+    lasts : float
+    sizes : (2,)
+        Sums of the absolute terms of it, and of its second derivative.
     """
 
-    def __init__(self, solution: Solution, start: int, side: int) -> None:
-        self.solution, self.start, self.side = solution, start, side
-        ahead = (solution.phases - solution.phases[start]) % solution.turn
-        ahead[start] = solution.turn
-        self.end = int(np.argmin(ahead))
-        self.lasts = float(ahead[self.end]) / solution.terms.frequency
-        t, state = solution.terms, abs(solution.states[start])
-        turning = abs(t.drive) * t.frequency ** np.array([0.0, 1.0, 2.0, 6.0])
-        self._sizes = solution.motion.bounds(self.lasts) * state
-        total = self._sizes.sum(axis=(1, 2)) + turning
-        # Cells that resolve whatever is of some size.
-        count = 4.0 * self.lasts * math.sqrt(total[2] / total[0]) if total[0] > 0.0 else 0.0
-        self._cells = int(min(max(count, LEAST), MOST))
-        self._turning = float(turning[3])
-
-    def gap(self, times: Array, orders: int) -> Array:
-        """Gap and derivatives (orders, k) at times (k,) after the impact."""
-        s, t = self.solution, self.solution.terms
-        which = np.zeros(len(times), dtype=np.intp)
-        states = s.motion.mode.after(s.states[self.start][None], which, times)
-        free = s.motion.rows[:orders] @ states.reshape(len(times), -1).T
-        turn = t.drive * np.exp(1j * (s.phases[self.start] + t.frequency * times))
-        steady = np.stack([((1j * t.frequency) ** k * turn).imag for k in range(orders)])
-        steady[0] += t.rest - t.places[self.side]
-        return np.asarray(t.signs[self.side] * (free + steady))
+    def __init__(
+        self, values: Callable[[Array, int], Array], lasts: float, sizes: tuple[float, float]
+    ) -> None:
+        self.values, self.lasts, self._sizes = values, lasts, sizes
+        self.rounding = 64.0 * 2.0**-52 * sizes[0]
 
     @cached_property
-    def _nodes(self) -> tuple[Array, Array]:
-        """Times, and gap with its first two derivatives (3, k), at the ends of the cells."""
-        times = np.linspace(0.0, self.lasts, self._cells + 1)
-        return times, self.gap(times, 3)
+    def nodes(self) -> tuple[Array, Array]:
+        """Times, and it with two derivatives (3, k), at the ends of cells that resolve it."""
+        size, bend = self._sizes
+        count = 4.0 * self.lasts * math.sqrt(bend / size) if size > 0.0 else 0.0
+        times = np.linspace(0.0, self.lasts, int(min(max(count, LEAST), MOST)) + 1)
+        return times, self.values(times, 3)
 
     @cached_property
     def smallest(self) -> tuple[float, float]:
-        """Smallest of the minima of the gap inside, and its time; infinite where there is none."""
-        return smallest_minimum(self.gap, *self._nodes, self._rounding)
+        """Smallest of the minima inside, and its time; infinite where there is none."""
+        if self.lasts <= 0.0:
+            return math.inf, math.nan
+        return smallest_minimum(self.values, *self.nodes, self.rounding)
 
     @property
-    def _rounding(self) -> float:
-        return 64.0 * 2.0**-52 * float(self._sizes[0].sum() + abs(self.solution.terms.drive))
+    def seen(self) -> float:
+        """The smallest minimum; infinite where it is rounding, as in a flight of no length."""
+        value = self.smallest[0]
+        return value if abs(value) > self.rounding else math.inf
 
-    @property
-    def surely_closed(self) -> bool:
-        """Whether the gap is negative somewhere between the impacts, by more than rounding."""
-        return min(self.smallest[0], float(self._nodes[1][0, 1:-1].min())) < -self._rounding
 
-    @cached_property
-    def surely_open(self) -> bool:
-        """Whether the gap is proved to be positive between the impacts.
+@final
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """The gap of one stop between two impacts.
 
-        On each cell the quintic Hermite polynomial is wrong by at most h^6/46080 sup |f^(6)|, or by
-        2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|, term by term; its Bernstein coefficients have
-        to exceed this. At the ends it is wrong in third order only, where the gap is zero in first.
-        """
-        times, (gap, rate, bend) = self._nodes
-        h = float(times[1])
-        sizes = self._sizes
-        caps = 2.0 * sizes[0] + 0.4 * h * sizes[1] + 0.05 * h * h * sizes[2]
-        error = float(np.minimum(sizes[3] * h**6 / 46080.0, caps).sum())
-        error += self._turning * h**6 / 46080.0
-        error += self._rounding
-        left = np.stack([gap, gap + 0.2 * h * rate, gap + h * (0.4 * rate + 0.05 * h * bend)])
-        right = np.stack([gap, gap - 0.2 * h * rate, gap - h * (0.4 * rate - 0.05 * h * bend)])
-        left, right = left[:, :-1], right[:, 1:]
-        # The gap itself is zero at impacts with this stop.
-        own = self.solution.sides == self.side
-        if own[self.start]:
-            left[0, 0] = math.inf
-        if own[self.end]:
-            right[0, -1] = math.inf
-        return bool(min(left.min(), right.min()) > 1.1 * error)
+    Attributes
+    ----------
+    start, end : int
+        Numbers of the impacts; no start, -1, where it begins at a release.
+    side : int
+        Number of the stop.
+    begins : float
+        Phase of the start.
+    gap : Curve
+    """
+
+    start: int
+    end: int
+    side: int
+    begins: float
+    gap: Curve

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -27,8 +28,8 @@ from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
-    from dynkit.systems.impact.orbits.solution import Solution
-    from dynkit.systems.impact.sticking.passage import Passage
+    from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
+    from dynkit.systems.impact.orbits.passages.passage import Passage
 
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""
@@ -62,16 +63,23 @@ def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, b
     size = max(float(abs(first).max()), float(abs(here).max()) / abs(step))
     if float(abs(first - second).max()) <= _AGREEMENT * size:
         return np.asarray((far - here) / (2.0 * step)), True
-    h = _DIFFERENCE * max(abs(value), 1e-2)
-    try:
-        near, far = (numbers(value + k * h) - numbers(value - k * h) for k in (1.0, 2.0))
-        return np.asarray((8.0 * near - far) / (12.0 * h)), False
-    except NoSolution:
-        # At the end of what the system allows, from one side: towards zero.
-        h = float(np.copysign(h, step))
-        weights = (-25.0, 48.0, -36.0, 16.0, -3.0)
-        terms = [a * numbers(value + k * h) for k, a in enumerate(weights)]
-        return np.asarray(np.sum(terms, axis=0) / (12.0 * h)), False
+    return difference(numbers, value, _DIFFERENCE * max(abs(value), 1e-2)), False
+
+
+def difference(function: Callable[[float], Array], value: float, step: float) -> Array:
+    """Derivative from differences of fourth order, from one side at the end of what is allowed."""
+    with suppress(NoSolution):
+        near, far = (function(value + k * step) - function(value - k * step) for k in (1.0, 2.0))
+        return np.asarray((8.0 * near - far) / (12.0 * step))
+    weights = (-25.0, 48.0, -36.0, 16.0, -3.0)
+
+    def one_sided(h: float) -> Array:
+        terms = [a * function(value + k * h) for k, a in enumerate(weights)]
+        return np.asarray(np.sum(terms, axis=0) / (12.0 * h))
+
+    with suppress(NoSolution):
+        return one_sided(step)
+    return one_sided(-step)
 
 
 @final
@@ -256,7 +264,7 @@ def _chatter(passage: Passage) -> Array:
 
 
 def residual_change(
-    oscillator: DrivenStructure, solution: Solution, change: Array
+    oscillator: DrivenStructure, solution: ImpulseSolution, change: Array
 ) -> tuple[Array, Array]:
     """Derivatives (n,) of the gaps at the impacts of an orbit, and of r/(1 + r) J less their rates.
 

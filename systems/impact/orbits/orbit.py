@@ -3,140 +3,237 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
 import numpy as np
 
+from dynkit.core.reprs import Facts, told
 from dynkit.core.validation import Array, finite_array
-from dynkit.systems.impact.orbits.driven import NONE, DrivenOrbit
-from dynkit.systems.impact.orbits.solution import ROUNDING
-from dynkit.systems.impact.orbits.watching import section_states
+from dynkit.orbits.equations import KeptSolution
+from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.problem import ImpactProblem
-    from dynkit.systems.impact.orbits.solution import Solution
+    from matplotlib.axes import Axes
+
+    from dynkit.systems.impact.impact_map import ImpactMap
+
+NONE = np.empty(0)
+"""Values of the free parameters where there are none."""
+
+
+class OrbitEquations(Protocol):
+    """What an orbit asks of the equations that it solves."""
+
+    sticks: ClassVar[bool]
+    oscillator: ImpactMap
+    periods: int
+    itinerary: Any
+
+    def at(self, x: Array, p: Array) -> Solution:
+        """The motion that unknowns stand for."""
+
+    def free(self, *names: str) -> Any:
+        """The same equations with the named parameters free."""
+
+    def multipliers(self, x: Array, p: Array) -> Any:
+        """Floquet multipliers (2N,)."""
+
+    def admissible(self, x: Array, p: Array) -> bool:
+        """Whether the solution is a motion of the oscillator."""
+
+    def state_error(self, x: Array, p: Array, residual: float) -> float:
+        """Largest error of a section coordinate, where so large a residual is left."""
 
 
 @final
-class ImpactOrbit(DrivenOrbit):
-    """P(n,m): n impacts in m periods of the forcing.
+class ImpactOrbit(KeptSolution, PeriodicOrbit):
+    """P(n,m): n impacts in m periods of the forcing; P(inf,m): chatter, contact and release.
 
-    From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. Its unknowns are
-    phases and impulses, (2n,), and the modes that no spring holds; it is admissible when all
-    impulses push, and no impact is missing.
+    From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. The states of P(n,m)
+    are those just after its impacts, those of P(inf,m) at its releases, where the relative velocity
+    and the contact force are zero. The unknowns of P(n,m) are phases and impulses, (2n,), and the
+    modes that no spring holds; those of P(inf,m) are, from one release to the next, places at the
+    release, and the phases of the release and of the impacts before the chatter. It is admissible
+    when simulation from each state finds the next.
     """
 
-    _problem: ImpactProblem
+    _problem: OrbitEquations
+
+    def __repr__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        if not self.admissible:
+            kind = f"inadmissible, {kind}"
+        largest = abs(self.multipliers[0])
+        return f"<{self.label} of {told(self.system, 6)}: {kind}, multipliers up to {largest:.4g}>"
+
+    def _facts(self) -> Facts:
+        return {**super()._facts(), "period": self.period, "states": len(self.states)}
 
     @property
     def _solution(self) -> Solution:
         return self._problem.at(self._x, NONE)
 
     @property
-    def impacts(self) -> int:
-        """The number n of impacts."""
-        return len(self._problem.sides)
+    def system(self) -> ImpactMap:
+        return self._problem.oscillator
+
+    @property
+    def sticks(self) -> bool:
+        """Whether it chatters, sticks and is released: P(inf,m)."""
+        return self._problem.sticks
+
+    @property
+    def impacts(self) -> Any:
+        """The number n of impacts, an int; infinite for P(inf,m)."""
+        return np.inf if self.sticks else len(self._problem.itinerary)
 
     @property
     def label(self) -> str:
-        """``P(n,m)``."""
+        """``P(n,m)`` or ``P(inf,m)``."""
         return f"P({self.impacts},{self.periods})"
 
     @property
+    def periods(self) -> int:
+        """The number m of periods of the forcing."""
+        return self._problem.periods
+
+    @property
+    def period(self) -> float:
+        """Time until it repeats."""
+        return self.periods * TWO_PI / self.system.frequency
+
+    # --- its states -------------------------------------------------------------------------------
+
+    @property
     def phases(self) -> Array:
-        """Phases (n,) of the forcing at the impacts, ascending, not wrapped."""
-        return self._x[: self.impacts]
-
-    @property
-    def impulses(self) -> Array:
-        """Changes (n,) of the relative velocity by the impacts; negative where they would pull."""
-        return self._x[self.impacts : 2 * self.impacts]
-
-    @property
-    def time(self) -> Array:
-        """Times (n,) of the impacts, from the first one."""
-        return np.asarray((self.phases - self.phases[0]) / self.system.frequency)
-
-    @property
-    def _impact_times(self) -> Array:
-        return np.append(self.time, self.period)
+        """Phases (k,) of the forcing at its states, ascending, not wrapped."""
+        return self._solution.phases
 
     @cached_property
     def states(self) -> Array:
-        """Section coordinates (n, 2N) just after the impacts: see `ImpactOscillator`."""
-        states = section_states(self.system, self._solution)
+        """Section coordinates (k, 2N): see `ImpactOscillator`."""
+        states = self._solution.section_states
         states.setflags(write=False)
         return states
+
+    @cached_property
+    def error(self) -> float:
+        """Estimate of the largest error of a section coordinate of its states.
+
+        Of P(n,m) a bound to first order in the rounding: the sum over the inverse derivative of
+        what rounding and the last residual leave in the equations, and the rounding of the states
+        themselves. Of P(inf,m) rounding is what the equations change by, beyond their derivative,
+        when the unknowns are changed in the last digits; chatters that were cut count, too.
+        Infinite where the derivative is singular.
+        """
+        return self._problem.state_error(self._x, NONE, self.residual)
+
+    @cached_property
+    def multipliers(self) -> Any:
+        """Floquet multipliers, (2N,) complex, the largest modulus first.
+
+        Those of the impact map, or of the flow over the whole period: they are the same. Two of
+        P(inf,m) are zero, as contact forgets the gap and its rate; the others are those of the map
+        from one release to the same one a period later, wrong by rounding relative to the largest.
+        """
+        found = self._problem.multipliers(self._x, NONE)
+        found.setflags(write=False)
+        return found
+
+    @cached_property
+    def admissible(self) -> bool:
+        """Whether simulation from each of its states finds the next in place."""
+        return self._problem.admissible(self._x, NONE)
+
+    # --- its impacts and contacts -----------------------------------------------------------------
+
+    @property
+    def impulses(self) -> Array:
+        """Changes (n,) of the relative velocity by the impacts; negative where they would pull.
+
+        Of P(inf,m) those before the chatters, like `time` and `relative_velocity`: they are as many
+        along a whole branch. See `bounces` for all.
+        """
+        return self._solution.impulses
+
+    @property
+    def time(self) -> Array:
+        """Times (n,) of the impacts, from the first of its states on."""
+        solution = self._solution
+        return np.asarray((solution.impact_phases - solution.phases[0]) / self.system.frequency)
 
     @property
     def relative_velocity(self) -> Array:
         """Rate (n,) of the gap just after the impacts; negative on the far side of a play."""
-        return self.states[:, -2]
+        return self._solution.relative_velocity
 
     @cached_property
-    def error(self) -> float:
-        """Bound of the largest error of a section coordinate, to first order in the rounding.
+    def bounces(self) -> Array:
+        """Time from the first state, phase in [0, 2 pi), relative velocity after each impact.
 
-        The sum over the inverse derivative of what rounding and the last residual leave in the
-        equations, and the rounding of the states themselves. Infinite where the derivative is
-        singular.
+        (l, 3), chatter down to the cut included; how many there are depends on the cut.
         """
-        s, problem = self._solution, self._problem
-        left = problem.rounding(self._x, NONE) + self.residual
-        try:
-            moved = abs(np.linalg.inv(problem.linearization(self._x, NONE))) @ left
-        except np.linalg.LinAlgError:
-            return float("inf")
-        moved *= problem.scale(self._x)
-        return self._error_of_states(moved) + float(s.rounded.max())
+        phases, speeds = self._solution.bounces
+        time = (phases - self.phases[0]) / self.system.frequency
+        impacts = np.stack([time, phases % TWO_PI, speeds], axis=1)
+        impacts.setflags(write=False)
+        return impacts
 
-    def _error_of_states(self, moved: Array) -> float:
-        """Largest change of a section coordinate by changes (2n,) of the unknowns."""
-        n = self.impacts
-        worst = ROUNDING * float(abs(self.states).max()) + float(moved[:n].max())
-        x = self._x
-        scale = self._problem.scale(x)
-        for k in np.flatnonzero(moved):
-            h = 1e-6 * scale[k]
-            there = x.copy()
-            there[k] += h
-            states = section_states(self.system, self._problem.at(there, NONE))
-            gap = self.system.difference(states, self.states)
-            worst += float(abs(gap).max() / h * moved[k])
-        return worst
+    @cached_property
+    def contacts(self) -> Array:
+        """Times (k, 2) at which contact begins, before each release, and of the next release.
 
-    def problem(self, *names: str) -> ImpactProblem:
-        problem: ImpactProblem = super().problem(*names)
-        return problem
+        They count from the first release. Contact begins where the rest of the chatter is replaced.
+        P(n,m) has none, (0, 2).
+        """
+        since = self._solution.contact_phases - self.phases[0]
+        times = np.asarray(since / self.system.frequency)
+        times.setflags(write=False)
+        return times
+
+    @property
+    def chatter_error(self) -> float:
+        """Largest change of a position or velocity that replacing the rest of a chatter makes."""
+        return self._solution.chatter_error
 
     def observable(self, name: str) -> Array:
         """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,)."""
         if name == "phase":
-            return self.states[:, -1]
+            return np.asarray(self._solution.impact_phases % TWO_PI)
         if name in ("relative_velocity", "time"):
             return np.asarray(getattr(self, name))
         raise ValueError(f"name must be relative_velocity, phase or time; got {name!r}")
 
     def sample(self, times: object) -> tuple[Array, Array]:
-        """Positions and velocities at given times, from just after the first impact.
+        """Positions and velocities at given times, from the first of its states.
 
         Parameters
         ----------
-        times : (k,) array_like
+        times : (j,) array_like
             Of any size and sign: the motion repeats itself.
 
         Returns
         -------
-        position, velocity : (k, N) arrays
+        position, velocity : (j, N) arrays
         """
-        s = self._solution
-        asked = finite_array("times", times, (None,)) % self.period
-        which = np.searchsorted(self.time, asked, side="right") - 1
-        states = s.motion.mode.after(s.states, which, asked - self.time[which])
-        q = states[..., s.motion.mode.layout.modes]
-        turn = np.exp(1j * (s.phases[0] + s.terms.frequency * asked))[:, None]
-        basis = self.system._structure.free
-        position = basis.positions(q) + (s.terms.shape * turn).imag + s.terms.still
-        velocity = basis.velocities(q) + s.terms.frequency * (s.terms.shape * turn).real
-        velocity += s.motion.mode.forced.drift
-        return position, velocity
+        return self._solution.sample(finite_array("times", times, (None,)) % self.period)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw one period of the contact coordinate, the stops dashed, the impacts as dots.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        from dynkit.systems.impact.drawing import draw
+
+        begin, ends = float(self.phases[0]), [] if self.sticks else [self.period]
+        impacts = np.append(self.bounces[:, 0], ends)
+        return draw(ax, self.system, self.sample, begin, self.period, impacts)

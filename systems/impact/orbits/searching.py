@@ -15,9 +15,10 @@ from dynkit.core.validation import Array, positive_integer
 from dynkit.labels.recurrence import Recurrences
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.search import OrbitSearch
-from dynkit.systems.impact.orbits.finding import (
+from dynkit.systems.impact.orbits.finding import Found
+from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
+from dynkit.systems.impact.orbits.impulses.guesses import (
     STARTS,
-    Found,
     ascend,
     make_problem,
     one_impact,
@@ -25,10 +26,9 @@ from dynkit.systems.impact.orbits.finding import (
     solvable,
     with_impulses,
 )
+from dynkit.systems.impact.orbits.impulses.responses import forced_motion
+from dynkit.systems.impact.orbits.impulses.terms import Terms
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.problem import ImpactProblem
-from dynkit.systems.impact.orbits.responses import forced_motion
-from dynkit.systems.impact.orbits.terms import Terms
 from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def _add_returns(found: Found, record: ImpactRecord, impacts: int, periods: int)
 
 def _near(
     record: ImpactRecord, place: int, impacts: int, periods: int
-) -> tuple[ImpactProblem, Array] | None:
+) -> tuple[ImpulseEquations, Array] | None:
     """Return equations and unknowns of P(n,m) for some impacts; None where they take longer."""
     part = slice(place, place + impacts)
     phases = record.phase[place] + record.system.frequency * (

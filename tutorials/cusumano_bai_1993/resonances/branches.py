@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dynkit import continue_orbit
-from dynkit.systems import ImpactAttractor, ImpactChain, StickingOrbit
+from dynkit.systems import ImpactAttractor, ImpactChain, ImpactOrbit
 from tutorials.cusumano_bai_1993.arrays import Array
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Beside(NamedTuple):
     contacts: int
 
 
-def measures(orbit: StickingOrbit) -> Measures:
+def measures(orbit: ImpactOrbit) -> Measures:
     """Return what an orbit that sticks once in its period does, simulated from its release.
 
     At the end of a branch its chatter may not complete in simulation, and has no contact then.
@@ -69,7 +69,7 @@ def measures(orbit: StickingOrbit) -> Measures:
     return Measures(energy, first, begins - first, ends - begins)
 
 
-def energy_error(orbit: StickingOrbit) -> float:
+def energy_error(orbit: ImpactOrbit) -> float:
     """Return what the error of an orbit makes of the energy just after its impacts, at most.
 
     To first order, from the energies and their derivatives by positions and velocities.
@@ -96,12 +96,12 @@ class Ridge:
     branch: Branch
 
     @cached_property
-    def orbits(self) -> list[StickingOrbit]:
+    def orbits(self) -> list[ImpactOrbit]:
         """Those of the branch between those at its ends, from the lowest frequency on."""
         order = np.argsort(self.branch.parameter).tolist()
         low, high = (border.orbit for border in self.ends)
         inner = [self.branch.orbit(place) for place in order]
-        return [orbit for orbit in (low, *inner, high) if isinstance(orbit, StickingOrbit)]
+        return [orbit for orbit in (low, *inner, high) if orbit.sticks]
 
     @cached_property
     def measures(self) -> list[Measures]:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.systems import ImpactChain, ImpactState, StickingOrbit
+from dynkit.systems import ImpactChain, ImpactOrbit, ImpactState
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.arrays import Array
 from tutorials.cusumano_bai_1993.resonances.branches import Ridge
@@ -33,7 +33,7 @@ class Sought(NamedTuple):
 
     frequency: float
     periods: int
-    orbits: list[StickingOrbit]
+    orbits: list[ImpactOrbit]
 
 
 class Multipliers(NamedTuple):

@@ -11,9 +11,13 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.orbits.responses import FreeMotion, free_motion
-from dynkit.systems.impact.state import Motion, state_of
-from dynkit.systems.impact.sticking.holding import Holding
+from dynkit.systems.impact.mode import Mode
+from dynkit.systems.impact.motion import sample_run
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.impulses.responses import FreeMotion, free_motion
+from dynkit.systems.impact.orbits.passages.holding import Holding, seen, seen_change
+from dynkit.systems.impact.orbits.solution import SAME, follows
+from dynkit.systems.impact.state import TWO_PI, Motion, state_of
 from dynkit.systems.impact.tangents import chatter_carried
 from dynkit.systems.impact.trajectory import Trajectory
 from dynkit.systems.impact.transitions import by_time, closing, release, reset
@@ -76,15 +80,7 @@ class Scene:
 
     def gap(self, states: Array, side: int, order: int) -> Array:
         """Gaps (...) of free states (..., 2, slots), or a derivative of them in time."""
-        ladder = self.system._gaps[side]
-        row = ladder.rows[2 * order : 2 * order + 2]
-        value = (row * states[..., : row.shape[1]]).sum(axis=(-2, -1))
-        return np.asarray(value + ladder.offset if order == 0 else value)
-
-    def fly(self, state: Array, durations: Array) -> Array:
-        """Free states (k, 2, slots) at durations (k,) after one."""
-        which = np.zeros(len(durations), dtype=np.intp)
-        return self.system._free.after(state[None], which, durations)
+        return np.asarray(seen(self.system._gaps[side], states, order))
 
     def flat(self, states: Array) -> Array:
         """Modes (..., 2N) of free states (..., 2, slots), both rows in turn."""
@@ -132,7 +128,7 @@ class Passage:
         state = scene.holdings[word.start].released(self.start)
         self.states, self.before, self.rates = [state], [], []
         for side, lasts, phase in zip(word.sides, self.durations, phases[1:-1], strict=True):
-            state = scene.fly(state, np.array([lasts]))[0]
+            state = system._free.flown(state, np.array([lasts]))[0]
             self._turn(state, float(phase))
             rate = float(scene.gap(state, side, 1))
             self.before.append(state)
@@ -169,7 +165,7 @@ class Passage:
         if self.lasts < 0.0:
             raise NoSolution("the chatter must be complete before the release")
         self.caught = holding.caught(self.last)
-        self.end = holding.after(self.caught, np.array([self.lasts]))[0]
+        self.end = holding.mode.flown(self.caught, np.array([self.lasts]))[0]
         table = holding.mode.layout.table
         self.end[:, table] = math.sin(self.phases[-1]), math.cos(self.phases[-1])
 
@@ -296,5 +292,76 @@ class Passage:
     def release(self) -> tuple[float, Array, float]:
         """Contact force at the release, its derivative by the places, and by the phase."""
         holding = self.scene.holdings[self.word.start]
-        slope = holding.force_slope(holding.turned(float(self.phases[0])))
+        turned = holding.turned(float(self.phases[0]))
+        slope = float(seen_change(holding.contact.force, turned))
         return float(holding.force(self.start)), holding.force_row, slope
+
+    # --- the motion -------------------------------------------------------------------------------
+
+    @property
+    def rebounds(self) -> Array:
+        """Relative velocities (n,) after the impacts before the chatter."""
+        signs = np.where(np.array(self.word.sides) == 1, -1.0, 1.0)
+        return np.asarray(-signs * self.r * np.array(self.rates))
+
+    def gap(self, flight: int, side: int) -> Curve:
+        """The gap of a stop in the flight that ends at impact number `flight`."""
+        system = self.scene.system
+        lasts = float(self.durations[flight])
+        return _curve(system._free, system._gaps[side], self.states[flight], lasts)
+
+    @cached_property
+    def force(self) -> Curve:
+        """The contact force during contact."""
+        holding = self.scene.holdings[self.word.sides[-1]]
+        return _curve(holding.mode, holding.contact.force, self.caught, self.lasts)
+
+    @property
+    def force_rate(self) -> float:
+        """Rate of the contact force at the release."""
+        return float(self.scene.holdings[self.word.start].force(self.start, 1))
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether simulation from the release finds the same impacts, contact and next release."""
+        if not self.complete or any(rate >= 0.0 for rate in self.rates):
+            return False
+        system, word = self.scene.system, self.word
+        start = self.scene.holdings[word.start].release(self.places, float(self.phases[0]))
+        # Where the chatter is cut may change by a bounce.
+        run = system._run(start, len(word.sides) + self.run.impacts + 3, store=True)
+        times = (self.phases[1:] - self.phases[0]) / self.w
+        return follows(run, times[:-1], word.sides, SAME * TWO_PI / self.w, float(times[-1]))
+
+    def sample(self, since: Array) -> Array:
+        """Positions and velocities (2, k, N) at times (k,) after the release."""
+        free = self.scene.system._free
+        out = np.empty((2, len(since), self.scene.system.degrees_of_freedom))
+        events = (self.phases[:-1] - self.phases[0]) / self.w
+        contact = (self.contact_phase - self.phases[0]) / self.w
+        which = np.searchsorted(events, since, side="right") - 1
+        flying = which < len(events) - 1
+        held = since >= contact
+        starts, after = np.array(self.states), since - events[which]
+        out[:, flying] = free.motion(free.after(starts, which[flying], after[flying]))
+        chatter = ~flying & ~held
+        if chatter.any():
+            out[:, chatter] = sample_run(self.scene.system, self.run, after[chatter])
+        if held.any():
+            holding = self.scene.holdings[self.word.sides[-1]]
+            out[:, held] = holding.mode.motion(
+                holding.mode.flown(self.caught, since[held] - contact)
+            )
+        return out
+
+
+def _curve(mode: Mode, ladder: Any, start: Array, lasts: float) -> Curve:
+    """A gap or a force from a state (2, slots) on."""
+
+    def values(since: Array, orders: int) -> Array:
+        states = mode.flown(start, since)
+        return np.stack([seen(ladder, states, order) for order in range(orders)])
+
+    rows, size = ladder.rows, abs(start[:, : ladder.rows.shape[1]])
+    sums = [float((abs(rows[k : k + 2]) * size).sum()) for k in (0, 4)]
+    return Curve(values, lasts, (sums[0], sums[1]))

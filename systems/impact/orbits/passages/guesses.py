@@ -1,21 +1,17 @@
-"""Search for periodic orbits that stick."""
+"""Guesses of orbits P(inf,m): the courses of motions from one release to another."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, positive_integer
-from dynkit.orbits.newton import FixedParameters, correct, solve
+from dynkit.core.validation import Array
 from dynkit.systems.impact.motion import sample_run
+from dynkit.systems.impact.orbits.passages.equations import PassageEquations
+from dynkit.systems.impact.orbits.passages.passage import Scene, Word
 from dynkit.systems.impact.state import TWO_PI, ImpactState
-from dynkit.systems.impact.sticking.orbit import StickingOrbit
-from dynkit.systems.impact.sticking.passage import Scene, Word
-from dynkit.systems.impact.sticking.problem import StickingProblem
 from dynkit.systems.impact.trajectory import Indices, Trajectory
 
 if TYPE_CHECKING:
@@ -27,88 +23,48 @@ STARTS = 8
 RELEASES = 4
 """Releases of each of them from which an orbit is sought."""
 
-APART = 1e-6
-"""Two solutions that differ by less, scaled, are the same orbit."""
-
 _MOST = 4096
 """Impacts within which releases are sought."""
 
-_LEAST = 1e-9
-"""Impacts that are slower, beside the fastest, are rounding."""
 
-_NONE = np.empty(0)
+Course = tuple[PassageEquations, Array]
+"""Equations, and a guess of their unknowns."""
 
 
-def find_sticking(oscillator: ImpactMap, periods: object) -> list[StickingOrbit]:
-    """All orbits P(inf,m) that are found, the admissible ones first, then by their first phase.
+def courses(oscillator: ImpactMap, periods: int) -> Iterator[Course]:
+    """From the releases of some motions, always the same.
 
-    From the releases of some motions: what was at rest on the table, the motion from the default
-    start after 1000 impacts, and stuck structures in random motion, always the same.
+    What was at rest on the table, the motion from the default start after 1000 impacts, and stuck
+    structures in random motion.
 
     Raises
     ------
     ValueError
         When nothing drives the oscillator.
     """
-    m = positive_integer("periods", periods)
     if not oscillator._drive.turns:
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
-    began = time.perf_counter()
-    found: list[tuple[StickingProblem, Array, tuple[float, ...]]] = []
-    seen: list[Array] = []
-    for problem, guess in _guesses(oscillator, m):
-        result = correct(FixedParameters(problem, _NONE), guess, problem.scale(guess), steps=30)
-        if not result.converged:
-            continue
-        once, x = problem.shortest(result.y)
-        if once.periods < m or _touches(once, x):
-            continue
-        mark = once.canonical(x)
-        if any(len(mark) == len(other) and abs(mark - other).max() < APART for other in seen):
-            continue
-        seen.append(mark)
-        # Where the derivative is all but singular it is not solved for.
-        if StickingOrbit(once, x, result.history, Cost(0.0)).error < APART:
-            found.append((once, x, result.history))
-    cost = Cost(time.perf_counter() - began, {"orbits": len(found)})
-    orbits = [StickingOrbit(problem, x, history, cost) for problem, x, history in found]
-    return sorted(orbits, key=lambda orbit: (not orbit.admissible, float(orbit.phases[0])))
+    scene = Scene(oscillator)
+    for state in _starts(oscillator, scene):
+        for release in _releases(oscillator, state, RELEASES):
+            course = _course(scene, *release, periods)
+            if course is not None:
+                yield course
 
 
-def _touches(problem: StickingProblem, x: Array) -> bool:
-    """Whether an impact is none: without rebound any number of them follows any impact."""
-    rates = [abs(rate) for passage in problem.passages(x, _NONE) for rate in passage.rates]
-    return min(rates) < _LEAST * max(rates)
-
-
-def sticking_orbit_of(system: ImpactMap, state: ImpactState, periods: int) -> StickingOrbit:
-    """The orbit P(inf,m) near the motion from a state.
+def course_of(system: ImpactMap, state: ImpactState, periods: int) -> Course:
+    """From the first release of the motion from a state.
 
     Raises
     ------
-    NoConvergence
-        When the motion is too far from it.
     ValueError
         When it does not stick, or not a period later.
     """
-    began = time.perf_counter()
     for release in _releases(system, state, 1):
         course = _course(Scene(system), *release, periods)
         if course is not None:
-            x, history = solve(*course, _NONE)
-            cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
-            return StickingOrbit(*course[0].shortest(x), history, cost)
+            return course
     raise ValueError(f"motion must be released by the table, and {periods} periods later again")
-
-
-def _guesses(oscillator: ImpactMap, periods: int) -> Iterator[tuple[StickingProblem, Array]]:
-    """Problems and guesses of their unknowns."""
-    scene = Scene(oscillator)
-    for state in _starts(oscillator, scene):
-        for side, places, phase in _releases(oscillator, state, RELEASES):
-            course = _course(scene, side, places, phase, periods)
-            if course is not None:
-                yield course
 
 
 def _starts(oscillator: ImpactMap, scene: Scene) -> Iterator[ImpactState]:
@@ -157,9 +113,7 @@ def _places(oscillator: ImpactMap, run: Trajectory, times: Array) -> Array:
     return np.concatenate([x[:, others], v[:, others]], axis=1)
 
 
-def _course(
-    scene: Scene, side: int, places: Array, phase: float, periods: int
-) -> tuple[StickingProblem, Array] | None:
+def _course(scene: Scene, side: int, places: Array, phase: float, periods: int) -> Course | None:
     """Problem and unknowns of the motion from a release, if it is released m periods later."""
     system = scene.system
     period = TWO_PI / system.frequency
@@ -195,7 +149,7 @@ def _course(
     v = system._free.forced.velocities(q, sine, cosine)
     speed = max(float(abs(v).max()), system.amplitude * system.frequency)
     sizes = max(float(abs(x).max()), system.amplitude, speed / system.frequency), speed
-    return StickingProblem(system, (), periods, tuple(words), sizes), np.concatenate(parts)
+    return PassageEquations(system, (), periods, tuple(words), sizes), np.concatenate(parts)
 
 
 def _before_chatter(scene: Scene, states: Array, times: Array, sides: Indices) -> int:

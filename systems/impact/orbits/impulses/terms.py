@@ -14,7 +14,7 @@ from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
-    from dynkit.systems.impact.orbits.responses import FreeMotion
+    from dynkit.systems.impact.orbits.impulses.responses import FreeMotion
 
 EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
 """Parameters by which derivatives are in closed form."""

@@ -8,12 +8,12 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
-from dynkit.systems.impact.orbits.solution import LATE, ROUNDING
+from dynkit.systems.impact.orbits.impulses.solution import LATE, ROUNDING
 from dynkit.systems.impact.transitions import saltation
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.mode import Transitions
-    from dynkit.systems.impact.orbits.solution import Solution
+    from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
 
 LARGE = 50
 """From so many coordinates on, the multipliers are found without a matrix of all of them."""
@@ -24,7 +24,7 @@ FEW = 4
 _STEPS, _TOLERANCE, _AGREEMENT = 100, 1e-14, 1e-9
 
 
-def multipliers(solution: Solution) -> Any:
+def multipliers(solution: ImpulseSolution) -> Any:
     """Floquet multipliers (2N,), complex, the largest modulus first."""
     if not solution.impulses.all():
         # An impact that only grazes stretches without bound.
@@ -40,7 +40,7 @@ def multipliers(solution: Solution) -> Any:
     return product_eigenvalues(_jumped(flights.matrices(slots), slots, jumps))
 
 
-def factors(solution: Solution) -> tuple[Array, Array] | None:
+def factors(solution: ImpulseSolution) -> tuple[Array, Array] | None:
     """Matrices (n, 2N, 2N) from each impact to the next, and their rounding; see `Problem.factors`.
 
     None where an impact only grazes. Entries are rounded, and flights, of which they are functions,
@@ -71,7 +71,7 @@ def _jumped(matrices: Array, slots: Any, jumps: list[tuple[Array, Array]]) -> Ar
     return matrices
 
 
-def _passages(solution: Solution) -> tuple[Transitions, list[tuple[Array, Array]]]:
+def _passages(solution: ImpulseSolution) -> tuple[Transitions, list[tuple[Array, Array]]]:
     """Flights after each impact in turn, and what the next impact makes of their ends.
 
     An impact takes a disturbance of the free state times 1 + U V', both (2, slots, 2): see
@@ -97,7 +97,7 @@ def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | No
     The product is D + U V' with D of 2 by 2 blocks and U, V of rank 2n. The sum of the roots is
     compared with the trace.
     """
-    from dynkit.systems.impact.orbits.secular_kernels import simultaneous_roots
+    from dynkit.systems.impact.orbits.impulses.secular_kernels import simultaneous_roots
 
     count = len(flights.alone)
     blocks = np.broadcast_to(np.eye(2)[..., None], (2, 2, count))

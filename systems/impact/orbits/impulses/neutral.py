@@ -9,8 +9,8 @@ import numpy as np
 from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.responses import FreeMotion
-    from dynkit.systems.impact.orbits.solution import Solution
+    from dynkit.systems.impact.orbits.impulses.responses import FreeMotion
+    from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
 
 
 def sizes(motion: FreeMotion, period: float, speed: float) -> Array:
@@ -24,7 +24,7 @@ def sizes(motion: FreeMotion, period: float, speed: float) -> Array:
     return np.asarray(speed * np.where(found > 0.0, found, largest).ravel())
 
 
-def add_to_linearization(out: Any, s: Solution, multiplier: complex) -> None:
+def add_to_linearization(out: Any, s: ImpulseSolution, multiplier: complex) -> None:
     """Add them to the derivative D(multiplier), (2n + 2b, 2n + 2b), with no units."""
     n, w, motion = len(s.sides), s.terms.frequency, s.motion
     numbers, rate = motion.neutral_numbers, motion.mode.rate
@@ -45,7 +45,7 @@ def add_to_linearization(out: Any, s: Solution, multiplier: complex) -> None:
     out[2 * n :, 2 * n :] = numbers(s.over(one)).T - multiplier * one
 
 
-def by_frequency(s: Solution) -> Array:
+def by_frequency(s: ImpulseSolution) -> Array:
     """Derivative (2b,) of how those modes return, by the frequency at given phases."""
     lasts = np.append(s.period, s.period - s.since[:, 0])
     weights = np.append(1.0, s.signs * s.impulses) * lasts

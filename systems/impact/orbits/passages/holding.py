@@ -14,6 +14,18 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 
+def seen(ladder: Any, states: Array, order: int = 0) -> Any:
+    """A gap or a force, (...), in states (..., 2, slots), or a derivative of it in time."""
+    value = seen_change(ladder, states, order)
+    return value + ladder.offset if order == 0 else value
+
+
+def seen_change(ladder: Any, changes: Array, order: int = 0) -> Any:
+    """What changes of states make of it."""
+    row = ladder.rows[2 * order : 2 * order + 2]
+    return (row * changes[..., : row.shape[1]]).sum(axis=(-2, -1))
+
+
 @final
 class Holding:
     """What happens on one stop of an oscillator.
@@ -88,15 +100,7 @@ class Holding:
 
     def force(self, states: Array, order: int = 0) -> Any:
         """The contact force in states (..., 2, slots), or a derivative of it in time."""
-        ladder = self.contact.force
-        row = ladder.rows[2 * order : 2 * order + 2]
-        value = (row * states[..., : row.shape[1]]).sum(axis=(-2, -1))
-        return value + ladder.offset if order == 0 else value
-
-    def force_slope(self, change: Array) -> float:
-        """Change of the contact force by a change of the stuck state."""
-        row = self.contact.force.rows[:2]
-        return float((row * change[:, : row.shape[1]]).sum())
+        return seen(self.contact.force, states, order)
 
     # --- from and to free states (2, slots) -------------------------------------------------------
 
@@ -113,11 +117,6 @@ class Holding:
         q, _, _ = self.system._free.parts(self.released(self.state(z, phase)))
         turn = np.array([math.sin(phase), math.cos(phase)])
         return state_of(self.system, q, turn, 0.0, self.side, Motion.RELEASE)
-
-    def after(self, state: Array, durations: Array) -> Array:
-        """Stuck states (k, 2, slots) at durations (k,) after one."""
-        which = np.zeros(len(durations), dtype=np.intp)
-        return self.mode.after(state[None], which, durations)
 
 
 def _mapped(matrix: Array, state: Array) -> Array:

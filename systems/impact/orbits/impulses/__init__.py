@@ -1,0 +1,1 @@
+"""Equations of orbits P(n,m): phases and impulses, by periodic impulse responses."""

@@ -1,0 +1,1 @@
+"""Equations of orbits P(inf,m): passages from one release to the next."""

@@ -1,1 +1,0 @@
-"""Periodic orbits of impact oscillators that stick."""
