@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from threading import RLock
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.exponential.stacks import stacked
 from dynkit.systems.impact.contact import Contact
 from dynkit.systems.impact.elements import IMPACT, Element, EventKind
-from dynkit.systems.impact.mode import Mode, free_mode, sum_of
+from dynkit.systems.impact.mode import Mode, free_mode, sum_of, transformed
 from dynkit.systems.impact.structure import Drive, Structure
 
 
@@ -43,7 +43,7 @@ class Guard:
     sum: Any
     target: int = -1
     partner: int = -1
-    change: Array | None = None
+    change: Any = None
 
 
 @final
@@ -79,16 +79,29 @@ class Automaton:
         self.guards: list[Guard] = []
         self._contacts: dict[int, Contact] = {}
         self._number((0,) * len(self._elements))
-        self._acting = [guard for guard in self.guards if guard.watch.event != IMPACT]
 
     def mode(self, regimes: tuple[int, ...]) -> Mode:
         """The mode of some regimes, built where no motion has entered it."""
         return self.modes[self._number(regimes)]
 
+    def gap(self, regimes: tuple[int, ...], element: int) -> Any:
+        """The sum that the first guard of an element watches in a mode."""
+        mode = self._number(regimes)
+        return next(g.sum for g in self.guards if g.mode == mode and g.element == element)
+
     def held(self, element: int) -> Contact:
         """Contact with one element, the others in their first regime."""
         regimes = tuple(int(k == element) for k in range(len(self._elements)))
         return self._contacts[self._number(regimes)]
+
+    def freed(self, number: int, state: Array) -> tuple[Array, int | None]:
+        """A state (2, slots) of a mode as one of the first mode, and the element that held it."""
+        mode, contact, held = self.modes[number], self._contacts.get(number), None
+        states = state[None, :, : mode.layout.slots]
+        if contact is not None:
+            states, mode = transformed(contact.to_free, states), contact.free
+            held = self._elements.index(contact.stop)
+        return transformed(self.modes[0].seen_from(mode), states)[0], held
 
     def enter(self, number: int) -> None:
         """Build the mode that a guard leads to, where no motion has done so."""
@@ -100,14 +113,6 @@ class Automaton:
                     self._join(g)
                     self._tables = None
 
-    def check_start(self, state: Array) -> None:
-        """Refuse a free state (2, slots) from which an element that is no stop acts at once."""
-        for guard in self._acting:
-            row, element = guard.sum.rows[:2], self._elements[guard.element]
-            gap = float((row * state[:, : row.shape[1]]).sum()) + guard.sum.offset
-            if gap < 0.0:
-                raise Refused(f"a motion must not begin where {element!r} acts; got a gap of {gap}")
-
     @property
     def tables(self) -> Any:
         """What the kernels take."""
@@ -115,6 +120,14 @@ class Automaton:
             if self._tables is None:
                 self._tables = self._stacked()
             return self._tables
+
+    def rest_terms(self) -> Array:
+        """Of what each guard watches the sum of the absolute terms of its rest, (guards,)."""
+        own, s = self.modes[0].forced.rest_terms, self._structure
+        force = abs(s.stiffness[s.contact]) @ own
+        rows = [abs(element.row(s.size)) @ own for element in self._elements]
+        watched = [(g.watch, rows[g.element]) for g in self.guards]
+        return np.array([abs(w.gap) * gap if w.gap or w.rate else force for w, gap in watched])
 
     # --- building ---------------------------------------------------------------------------------
 
@@ -133,27 +146,27 @@ class Automaton:
     def _build(self, regimes: tuple[int, ...]) -> None:
         now = [e.regimes[k] for e, k in zip(self._elements, regimes, strict=True)]
         structure, drive = self._structure, self._drive
-        for element, regime in zip(self._elements, now, strict=True):
-            structure = structure.stiffened(element.coordinate, regime.stiffness, regime.damping)
+        rows = [element.row(structure.size) for element in self._elements]
+        for row, element, regime in zip(rows, self._elements, now, strict=True):
+            structure = structure.stiffened(row, regime.stiffness, regime.damping)
             drive = drive.pulled(element, regime)
-        watched = [element.coordinate for element in self._elements]
-        number, mode = len(self.modes), free_mode(structure, drive, watched)
-        holding = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
-        if holding and any(e.coordinate != holding[0].coordinate for e in self._elements):
-            raise NotImplementedError(
-                f"{holding[0]!r} must not hold a structure on which elements act elsewhere"
-            )
-        force = None
-        if holding:
-            self._contacts[number] = contact = Contact(drive, mode, holding[0])
-            mode, force = contact.mode, contact.force
+        number, mode = len(self.modes), free_mode(structure, drive, rows)
+        held = next(
+            (e for e, regime in zip(self._elements, now, strict=True) if regime.holds), None
+        )
+        moving = [e for e in self._elements if held is None or not e.goes_with(held)]
+        if held:
+            watched = [element.row(structure.size) for element in moving]
+            self._contacts[number] = contact = Contact(drive, mode, held, watched)
+            mode = contact.mode
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
-            if regime.holds or not holding:
-                for watch in regime.guards:
-                    found = force or sum_of(mode, drive, element, watch)
-                    self.guards.append(Guard(number, k, watch, found))
+            if element is held:
+                self.guards.append(Guard(number, k, regime.guards[0], contact.force))
+            elif element in moving:
+                own = [sum_of(mode, element, watch) for watch in regime.guards]
+                self.guards += map(Guard, repeat(number), repeat(k), regime.guards, own)
 
     def _join(self, guard: Guard) -> None:
         """Find what becomes of the state where a guard is zero."""

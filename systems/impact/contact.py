@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, final
 
@@ -16,17 +17,23 @@ from dynkit.systems.impact.structure import Drive
 
 @final
 class Contact:
-    """The stuck structure driven by the table: its contact force and the changes of basis."""
+    """The stuck structure driven by the table: its contact force and the changes of basis.
 
-    def __init__(self, drive: Drive, free: Mode, stop: Element) -> None:
+    Rows (N,) of coordinates that elements elsewhere watch are seen, too.
+    """
+
+    def __init__(
+        self, drive: Drive, free: Mode, stop: Element, watched: Sequence[Array] = ()
+    ) -> None:
         self._structure = s = free.structure
         self._drive = drive
-        self._free = free
-        self._stop = stop
+        self.free = free
+        self.stop = stop
+        self._watched = watched
         w, c, others = drive.frequency, s.contact, s.others
-        told = (s.stiffness + 1j * w * s.damping - w * w * s.mass)[others, c] * drive.amplitude
+        told = (s.stiffness + 1j * w * s.damping - w * w * s.mass)[others, c] * stop.phasor
         shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
-        shape[c], rest[c] = drive.amplitude, stop.offset
+        shape[c], rest[c] = stop.phasor, stop.offset
         load = Load(
             w,
             drive.harmonic[others] - told,
@@ -42,8 +49,9 @@ class Contact:
         s, c = self._structure, self._structure.contact
         seen = np.ones(0, dtype=bool)
         if s.stuck is not None:
-            pulls = (s.stiffness, s.damping, s.mass)
-            seen = visible(np.concatenate([s.stuck.position_row(m[c, s.others]) for m in pulls]))
+            pulls = [part[c] for part in (s.stiffness, s.damping, s.mass)]
+            rows = [s.stuck.position_row(row[s.others]) for row in (*pulls, *self._watched)]
+            seen = visible(np.concatenate(rows))
         return Mode(s, self.forced, self._drive, seen)
 
     @cached_property
@@ -61,21 +69,21 @@ class Contact:
             # Accelerations of what nothing holds.
             offset += row[0, mode.layout.constant]
             row[0, mode.layout.constant] = 0.0
-        return mode.sum(self._stop.sign * row, self._stop.sign * float(offset))
+        return mode.sum(self.stop.sign * row, self.stop.sign * float(offset))
 
     @cached_property
     def to_stuck(self) -> Array:
         """(2 stuck slots, 2 slots + 1) `change_of_basis`."""
         s = self._structure
-        x, v = self._free.driven()
+        x, v = self.free.driven()
         # The impacts left out take the relative velocity, and what it gives masses coupled by
         # inertia.
-        told = 1j * self._drive.frequency * self._drive.amplitude
+        told = 1j * self._drive.frequency * self.stop.phasor
         lost = v[:, s.contact] - (told.real, told.imag, 0.0)
         v -= np.outer(lost, s.kick_velocity)
-        return self.mode.change_of_basis(self._free, s.caught, x, v)
+        return self.mode.change_of_basis(self.free, s.caught, x, v)
 
     @cached_property
     def to_free(self) -> Array:
         """(2 slots, 2 stuck slots + 1) `change_of_basis`."""
-        return self._free.change_of_basis(self.mode, self._structure.released)
+        return self.free.change_of_basis(self.mode, self._structure.released)

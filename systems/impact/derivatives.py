@@ -21,47 +21,38 @@ if TYPE_CHECKING:
 def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2N, 2N) of the impact map in section coordinates.
 
-    The chain of: section coordinates to free ones; contact until the force vanishes, where there is
-    one; flight until the gap vanishes; the impact law. The rest of a chatter that is replaced by
-    contact forgets the relative velocity.
+    The chain of: section coordinates to free ones; each mode on the way until a guard vanishes, as
+    contact until the force does; the impact law. What is entered where the motion begins, is so
+    whenever it does; the rest of a chatter that is replaced by contact forgets the relative
+    velocity.
     """
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
-    structure, free = oscillator._structure, oscillator._free
-    side = run.final.element
-    gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
-    r = oscillator.restitution
-
-    y = free.states(state._coordinates, *state._turn)
-    began = 0.0
-    derivative = _lift(oscillator, state)
+    structure, free, automaton = oscillator._structure, oscillator._free, oscillator._automaton
+    side, r, began = run.final.element, oscillator.restitution, 0.0
+    y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
     time = np.zeros(derivative.shape[1])
-    if len(run.contacts):
-        contact = oscillator._automaton.held(state.element)
-        began = float(run.contacts[0, 1])
-        stuck = transformed(contact.to_stuck, y[None])
-        inner = _linear(contact.to_stuck) @ derivative
-        end, flow = _flow(contact.mode, stuck[0], began)
-        inner = flow @ inner
-        rate = contact.mode.rate(end).ravel()
-        row = _row(contact.force, 0)
-        later = -(row @ inner) / float(row @ rate)
-        inner += np.outer(rate, later)
-        time += later
-        # Time also moves the phase: it is part of the rate, through sine and cosine of the table.
-        derivative = _linear(contact.to_free) @ inner
-        y = transformed(contact.to_free, end[None])[0]
-    end, flow = _flow(free, y, float(run.time[0]) - began)
-    derivative = flow @ derivative
-    rate = free.rate(end).ravel()
-    speed = float(_row(gap, 2) @ end.ravel())
-    later = -(_row(gap, 0) @ derivative) / speed
-    derivative += np.outer(rate, later)
-    time += later
-    before = _row(gap, 2) @ derivative
-    kick = free.placed(sign * structure.kick[:2])
+    times = np.append(run.switches.time, run.time).tolist()
+    for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
+        guard, ends = automaton.guards[number], times[k]
+        mode = automaton.modes[guard.mode]
+        if ends > 0.0:
+            y, flow = _flow(mode, y, ends - began)
+            derivative, began = flow @ derivative, ends
+            rate, row = mode.rate(y).ravel(), _row(guard.sum, 0)
+            later = -(row @ derivative) / float(row @ rate)
+            # Time also moves the phase: it is part of the rate, through sine and cosine.
+            derivative += np.outer(rate, later)
+            time += later
+        if k < len(run.switches.guard):
+            derivative = guard.change[:, :-1] @ derivative
+            y = transformed(guard.change, y[None])[0]
+    before = _row(guard.sum, 2) @ derivative
+    kick = mode.placed(oscillator._stops[side].sign * mode.structure.kick[:2])
     derivative += reset(r, kick.ravel(), before)
+    if guard.mode:
+        derivative = free.seen_from(mode)[:, :-1] @ derivative
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
     position = free.forced.displacements(q, by_sine, by_cosine).T[structure.others]
@@ -84,7 +75,8 @@ def parameter_derivative(
 
     The structure stays as it is, and so do all propagators: the stop is elsewhere, or faster, where
     the flight begins and ends. None where this is not known in closed form: of parameters that
-    change more than themselves, of the frequency of harmonic forces, and where contact comes first.
+    change more than themselves, of the frequency of harmonic forces, and where another mode is
+    entered.
     """
     forced = bool(oscillator._drive.harmonic.any())
     if not changes_alone(oscillator, name) or (forced and name == "frequency"):
@@ -92,7 +84,7 @@ def parameter_derivative(
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
-    if len(run.contacts):
+    if len(run.switches.guard):
         return None
     structure, free, r = oscillator._structure, oscillator._free, oscillator.restitution
     side, time = run.final.element, float(run.time[0])
@@ -176,7 +168,3 @@ def _row(ladder: Any, order: int) -> Array:
     row = np.zeros((2, ladder.step.shape[2]))
     row[:, : ladder.rows.shape[1]] = ladder.rows[order : order + 2]
     return row.ravel()
-
-
-def _linear(matrix: Array) -> Array:
-    return matrix[:, :-1]

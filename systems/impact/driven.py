@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -108,20 +108,18 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _drive(self) -> Drive:
         n = self.degrees_of_freedom
-        return Drive(
-            self.frequency,
-            self.amplitude,
-            np.array(self.harmonic_forces or (0j,) * n),
-            np.array(self.constant_forces or (0.0,) * n),
-        )
+        harmonic = np.array(self.harmonic_forces or (0j,) * n)
+        constant = np.array(self.constant_forces or (0.0,) * n)
+        moved = any(element.phasor for element in self._elements)
+        return Drive(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
 
     @cached_property
     def _stops(self) -> tuple[HardStop, ...]:
         sign, c = 1 if self.side == "above" else -1, self.contact % self.degrees_of_freedom
-        near = HardStop(c, self.offset, sign)
+        near = HardStop(c, self.offset, sign, self.amplitude)
         if self.play == math.inf:
             return (near,)
-        return near, HardStop(c, self.offset + sign * self.play, -sign)
+        return near, replace(near, offset=self.offset + sign * self.play, sign=-sign)
 
     @property
     def _elements(self) -> tuple[Element, ...]:

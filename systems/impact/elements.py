@@ -5,7 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import final
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
 
 IMPACT, SWITCH = range(2)
 """What happens where a guard is zero: the law of impacts in the same regime, or another regime."""
@@ -61,20 +65,38 @@ class EventKind(IntEnum):
 
 
 class Element(ABC):
-    """What acts on one coordinate of a structure, and moves with the table.
+    """What acts along one row J of a structure's coordinates, and may move.
 
-    Its gap is g = sign (x - offset - amplitude sin(phase)).
+    Its gap is g = sign (J x - offset - Im(phasor exp(i phase))).
 
     Attributes
     ----------
-    coordinate : int
+    coordinate : int or (int, int) or (N,) tuple of float
+        Of J x: a coordinate x_j, a difference x_j - x_i of those named (i, j), or any row.
     offset : float
     sign : 1 or -1
+    phasor : complex
+        The amplitude of its motion; real where it is in phase with sin(phase).
     """
 
-    coordinate: int
+    coordinate: Any
     offset: float
     sign: int
+    phasor: complex
+
+    @final
+    def row(self, size: int) -> Array:
+        """The row J, (N,)."""
+        row, places = np.zeros(size), np.atleast_1d(self.coordinate)
+        if places.dtype != int:
+            return np.asarray(places, dtype=float)
+        row[places] = [1.0] if len(places) == 1 else [-1.0, 1.0]
+        return row
+
+    @final
+    def goes_with(self, other: Element) -> bool:
+        """Whether its gap stays as it is while another one holds what it holds."""
+        return bool(self.coordinate == other.coordinate and self.phasor == other.phasor)
 
     @property
     @abstractmethod
@@ -90,6 +112,7 @@ class HardStop(Element):
     coordinate: int
     offset: float
     sign: int
+    phasor: complex = 0j
 
     @property
     def regimes(self) -> tuple[Regime, ...]:

@@ -58,6 +58,7 @@ from dynkit.systems.impact.contact_kernels import (
 from dynkit.systems.impact.log_kernels import (
     BOUNCED,
     FLIGHT,
+    SWITCHED,
     Impacts,
     Switches,
     enter,
@@ -119,7 +120,7 @@ def _copy(states: Array, k: int, to: int) -> None:
 
 @kernel()
 def _jumped(tables: Tables, g: int, states: Array, band_factor: float) -> int:
-    """A guard that an impact at guard `g` has made negative, as a dashpot's force; -1 if none."""
+    """A guard that is negative at a start, or after an impact at guard `g`; -1 if none."""
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
         if tables.event[k] == SWITCH and is_negative(
@@ -199,9 +200,8 @@ def run(
             # Nothing drives it: then it may die out.
             if gap.steady < 0 and died_out(gap, y, START):
                 return done, DIED_OUT
-            if clock[MOTION] == FLIGHT:
-                order = 0
-            elif clock[MOTION] == BOUNCED:
+            before = clock[MOTION]
+            if before != SWITCHED:
                 changed = _jumped(tables, g, y, band_factor)
                 if changed >= 0:
                     if tables.partner[changed] < 0:
@@ -212,8 +212,11 @@ def run(
                     held = _guard_of(tables, tables.target[changed], tables.element[g])
                     enter(changed, held, order, clock, 0.0, y, switches)
                     clock[LEFT_FROM] = -1.0
-                    clock[MOTION] = BOUNCED
+                    clock[MOTION] = before
                     continue
+            if before == FLIGHT:
+                order = 0
+            elif before == BOUNCED:
                 u = clock[SPEED]
                 second, third, fourth, _ = start_sums(gap.rows, y, START)
                 r = tables.restitution[g]

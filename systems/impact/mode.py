@@ -127,9 +127,11 @@ class Mode:
         return out
 
     def seen_from(self, one: Mode) -> Array:
-        """The change of basis from another mode, in which nothing is held and nothing jumps."""
-        x, v = one.structure.free.units()
-        return self.change_of_basis(one, flat(self.structure.free.coordinates(x, v)))
+        """The change of basis from another mode, where the same is held and nothing jumps."""
+        if self.forced.basis is None or one.forced.basis is None:
+            return self.change_of_basis(one, np.zeros((0, 0)))
+        x, v = one.forced.basis.units()
+        return self.change_of_basis(one, flat(self.forced.basis.coordinates(x, v)))
 
     def sum(self, row: Array, offset: float) -> Any:
         """The exponential sum ``offset + row . y`` as the kernels take it."""
@@ -293,25 +295,26 @@ def visible(rows: Array) -> NDArray[np.bool_]:
     return np.asarray((share > HIDDEN * share.max(axis=1, keepdims=True, initial=0.0)).any(axis=0))
 
 
-def free_mode(structure: Structure, drive: Drive, watched: Sequence[int] = ()) -> Mode:
-    """Free flight, in which the contact coordinate is watched, and others."""
+def free_mode(structure: Structure, drive: Drive, watched: Sequence[Array] = ()) -> Mode:
+    """Free flight, in which the contact coordinate is watched, and rows (N,) of coordinates."""
     n = structure.size
     load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
     forced = Forced(structure.free, np.arange(n), load)
-    seen, places = structure.seen, frozenset({structure.contact, *watched})
-    if places not in seen:
-        rows = [structure.free.position_row(np.eye(n)[c]) for c in places]
-        seen[places] = visible(np.concatenate([*rows, structure.kick[:2]]))
-    return Mode(structure, forced, drive, seen[places])
+    rows = [np.eye(n)[structure.contact], *watched]
+    seen, key = structure.seen, frozenset(row.tobytes() for row in rows)
+    if key not in seen:
+        shares = [structure.free.position_row(row) for row in rows]
+        seen[key] = visible(np.concatenate([*shares, structure.kick[:2]]))
+    return Mode(structure, forced, drive, seen[key])
 
 
-def sum_of(mode: Mode, drive: Drive, element: Element, watch: Watch) -> Any:
+def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
     """What a guard watches of an element's gap, as an exponential sum."""
-    c, sign = element.coordinate, element.sign
-    row = mode.row(np.eye(len(mode.forced.rest))[c])
+    along, sign = element.row(len(mode.forced.rest)), element.sign
+    row = mode.row(along)
     if mode.layout.table >= 0:
-        row[0, mode.layout.table] -= drive.amplitude
-    total, offset = watch.gap * row, watch.gap * (mode.forced.rest[c] - element.offset)
+        row[:, mode.layout.table] -= element.phasor.real, element.phasor.imag
+    total, offset = watch.gap * row, watch.gap * (along @ mode.forced.rest - element.offset)
     if watch.rate:
         total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
     return mode.sum(sign * total, sign * offset)

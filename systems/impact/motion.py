@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements import EventKind
 from dynkit.systems.impact.trajectory import Events, Trajectory
 
 if TYPE_CHECKING:
@@ -34,11 +35,12 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
 
 
 def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
-    """Impacts, contacts and releases of a run."""
+    """Impacts, contacts, releases and other switches of a run; none that its start is in."""
     parts = run.segments
-    time = (parts.begin + parts.rest)[1:]
-    numbers = parts.kind[1:], parts.element[1:], parts.mode[1:]
-    return Events(time, *numbers, *sample_run(oscillator, run, time))
+    time = parts.begin + parts.rest
+    some = np.flatnonzero((time > 0.0) | (parts.kind != EventKind.SWITCH))[1:]
+    numbers = parts.kind[some], parts.element[some], parts.mode[some]
+    return Events(time[some], *numbers, *sample_run(oscillator, run, time[some]))
 
 
 def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:

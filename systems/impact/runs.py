@@ -10,8 +10,6 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.elements import SWITCH
-from dynkit.systems.impact.mode import transformed
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.systems.impact.trajectory import Ending, Impacts, Switches, Trajectory
 
@@ -20,6 +18,9 @@ if TYPE_CHECKING:
 
 MOST_CELLS = 1_000_000
 """Cells after which the search for the next event gives up, with an ending that says so."""
+
+MOST_SWITCHES = 1 << 16
+"""Switches without an impact after which it gives up, too."""
 
 _FEW = 32
 """Switches that there is room for at first."""
@@ -115,9 +116,7 @@ class Course:
         self._clock = clock
         self._waiting = np.zeros(5, dtype=np.int64), np.zeros(2)
         self._switches: Any = None
-        state = free.states(q, *turn)
-        oscillator._automaton.check_start(state)
-        self._prepare(kernels.START, state[None])
+        self._prepare(kernels.START, free.states(q, *turn)[None])
         if noise > 0.0:
             generator, slots = oscillator._gaps[0].generator, free.layout.modes
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
@@ -128,7 +127,8 @@ class Course:
         self._tables = self._oscillator._automaton.tables
         slots = self._tables.ladders.step.shape[3]
         if self._shifts is not None:
-            self._tables = _displaced(self._tables, self._oscillator, self._shifts)
+            terms = self._oscillator._automaton.rest_terms()
+            self._tables = _displaced(self._tables, terms, self._shifts)
         self._work = workspace(slots)
         self._work.states[first : first + len(states), :, : states.shape[2]] = states
         self._enlarge(slots)
@@ -144,6 +144,12 @@ class Course:
         self._switches = log_kernels.Switches(np.empty(rows), np.empty(rows), before, guard, states)
         for few, more in zip(old or (), self._switches, strict=False):
             more[tuple(map(slice, few.shape))] = few
+
+    def _hits_nothing(self) -> bool:
+        """Whether there were many switches since the last impact."""
+        clock_kernels, before = _kernels()[0], self._switches.before
+        count, impacts = self._clock[[clock_kernels.SWITCHES, clock_kernels.IMPACTS]].astype(int)
+        return bool(count > MOST_SWITCHES and before[count - MOST_SWITCHES] == impacts)
 
     def advance(self, count: int, *, store: bool) -> Impacts:
         """Simulate so many impacts more, or until there are no more, and return what is kept."""
@@ -178,6 +184,8 @@ class Course:
                 self._prepare(0, self._work.states)
             elif ending == kernels.SWITCHES_FULL:
                 self._enlarge(self._work.states.shape[2])
+                if self._hits_nothing():
+                    ending = kernels.SEARCH_LIMIT
         self.impacts, self.ending = self.impacts + done, _ENDINGS[ending]
         kept = Impacts(*log)
         return kept if done == rows else kept.part(0, done)
@@ -194,18 +202,20 @@ class Course:
         free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
         state, automaton = self._work.states[kernels.START], oscillator._automaton
         mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
+        speed, motion = clock[clock_kernels.SPEED], _MOTIONS[int(clock[clock_kernels.MOTION])]
         if mode:
-            one = automaton.modes[mode]
-            own = state[None, :, : one.layout.slots]
-            state = transformed(free.seen_from(one), own)[0]
+            state, held = automaton.freed(mode, state)
+            if held is not None:
+                speed, element, motion = 0.0, held, Motion.TABLE
+        if element >= len(oscillator._stops):
+            element, motion = 0, Motion.FLIGHT
         q, sine, cosine = free.parts(state[:, : free.layout.slots])
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
             turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
-        speed, motion = clock[clock_kernels.SPEED], int(clock[clock_kernels.MOTION])
         return Trajectory(
             self._start,
-            state_of(oscillator, q, turn, speed, element, _MOTIONS[motion]),
+            state_of(oscillator, q, turn, speed, element, motion),
             log,
             Switches(*(array[:k] for array in self._switches)),
             tuple(automaton.regimes),
@@ -220,20 +230,15 @@ class Course:
         )
 
 
-def _displaced(tables: Any, oscillator: DrivenStructure, parts: Array) -> Any:
-    """The same with gaps and forces (k, 2) changed by these parts of the terms of their rest.
+def _displaced(tables: Any, terms: Array, parts: Array) -> Any:
+    """The same with what guards watch, (k, 2), changed by these parts of the terms of their rest.
 
     Where the structure rests on the table, all but exactly, their differences are rounding.
     """
     from dynkit.exponential.stack_kernels import OFFSET
 
-    structure, free = oscillator._structure, oscillator._free.forced
-    if not free.rest_terms.any():
+    if not terms.any():
         return tables
-    c = structure.contact
-    gap_terms = float(free.rest_terms[c])
-    force_terms = float(abs(structure.stiffness[c]) @ free.rest_terms)
     numbers = tables.ladders.numbers.copy()
-    terms = np.where(tables.event == SWITCH, force_terms, gap_terms)
     numbers[:, OFFSET] += parts[tables.element, tables.event] * terms
     return tables._replace(ladders=tables.ladders._replace(numbers=numbers))

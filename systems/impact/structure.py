@@ -36,18 +36,17 @@ class Structure:
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
         self.others = np.delete(np.arange(self.size), contact)
-        self._stiffened: dict[tuple[int, float, float], Structure] = {}
-        self.seen: dict[frozenset[int], Any] = {}
+        self._stiffened: dict[tuple[bytes, float, float], Structure] = {}
+        self.seen: dict[frozenset[bytes], Any] = {}
 
-    def stiffened(self, coordinate: int, stiffness: float, damping: float) -> Structure:
-        """The same with a spring and a dashpot more at a coordinate; kept."""
+    def stiffened(self, row: Array, stiffness: float, damping: float) -> Structure:
+        """The same with a spring and a dashpot more along a row (N,) of coordinates; kept."""
         if stiffness == damping == 0.0:
             return self
-        key = coordinate, stiffness, damping
+        key = row.tobytes(), stiffness, damping
         if key not in self._stiffened:
-            c, k = self.damping.copy(), self.stiffness.copy()
-            c[coordinate, coordinate] += damping
-            k[coordinate, coordinate] += stiffness
+            along = np.outer(row, row)
+            c, k = self.damping + damping * along, self.stiffness + stiffness * along
             self._stiffened[key] = Structure(
                 Derivation.from_matrices(self.mass, c, k), self.contact
             )
@@ -150,27 +149,24 @@ def structure_of(given: LagrangianStructure, contact: int) -> Structure:
 @final
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What acts from outside: forces on all coordinates (N,), and the table, at one frequency.
+    """What acts from outside at one frequency, phase' = frequency: forces on all coordinates (N,).
 
-    The table is at amplitude sin(phase) + offset, phase' = frequency.
+    Attributes
+    ----------
+    turns : bool
+        Whether anything depends on the phase, these forces or motions of elements.
     """
 
     frequency: float
-    amplitude: float
     harmonic: Any
     constant: Array
-
-    @property
-    def turns(self) -> bool:
-        """Whether anything depends on the phase."""
-        return self.amplitude > 0.0 or bool(self.harmonic.any())
+    turns: bool
 
     def pulled(self, element: Element, regime: Regime) -> Drive:
         """The same with what an element, which moves, adds to the forces."""
-        k, c, place = regime.stiffness, regime.damping, element.coordinate
+        k, c, row = regime.stiffness, regime.damping, element.row(len(self.constant))
         if k == c == 0.0:
             return self
-        harmonic, constant = np.array(self.harmonic, dtype=complex), self.constant.copy()
-        harmonic[place] += self.amplitude * (k + 1j * self.frequency * c)
-        constant[place] += k * element.offset
-        return replace(self, harmonic=harmonic, constant=constant)
+        push = element.phasor * (k + 1j * self.frequency * c) * row
+        constant = self.constant + k * element.offset * row
+        return replace(self, harmonic=self.harmonic + push, constant=constant)

@@ -27,6 +27,7 @@ from dynkit.systems.impact.transitions import closing, release, saltation
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
+    from dynkit.systems.impact.impact_map import ImpactMap
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
 """Impacts that are worked on at a time, and numbers of their matrices."""
@@ -64,7 +65,7 @@ def stretching(oscillator: DrivenStructure, state: Array, n: int, accuracy: floa
     return Stretching(logs, errors, times, section_of(oscillator, final))
 
 
-def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
+def growth(oscillator: ImpactMap, start: ImpactState, n: int) -> Array:
     """Log growth (n,) of one disturbance over each of the next n impacts.
 
     It turns into the direction that grows fastest. Minus infinity where the motion ends.
@@ -73,6 +74,8 @@ def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
     frame = np.sqrt(np.arange(2.0, 2.0 + oscillator.dimension))[None]
     logs = np.empty((n, 1))
     try:
+        if oscillator._elements != oscillator._stops:
+            return oscillator.stretching(section_of(oscillator, start), n).logs[:, 0]
         _follow(oscillator, start, frame / np.linalg.norm(frame), logs, np.empty(n))
     except NoCrossing:
         return np.full(n, -np.inf)
@@ -219,27 +222,28 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
 
 def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
-    r, free = oscillator.restitution, oscillator._free
-    sides, speeds, states = run.sides[1:], run.speeds[1:], run.free_states
+    r, free, log, parts = oscillator.restitution, oscillator._free, run.log, run.segments
     kick = free.placed(oscillator._structure.kick[:2])
-    if r == 0.0:  # the states after impacts do not tell how fast they were
-        parts = run.segments
-        last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
-        ends = free.after(parts.of(free, last), np.arange(run.impacts), run.durations[0])
+    last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
-    for side, (gap, stop) in enumerate(zip(oscillator._gaps, oscillator._stops, strict=True)):
-        here = sides == side
-        rows = np.zeros((2, 2, free.layout.slots))
+    if r > 0.0:
+        rates = -log.speed / r
+    for number in np.unique(log.guard).tolist():
+        here = np.flatnonzero(log.guard == number)
+        (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
+        rows = np.zeros((2, 2, mode.layout.slots))
         rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
-        if r == 0.0:
-            rates[here], bends[here] = np.einsum("mij,kij->mk", rows, ends[here])
-        else:
-            rates[here] = -speeds[here] / r
-            turn = stop.sign * float((rows[1] * kick).sum())
-            for now in in_steps(run.impacts):
-                own = here[now]
-                bends[now][own] = np.einsum("ij,kij->k", rows[1], states[1:][now][own])
+        if r > 0.0 and flight == 0:  # else the states after impacts do not tell how fast they were
+            turn = oscillator._stops[element].sign * float((rows[1] * kick).sum())
+            for own in (here[now] for now in in_steps(len(here))):
+                bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
             bends[here] += (1.0 + r) * rates[here] * turn
+        else:
+            lasts, which = log.time[here] - parts.begin[last[here]], np.arange(len(here))
+            ends = mode.after(parts.of(mode, last[here]), which, lasts)
+            before, bends[here] = np.einsum("mij,kij->mk", rows, ends)
+            if r == 0.0:
+                rates[here] = before
     return rates, bends
 
 

@@ -305,6 +305,12 @@ class Trajectory:
             states,
         )
 
+    def gap(self, number: int) -> tuple[Any, Mode]:
+        """The gap that guard number `number` of this motion watches, and the mode of that."""
+        own, element = self.guards[number, :2].tolist()
+        automaton = self.start._system._automaton
+        return automaton.gap(self.regimes[own], element), automaton.mode(self.regimes[own])
+
     def modes(self, numbers: Indices) -> Iterator[tuple[Mode, Any]]:
         """The modes of some segments, and which of these are in each."""
         automaton = self.start._system._automaton

@@ -41,7 +41,9 @@ class FreeMotion:
     def __init__(self, structure: Structure, constant: Array | None = None) -> None:
         n = structure.size
         forces = np.zeros(n) if constant is None else constant
-        self.mode: Mode = free_mode(structure, Drive(1.0, 0.0, np.zeros(n, dtype=complex), forces))
+        self.mode: Mode = free_mode(
+            structure, Drive(1.0, np.zeros(n, dtype=complex), forces, turns=False)
+        )
         row = self.mode.row(np.eye(n)[structure.contact])
         self.rows = np.stack(
             [self.mode.pairs.derivative_rows(row, order).ravel() for order in range(4)]
