@@ -65,7 +65,7 @@ class ImpactModel:
         Raises
         ------
         Unsuited
-            When it is no impact oscillator, or has a second stop.
+            When it is no impact oscillator, or has a second stop or other elements.
         """
         system = exact.system
         for name in _NEEDED:
@@ -73,6 +73,8 @@ class ImpactModel:
                 raise Unsuited(f"not made for it: no impact oscillator, as it has no {name}")
         if system.play != math.inf:
             raise Unsuited("not made for it: a second stop")
+        if len(getattr(system, "elements", ())) > 1:
+            raise Unsuited("not made for it: other elements than the table")
         n, shared = len(exact.position), ("frequency", "restitution", "amplitude", "offset")
         return cls(
             mass=np.array(system.mass, dtype=np.float64),

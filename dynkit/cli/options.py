@@ -82,7 +82,7 @@ def options_of(owner: Callable[..., object], *names: str) -> tuple[Option, ...]:
     # a family of systems has a __new__ of its own, whose signature says nothing
     called: Any = vars(owner).get("__init__", owner)
     arguments, texts, found = inspect.signature(called).parameters, _texts(owner), []
-    for name in names or list(arguments)[1:]:
+    for name in names or [name for name in list(arguments)[1:] if name != "elements"]:
         default, kind = arguments[name].default, arguments[name].annotation
         shown = default not in (inspect.Parameter.empty, None, ()) and not isinstance(default, bool)
         words = texts.get(name, "") + (f" ({default})" if shown else "")

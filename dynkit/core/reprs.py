@@ -147,6 +147,8 @@ def _shortened(value: object, digits: int | None = None) -> str:
     text = repr(value.tolist() if isinstance(value, np.ndarray) else value)
     if len(text) <= _LONGEST:
         return text
+    if any(dataclasses.is_dataclass(item) for item in value):
+        return f"({', '.join(type(item).__name__ for item in value)})"
     return f"<{' x '.join(map(str, _shape(value)))} numbers>"
 
 

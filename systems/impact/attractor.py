@@ -274,8 +274,12 @@ class _ImpactOrbit:
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label
-        before, last = returned(self.system, self.record._run, impacts)
-        return with_multiplier(label, last[None], before[None], self.system.accuracy)
+        if self.system._elements != self.system._stops:
+            factors = [self.system.jacobian(s) for s in self.record.states[impacts[0] : impacts[2]]]
+            before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
+        else:
+            before, last = returned(self.system, self.record._run, impacts)[:, None]
+        return with_multiplier(label, last, before, self.system.accuracy)
 
     def _a_period_apart(self, label: OrbitLabel) -> list[int] | None:
         """Three impacts of the last window, a period apart; None where it has no such."""

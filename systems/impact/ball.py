@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from dynkit.core.validation import positive
+from dynkit.systems.impact.elements import Element
 from dynkit.systems.impact.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ class BouncingBall(ImpactOscillator):
     play: float = field(init=False, repr=False, default=math.inf)
     harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
     constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
+    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
     degrees_of_freedom = 1
 

@@ -37,7 +37,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
         guard, ends = automaton.guards[number], times[k]
         mode = automaton.modes[guard.mode]
-        if ends > 0.0:
+        if ends > began:  # else what happened just now brought it about
             y, flow = _flow(mode, y, ends - began)
             derivative, began = flow @ derivative, ends
             rate, row = mode.rate(y).ravel(), _row(guard.sum, 0)

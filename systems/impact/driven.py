@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -21,13 +21,25 @@ from dynkit.core.validation import (
     unmasked,
 )
 from dynkit.systems.impact.automaton import Automaton
-from dynkit.systems.impact.elements import Element, HardStop
+from dynkit.systems.impact.elements import Element, HardStop, checked_elements
 from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.structure import Drive, Structure, structure_of
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
+OF_TABLE = ("restitution", "amplitude", "offset", "side", "contact", "play")
+"""Parameters of the table: with elements, numbers of one of these."""
+
 _CACHES = frozenset(
-    {"_structure", "_drive", "_stops", "_free", "_gaps", "_automaton", "_default_start"}
+    {
+        "_structure",
+        "_drive",
+        "_stops",
+        "_elements",
+        "_free",
+        "_gaps",
+        "_automaton",
+        "_default_start",
+    }
 )
 
 
@@ -51,6 +63,7 @@ class DrivenStructure(LagrangianStructure):
     harmonic_forces: Any = ()  # kept as tuples
     constant_forces: Any = ()
     chatter_tolerance: float = 1e-16
+    elements: Any = ()  # kept as a tuple
 
     structure_independent: ClassVar[frozenset[str]] = _CACHES | {
         "frequency",
@@ -63,9 +76,12 @@ class DrivenStructure(LagrangianStructure):
         "harmonic_forces",
         "constant_forces",
         "chatter_tolerance",
+        "elements",
     }
 
     def __post_init__(self) -> None:
+        if self.elements != ():
+            self._compose()
         self._set("frequency", positive("frequency", self.frequency))
         self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
         self._set("amplitude", non_negative("amplitude", self.amplitude))
@@ -79,6 +95,26 @@ class DrivenStructure(LagrangianStructure):
         self._set("contact", index_in("contact", self.contact, -n, n - 1))
         for name, kind in (("harmonic_forces", complex), ("constant_forces", float)):
             self._set(name, _forces(name, getattr(self, name), n, kind))
+
+    def _compose(self) -> None:
+        """Take the table from the elements, which must hold one hard stop."""
+        elements = checked_elements(self.elements, self.degrees_of_freedom)
+        stops = [element for element in elements if isinstance(element, HardStop)]
+        if len(stops) != 1:
+            raise ValueError(f"elements must hold one HardStop; got {len(stops)} of them")
+        (stop,) = stops
+        if stop.phase or not isinstance(stop.coordinate, int):
+            raise ValueError(
+                f"elements must hold a HardStop in phase, of one coordinate; got {stop}"
+            )
+        own = {name: getattr(stop, name) for name in OF_TABLE[:-2]}
+        own.update(contact=stop.coordinate, play=math.inf)
+        for entry in (entry for entry in fields(self) if entry.name in own):
+            given, taken = getattr(self, entry.name), own[entry.name]
+            if given not in (entry.default, taken):
+                raise ValueError(f"{entry.name} must not be given beside elements; got {given!r}")
+            self._set(entry.name, taken)
+        self._set("elements", elements)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -116,14 +152,17 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _stops(self) -> tuple[HardStop, ...]:
         sign, c = 1 if self.side == "above" else -1, self.contact % self.degrees_of_freedom
-        near = HardStop(c, self.offset, sign, self.amplitude)
+        own = {name: getattr(self, name) for name in OF_TABLE[:-2]}
+        near = HardStop(c, **own)
         if self.play == math.inf:
             return (near,)
-        return near, replace(near, offset=self.offset + sign * self.play, sign=-sign)
+        facing = "below" if sign > 0 else "above"
+        return near, replace(near, offset=self.offset + sign * self.play, side=facing)
 
-    @property
+    @cached_property
     def _elements(self) -> tuple[Element, ...]:
-        return self._stops
+        """All that acts, the hard stops first."""
+        return *self._stops, *(e for e in self.elements if not isinstance(e, HardStop))
 
     @cached_property
     def _automaton(self) -> Automaton:

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import cmath
+import dataclasses
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import KW_ONLY, dataclass, replace
 from enum import IntEnum
+from numbers import Integral
 from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.validation import Array
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    in_interval,
+    index_in,
+    non_negative,
+    one_of,
+)
 
 IMPACT, SWITCH = range(2)
 """What happens where a guard is zero: the law of impacts in the same regime, or another regime."""
+
+RELEASED = 3
+"""Order of the gap after contact: it, its rate and its acceleration are zero."""
 
 
 @final
@@ -24,18 +39,19 @@ class Watch:
 
     Attributes
     ----------
-    event : IMPACT or SWITCH
     to : int
         The regime that follows; of an impact, where its chatter comes to an end.
     order : int
         How many leading Taylor coefficients of the guard of that regime vanish after a switch.
+    event : SWITCH or IMPACT
+        The latter is for hard stops.
     """
 
-    event: int
     to: int
     gap: float = 0.0
     rate: float = 0.0
     order: int = 0
+    event: int = SWITCH
 
 
 @final
@@ -64,25 +80,75 @@ class EventKind(IntEnum):
     SWITCH = 3
 
 
+@dataclass(frozen=True)
 class Element(ABC):
-    """What acts along one row J of a structure's coordinates, and may move.
+    """What acts along one row J of a structure's coordinates, and may move: a `HardStop`, for one.
 
-    Its gap is g = sign (J x - offset - Im(phasor exp(i phase))).
+    Its gap is J x - offset - amplitude sin(phase of the oscillator - phase), or minus that.
 
-    Attributes
+    Parameters
     ----------
-    coordinate : int or (int, int) or (N,) tuple of float
-        Of J x: a coordinate x_j, a difference x_j - x_i of those named (i, j), or any row.
+    coordinate : int or (int, int) or (N,) sequence of float
+        Of J x: a coordinate x_j, a difference x_j - x_i of two, given as (i, j), or any row.
     offset : float
-    sign : 1 or -1
-    phasor : complex
-        The amplitude of its motion; real where it is in phase with sin(phase).
+        Middle of its motion.
+    amplitude : float
+        Of its motion, not negative.
+    phase : float
+        By which its motion lags.
+    side : {"above", "below"}
+        On which side of it the gap is positive.
+    name : str
+        Its parameters are ``name.offset`` and so on; by default ``elements[k].offset``.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
     """
 
     coordinate: Any
-    offset: float
-    sign: int
-    phasor: complex
+    _: KW_ONLY
+    offset: float = 0.0
+    amplitude: float = 0.0
+    phase: float = 0.0
+    side: str = "above"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for name, check in (
+            ("offset", finite_scalar),
+            ("amplitude", non_negative),
+            ("phase", finite_scalar),
+        ):
+            self._set(name, check(name, getattr(self, name)))
+        one_of("side", self.side, ("above", "below"))
+        if self.name and not str(self.name).isidentifier():
+            raise ValueError(f"name must be a name like 'table'; got {self.name!r}")
+        given = self.coordinate
+        if isinstance(given, tuple | list) and len(given) == 2 and all(map(_is_index, given)):
+            self._set("coordinate", (int(given[0]), int(given[1])))
+        elif not _is_index(given):
+            self._set("coordinate", tuple(finite_array("coordinate", given, (None,)).tolist()))
+
+    @final
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    @property
+    def sign(self) -> int:
+        """1 above it, -1 below."""
+        return 1 if self.side == "above" else -1
+
+    @property
+    def phasor(self) -> complex:
+        """Complex amplitude of its motion: that is Im(phasor exp(i phase of the oscillator))."""
+        return self.amplitude * cmath.exp(-1j * self.phase) if self.phase else self.amplitude
+
+    @property
+    @abstractmethod
+    def regimes(self) -> tuple[Regime, ...]:
+        """What it does; in flight it is in the first one."""
 
     @final
     def row(self, size: int) -> Array:
@@ -98,27 +164,143 @@ class Element(ABC):
         """Whether its gap stays as it is while another one holds what it holds."""
         return bool(self.coordinate == other.coordinate and self.phasor == other.phasor)
 
-    @property
-    @abstractmethod
-    def regimes(self) -> tuple[Regime, ...]:
-        """What it does; motions begin in the first one."""
+    @final
+    def of(self, size: int, where: str) -> Element:
+        """The same with indices of coordinates in [0, N); ValueError where there is none."""
+        name, given = f"{where}.coordinate", self.coordinate
+        if isinstance(given, Integral):
+            return replace(self, coordinate=index_in(name, given, -size, size - 1) % size)
+        if len(given) == 2 and all(map(_is_index, given)):
+            pair = tuple(index_in(name, k, -size, size - 1) % size for k in given)
+            if pair[0] == pair[1]:
+                raise ValueError(f"{name} must be a pair of two coordinates; got {given}")
+            return replace(self, coordinate=pair)
+        if not finite_array(name, given, (size,)).any():
+            raise ValueError(f"{name} must be a row that is not zero; got {given}")
+        return self
 
 
 @final
 @dataclass(frozen=True)
 class HardStop(Element):
-    """A stop that is hit: open, or closed."""
+    """A stop that is hit: an impact turns the rate u of its gap into -restitution u.
 
-    coordinate: int
-    offset: float
-    sign: int
-    phasor: complex = 0j
+    Parameters
+    ----------
+    coordinate, offset, amplitude, phase, side, name
+        As for every `Element`; its gap is never negative.
+    restitution : float
+        Coefficient of restitution in [0, 1].
+    """
+
+    _: KW_ONLY
+    restitution: float = 0.85
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
         return _OPEN, _CLOSED
 
 
-_OPEN = Regime((Watch(IMPACT, to=1, gap=1.0),))
-# after a release the gap, its rate and its acceleration are zero
-_CLOSED = Regime((Watch(SWITCH, to=0, order=3),), holds=True)
+_OPEN = Regime((Watch(to=1, gap=1.0, event=IMPACT),))
+_CLOSED = Regime((Watch(to=0, order=RELEASED),), holds=True)
+
+
+@final
+@dataclass(frozen=True)
+class SoftStop(Element):
+    """A stop with a spring and a dashpot: where its gap g < 0 its force is max(0, -k g - c g').
+
+    It never pulls: where the dashpot would, what it stops has left it before the gap has closed.
+
+    Parameters
+    ----------
+    coordinate, offset, amplitude, phase, side, name
+        As for every `Element`.
+    stiffness, damping : float
+        k and c, not negative, and not both zero.
+
+    Examples
+    --------
+    Two masses whose first one runs into a cushion, the second one above a vibrating table:
+
+    >>> from dynkit.systems import HardStop, ImpactChain, SoftStop
+    >>> machine = ImpactChain(masses=2, frequency=0.9, elements=[
+    ...     HardStop(1, amplitude=0.1, restitution=0.85),
+    ...     SoftStop(0, offset=0.02, stiffness=50.0, damping=0.2),
+    ... ])
+    >>> machine.simulate(impacts=50).events
+    <Events: 50 impacts, 0 contacts, 0 releases, 283 other switches>
+    """
+
+    _: KW_ONLY
+    stiffness: float
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("stiffness", "damping"):
+            self._set(name, non_negative(name, getattr(self, name)))
+        if self.stiffness == self.damping == 0.0:
+            raise ValueError("stiffness must be positive where damping is 0; got 0.0")
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        k, c = self.stiffness, self.damping
+        if c == 0.0:
+            touched, left = (
+                Watch(to=1, gap=1.0, order=1),
+                Watch(to=0, gap=-k, order=1),
+            )
+            return Regime((touched,)), Regime((left,), stiffness=k)
+        touched, lifted = (
+            Watch(to=1, gap=1.0),
+            Watch(to=2, gap=-k, rate=-c, order=1),
+        )
+        pressed = Watch(to=1, gap=k, rate=c, order=1)
+        left = Watch(to=0, gap=-1.0, order=1)
+        pressing = Regime((lifted,), stiffness=k, damping=c)
+        return Regime((touched,)), pressing, Regime((pressed, left))
+
+
+def _is_index(given: object) -> bool:
+    return isinstance(given, Integral) and not isinstance(given, bool)
+
+
+def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
+    """Elements on a structure of N coordinates; ValueError for what is none."""
+    if isinstance(given, Element) or not isinstance(given, Iterable):
+        raise ValueError(f"elements must be a sequence of elements; got {given!r}")
+    elements = tuple(given)
+    for k, element in enumerate(elements):
+        if not isinstance(element, Element):
+            raise ValueError(f"elements[{k}] must be an element like HardStop; got {element!r}")
+    names = [element.name for element in elements if element.name]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"elements must have different names; got {name!r} twice")
+    return tuple(element.of(size, f"elements[{k}]") for k, element in enumerate(elements))
+
+
+def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
+    """The parameters of elements by their names."""
+    found = {}
+    for k, element in enumerate(elements):
+        for entry in dataclasses.fields(element):
+            value = getattr(element, entry.name)
+            if isinstance(value, float):
+                found[f"{element.name or f'elements[{k}]'}.{entry.name}"] = value
+    return found
+
+
+def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tuple[Element, ...]:
+    """The elements with other values of some of the parameters that `numbers_of` names."""
+    found = list(elements)
+    for k, element in enumerate(elements):
+        start = f"{element.name or f'elements[{k}]'}."
+        own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
+        found[k] = replace(element, **own)
+    return tuple(found)

@@ -18,7 +18,8 @@ from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
-from dynkit.systems.impact.driven import DrivenStructure
+from dynkit.systems.impact.driven import OF_TABLE, DrivenStructure
+from dynkit.systems.impact.elements import numbers_of, with_numbers
 from dynkit.systems.impact.runs import trajectory_of
 from dynkit.systems.impact.state import (
     ImpactState,
@@ -65,11 +66,9 @@ class ImpactMap(DrivenStructure, Map):
     @property
     def parameters(self) -> Mapping[str, float]:
         """The numbers that set this oscillator apart in its family, by name."""
-        return {
-            name: value
-            for name, value in super().parameters.items()
-            if name not in ("chatter_tolerance", "contact", "masses")
-        }
+        left_out = {"chatter_tolerance", "contact", "masses", *(OF_TABLE if self.elements else ())}
+        found = {k: value for k, value in super().parameters.items() if k not in left_out}
+        return found | numbers_of(self.elements)
 
     def replace(self, **parameters: Any) -> Self:
         """Return the same oscillator with some of its arguments changed.
@@ -79,17 +78,25 @@ class ImpactMap(DrivenStructure, Map):
         ValueError
             When a name is not an argument of this class, or a value is refused.
         """
-        known = self._arguments
+        known, of_elements = self._arguments, numbers_of(self.elements)
         for name in parameters:
-            if name not in known:
-                raise ValueError(f"parameter must be one of: {', '.join(known)}; got {name!r}")
+            if name not in known and name not in of_elements:
+                names = ", ".join([*known, *of_elements])
+                raise ValueError(f"parameter must be one of: {names}; got {name!r}")
+        numbers = {name: parameters.pop(name) for name in of_elements if name in parameters}
+        if numbers:
+            parameters["elements"] = with_numbers(self.elements, numbers)
+        if self.elements:
+            defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
+            parameters = defaults | parameters
         return dataclasses.replace(self, **parameters)
 
     @property
     def identity(self) -> Mapping[str, object]:
         """Everything that the motion depends on: arguments, and matrices of the energies."""
         names = (*self._arguments, "mass", "damping_matrix", "stiffness")
-        return {name: getattr(self, name) for name in names}
+        found = {name: getattr(self, name) for name in names}
+        return found | {"elements": tuple(map(repr, self.elements))}
 
     @property
     def _arguments(self) -> tuple[str, ...]:

@@ -83,6 +83,9 @@ Indices = NDArray[np.intp]
 IMPACT, SWITCH = range(2)
 """What happens where a guard is zero: the law of impacts in the same mode, or another mode."""
 
+RELEASED = 3
+"""Order of the gap after contact: it, its rate and its acceleration are zero."""
+
 PER_EVENT = 4
 """An event takes about as long as so many cells; where contact is tried, one more for each slot."""
 
@@ -119,13 +122,16 @@ def _copy(states: Array, k: int, to: int) -> None:
 
 
 @kernel()
-def _jumped(tables: Tables, g: int, states: Array, band_factor: float) -> int:
-    """A guard that is negative at a start, or after an impact at guard `g`; -1 if none."""
+def _jumped(tables: Tables, g: int, switched: bool, states: Array, band_factor: float) -> int:
+    """A guard that is negative at a start, or after an event at guard `g`; -1 if none.
+
+    Those of an element that has switched are zero but for rounding, or decided.
+    """
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
-        if tables.event[k] == SWITCH and is_negative(
-            ladder_at(tables.ladders, k), states, START, band_factor
-        ):
+        if tables.event[k] != SWITCH or (switched and tables.element[k] == tables.element[g]):
+            continue
+        if is_negative(ladder_at(tables.ladders, k), states, START, band_factor):
             return int(k)
     return -1
 
@@ -201,19 +207,24 @@ def run(
             if gap.steady < 0 and died_out(gap, y, START):
                 return done, DIED_OUT
             before = clock[MOTION]
-            if before != SWITCHED:
-                changed = _jumped(tables, g, y, band_factor)
-                if changed >= 0:
-                    if tables.partner[changed] < 0:
-                        clock[WANTED] = changed
-                        return done, MODE_WANTED
-                    transform(tables.change[changed], y, START, 0)
-                    _copy(y, 0, START)
-                    held = _guard_of(tables, tables.target[changed], tables.element[g])
-                    enter(changed, held, order, clock, 0.0, y, switches)
-                    clock[LEFT_FROM] = -1.0
-                    clock[MOTION] = before
-                    continue
+            changed = _jumped(tables, g, before == SWITCHED, y, band_factor)
+            if changed >= 0:
+                if tables.partner[changed] < 0:
+                    clock[WANTED] = changed
+                    return done, MODE_WANTED
+                transform(tables.change[changed], y, START, 0)
+                _copy(y, 0, START)
+                held = _guard_of(tables, tables.target[changed], tables.element[g])
+                torn = tables.order[changed] == RELEASED
+                if torn:
+                    held = tables.partner[changed]
+                enter(changed, held, order, clock, 0.0, y, switches)
+                clock[LEFT_FROM] = -1.0
+                clock[MOTION] = before
+                if torn:  # by a force that jumped: the gap has an acceleration at once
+                    clock[MOTION] = BOUNCED
+                    clock[SPEED] = 0.0
+                continue
             if before == FLIGHT:
                 order = 0
             elif before == BOUNCED:

@@ -65,6 +65,10 @@ class ImpactOscillator(ImpactMap):
         0 for never. That holds to leading order, and the place of the contact mass in the bounces
         left out changes by no more than a thousand times this. The changes made, as contact begins,
         are summed up in the record's ``chatter_error``.
+    elements : sequence of Element, optional
+        What acts in place of the table: one `HardStop`, and any number of `SoftStop`. Then
+        restitution, amplitude, offset, contact, side and play are not given, and the numbers of
+        elements are parameters, such as ``"elements[1].stiffness"``.
 
     Raises
     ------

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from dynkit.core.validation import finite_scalar, non_negative, positive
+from dynkit.systems.impact.elements import Element
 from dynkit.systems.impact.oscillator import ImpactOscillator
 from dynkit.systems.impact.state import ImpactState
 
@@ -72,6 +73,7 @@ class PlayOscillator(ImpactOscillator):
     side: str = field(init=False, repr=False, default="above")
     harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
     constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
+    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
     degrees_of_freedom = 1
 

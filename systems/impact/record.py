@@ -181,7 +181,7 @@ class ImpactRecord(Result):
 
     @cached_property
     def energy(self) -> Array:
-        """Kinetic plus elastic energy (n,) just after the impacts."""
+        """Kinetic plus elastic energy (n,) of the structure just after the impacts."""
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
         for low in range(0, len(self), size):
             now = slice(low, low + size)
@@ -289,8 +289,9 @@ class ImpactRecord(Result):
         Parameters
         ----------
         times : (k,) array_like
-            Times from the start, in any order, not beyond the last impact. When the simulation
-            ended by itself, up to millions of periods.
+            Times from the start, in any order, not beyond the last impact, or the last event where
+            no further impact was found. When the simulation ended by itself, up to millions of
+            periods.
 
         Returns
         -------
@@ -305,6 +306,8 @@ class ImpactRecord(Result):
         last = longest_sample(self.system, self._run)
         if self.ending in (Ending.COUNT_REACHED, Ending.SEARCH_LIMIT):
             last = float(self.time[-1]) if len(self) else 0.0
+        if self.ending is Ending.SEARCH_LIMIT:
+            last = max(last, float(self._run.switches.time[-1:].sum()))
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
         return sample_run(self.system, self._run, asked)

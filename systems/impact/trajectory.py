@@ -28,14 +28,14 @@ class Ending(Enum):
     COUNT_REACHED = "the number of impacts was reached"
     NO_FURTHER_CONTACT = "the mass cannot reach the table any more"
     CONTACT_FOR_EVER = "the mass stays on the table for ever"
-    SEARCH_LIMIT = "no further event was found within the search limit"
+    SEARCH_LIMIT = "no further impact was found within the search limit"
     DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Events:
-    """All events of a motion in their order: impacts, contacts and releases.
+    """All events of a motion in their order: impacts, contacts, releases, and other switches.
 
     They are as wrong as the impacts of their record.
 
@@ -47,7 +47,7 @@ class Events:
         0 for an impact, 1 for the begin of contact, 2 for its end, 3 for another regime of an
         element, as in ``systems.impact.elements.EventKind``.
     element : (k,) of int
-        With what: 0 is the table, 1 the far stop of a play.
+        With what: 0 is the table, 1 the far stop of a play; soft stops follow in their order.
     mode : (k,) of int
         In which mode the motion goes on: 0 is free flight.
     position, velocity : (k, N)

@@ -131,6 +131,7 @@ def test_help_fits_a_terminal_of_80_columns(
 
 def test_every_field_of_the_chain_is_an_option_with_a_help() -> None:
     fields = [field.name for field in dataclasses.fields(ImpactChain) if field.init]
+    fields.remove("elements")  # objects, not numbers
     texts = {option.name: option.help for option in simulate.OPTIONS}
     assert [name for name in fields if len(texts.get(name, "")) < 10] == []
 

@@ -38,6 +38,7 @@ from tests.testing.test_problems import rest
 SYSTEM = "a system: a call is as wrong as its `accuracy`, a motion as its record or attractor says"
 OPTION = "an option: what the user says"
 VALUE = "a value inside a result, whose error and cost it shares"
+ELEMENT = "what acts on a system, whose motions say it"
 EQUATIONS = "equations and what they are made of; their solutions are the results"
 STATE = "one state of a system, as wrong as its `accuracy`; to simulate from"
 
@@ -51,6 +52,11 @@ NO_RESULTS = {
     "Henon": SYSTEM,
     "HighBounce": SYSTEM,
     "ImpactChain": SYSTEM,
+    "Element": ELEMENT,
+    "HardStop": ELEMENT,
+    "SoftStop": ELEMENT,
+    "Regime": ELEMENT,
+    "Watch": ELEMENT,
     "ImpactMap": SYSTEM,
     "ImpactOscillator": SYSTEM,
     "IntegratedFlow": SYSTEM,

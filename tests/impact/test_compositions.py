@@ -1,0 +1,226 @@
+"""Oscillators composed of elements: what users type, and what they are refused."""
+
+import pickle
+from dataclasses import dataclass
+from math import atan, cos, exp, inf, nan, pi, sin, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dynkit
+from dynkit.analysis import POD, LyapunovSpectrum
+from dynkit.systems import (
+    BouncingBall,
+    Element,
+    HardStop,
+    ImpactChain,
+    MatrixOscillator,
+    Regime,
+    SingleImpactOscillator,
+    SoftStop,
+    Watch,
+)
+from dynkit.systems.impact.elements import EventKind
+from dynkit.systems.impact.trajectory import Ending
+
+TABLE = HardStop(-1, amplitude=0.1, restitution=0.6, name="table")
+CUSHION = SoftStop(0, offset=0.05, stiffness=7.0, damping=0.6)
+PAIR = ImpactChain(masses=2, frequency=0.9, elements=[TABLE, CUSHION])
+FAR = HardStop(0, offset=-1e3)
+
+
+def test_a_hard_stop_alone_is_the_default_table() -> None:
+    one = ImpactChain(masses=3, frequency=0.87, restitution=0.8, amplitude=0.2, offset=-0.1)
+    stop = HardStop(2, restitution=0.8, amplitude=0.2, offset=-0.1)
+    other = ImpactChain(masses=3, frequency=0.87, elements=[stop])
+    assert (other.simulate(impacts=50).states == one.simulate(impacts=50).states).all()
+    below = ImpactChain(masses=3, frequency=0.87, contact=1, side="below", offset=0.3)
+    stop = HardStop(1, amplitude=0.1, offset=0.3, side="below")
+    again = MatrixOscillator(
+        M=below.mass, C=below.damping_matrix, K=below.stiffness, frequency=0.87, elements=[stop]
+    )
+    states = below.simulate(impacts=50).states
+    assert again.simulate(impacts=50).states == pytest.approx(states, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("elements", "message"),
+    [
+        (TABLE, "elements must be a sequence of elements; got HardStop"),
+        (3, "elements must be a sequence"),
+        (["table"], r"elements\[0\] must be an element like HardStop; got 'table'"),
+        ([CUSHION], "elements must hold one HardStop; got 0"),
+        ([TABLE, HardStop(0)], "elements must hold one HardStop; got 2"),
+        ([HardStop((0, 1))], "must hold a HardStop in phase, of one coordinate"),
+        ([HardStop(1, phase=0.5)], "must hold a HardStop in phase, of one coordinate"),
+        ([HardStop(2)], r"elements\[0\].coordinate must .*; got 2"),
+        ([TABLE, SoftStop(-3, stiffness=1.0)], r"elements\[1\].coordinate must .*; got -3"),
+        ([TABLE, SoftStop((0, -2), stiffness=1.0)], "must be a pair of two coordinates"),
+        ([TABLE, SoftStop([1.0, 2.0, 0.5], stiffness=1.0)], r"\[1\].coordinate must .*shape"),
+        ([TABLE, SoftStop([0.0, 0.0], stiffness=1.0)], "must be a row that is not zero"),
+        ([TABLE, SoftStop(0, stiffness=1.0, name="table")], "different names; got 'table' twice"),
+    ],
+)
+def test_elements_that_are_none_are_refused(elements: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ImpactChain(masses=2, frequency=0.9, elements=elements)
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers", "message"),
+    [
+        (HardStop, {"restitution": 1.5}, "restitution must lie in"),
+        (HardStop, {"amplitude": -0.1}, "amplitude must"),
+        (HardStop, {"offset": nan}, "offset must"),
+        (HardStop, {"side": "left"}, "side must be one of"),
+        (HardStop, {"name": "my table"}, "name must be a name like"),
+        (SoftStop, {"stiffness": -1.0}, "stiffness must"),
+        (SoftStop, {"stiffness": inf}, "stiffness must"),
+        (SoftStop, {"stiffness": 0.0}, "stiffness must be positive where damping is 0"),
+        (SoftStop, {"stiffness": 1.0, "damping": nan}, "damping must"),
+        (SoftStop, {"stiffness": 1.0, "phase": inf}, "phase must"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(kind: Any, numbers: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        kind(0, **numbers)
+
+
+@pytest.mark.parametrize("coordinate", ["a", 1.5, True, None, [], (0, 0.5, nan)])
+def test_coordinates_that_are_none_are_refused(coordinate: Any) -> None:
+    with pytest.raises(ValueError, match=r"coordinate(\[2\])? must"):
+        ImpactChain(masses=2, frequency=0.9, elements=[TABLE, SoftStop(coordinate, stiffness=1.0)])
+
+
+@pytest.mark.parametrize("name", ["restitution", "amplitude", "offset", "contact", "play"])
+def test_numbers_of_the_table_are_those_of_its_element(name: str) -> None:
+    given: Any = {name: 0.2 if name != "contact" else 0}
+    with pytest.raises(ValueError, match=f"{name} must not be given beside elements"):
+        ImpactChain(masses=2, frequency=0.9, elements=[HardStop(1, offset=1.0)], **given)
+    with pytest.raises(ValueError, match="must"):
+        PAIR.replace(**{name: 3})
+
+
+def test_special_oscillators_have_their_own_stops() -> None:
+    for kind in (SingleImpactOscillator, BouncingBall):
+        called: Any = kind
+        with pytest.raises(TypeError, match="elements"):
+            called(frequency=1.0, elements=[HardStop(0)])
+
+
+def test_numbers_of_elements_are_parameters() -> None:
+    own = [f"elements[1].{n}" for n in ("offset", "amplitude", "phase", "stiffness", "damping")]
+    table = [f"table.{n}" for n in ("offset", "amplitude", "phase", "restitution")]
+    assert set(PAIR.parameters) == {"frequency", "damping", "springs", *own, *table}
+    other = PAIR.replace(
+        **{"table.restitution": 0.7, "elements[1].stiffness": 9.0, "frequency": 1.0}
+    )
+    assert (other.restitution, other.elements[1].stiffness, other.frequency) == (0.7, 9.0, 1.0)
+    alone = PAIR.replace(elements=[TABLE])
+    assert alone.elements == (HardStop(1, amplitude=0.1, restitution=0.6, name="table"),)
+    assert alone.restitution == 0.6
+    with pytest.raises(ValueError, match=r"parameter must be one of: .*elements\[1\].stiffness"):
+        PAIR.replace(**{"elements[1].force": 1.0})
+    with pytest.raises(ValueError, match="stiffness must"):
+        PAIR.replace(**{"elements[1].stiffness": -9.0})
+    assert pickle.loads(pickle.dumps(PAIR)) == PAIR
+
+
+def test_motions_are_measured_as_those_of_a_table() -> None:
+    attractor = PAIR.attractor(transient=300, impacts=60)
+    assert attractor.label.name.startswith("P(")
+    assert POD(attractor).rank(0.9) <= 2
+    exponents = LyapunovSpectrum(attractor, 200).exponents
+    assert exponents[0] < 0.0
+    n, product = attractor.label.iterates, np.eye(PAIR.dimension)
+    assert n is not None
+    for state in attractor.states[-1 - n : -1]:
+        product = PAIR.jacobian(state) @ product
+    largest = abs(np.linalg.eigvals(product)).max()
+    assert attractor.label.multiplier == pytest.approx(largest, rel=1e-6)
+
+
+def test_numbers_of_elements_are_swept_and_stored(tmp_path: Path) -> None:
+    store, name = tmp_path / "sweep.h5", "elements[1].stiffness"
+    kept: Any = {"transient": 200, "keep": 40}
+    values = [6.0, 7.0, 8.0]
+    swept = dynkit.sweep(PAIR, name, values, store=store, **kept)
+    again = dynkit.sweep(PAIR, name, values, store=store, **kept)
+    for k, value in enumerate(values):
+        alone = PAIR.replace(**{name: value}).attractor(**kept)
+        assert str(swept.labels[k]) == str(again.labels[k]) == str(alone.label)
+    with pytest.raises(ValueError, match=r"was made with elements.*got"):
+        dynkit.sweep(
+            PAIR.replace(**{"elements[1].offset": 0.01}), name, values, store=store, **kept
+        )
+
+
+def test_orbits_with_soft_stops_are_those_of_the_map() -> None:
+    attractor = PAIR.attractor(transient=300, impacts=60)
+    for call in (
+        attractor.periodic_orbit,
+        lambda: PAIR.find_orbits(impacts=1, periods=1),
+        lambda: PAIR.periodic_orbits(impacts=1, periods=1),
+    ):
+        with pytest.raises(NotImplementedError, match="hard stops alone; got SoftStop"):
+            call()
+    orbit = dynkit.periodic_orbit(PAIR, attractor.states[-1], period=attractor.label.iterates)
+    assert orbit.stable
+    assert abs(orbit.states - attractor.states[-len(orbit.states) :]).max() < 1e-6
+
+
+def test_a_bilinear_oscillator_has_the_period_of_two_halves() -> None:
+    one = ImpactChain(
+        masses=1, damping=0.0, frequency=1.0, elements=[FAR, SoftStop(0, stiffness=3.0)]
+    )
+    record = one.simulate(impacts=1, start=one.state([1.0]))
+    assert record.ending is Ending.SEARCH_LIMIT
+    events = record.events
+    assert (events.kind == EventKind.SWITCH).all()
+    assert (events.element == 1).all()
+    periods = np.diff(events.time[:2001:2])
+    assert abs(periods - (pi + pi / sqrt(4.0))).max() < 1e-11
+    x, v = record.sample(events.time[:1000])
+    assert abs(x).max() < 1e-11
+    assert abs(abs(v) - 1.0).max() < 1e-11
+
+
+def test_a_stiff_stop_with_a_dashpot_tends_to_a_hard_one() -> None:
+    """With c = 2 z sqrt(k) a unit mass leaves it where spring and dashpot no longer push."""
+    ratios, z = [], 0.2
+    for stiffness in (1e4, 1e6, 1e8, 1e12):
+        stop = SoftStop(0, stiffness=stiffness, damping=2.0 * z * sqrt(stiffness))
+        one = ImpactChain(masses=1, damping=0.0, frequency=1.0, elements=[FAR, stop])
+        record = one.simulate(impacts=1, start=one.state([1.0]))
+        modes = record.events.mode
+        assert modes[:3].tolist() == [1, 2, 0]
+        _, v = record.sample(record.events.time[:2])
+        ratios.append(-v[1, 0] / v[0, 0])
+    root = sqrt(1.0 - z * z)
+    t = (pi - atan(2.0 * z * root / (1.0 - 2.0 * z * z))) / root
+    limit = -exp(-z * t) * (cos(root * t) - z / root * sin(root * t))
+    errors = abs(np.array(ratios) - limit)
+    assert (errors[1:3] < 0.2 * errors[:2]).all()  # as the root of 1 / stiffness
+    assert errors[-1] < 1e-5
+
+
+@dataclass(frozen=True)
+class Spring(Element):
+    """What a user writes: a spring that is touched."""
+
+    stiffness: float = 7.0
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        touched = Watch(to=1, gap=1.0, order=1)
+        let_go = Watch(to=0, gap=-self.stiffness, order=1)
+        return Regime((touched,)), Regime((let_go,), stiffness=self.stiffness)
+
+
+def test_an_element_of_ones_own_is_one() -> None:
+    own = ImpactChain(masses=2, frequency=0.9, elements=[TABLE, Spring(0, 7.0, offset=0.05)])
+    soft = PAIR.replace(**{"elements[1].damping": 0.0})
+    assert (own.simulate(impacts=50).states == soft.simulate(impacts=50).states).all()
+    assert own.replace(**{"elements[1].stiffness": 8.0}).elements[1].stiffness == 8.0
