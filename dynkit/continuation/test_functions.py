@@ -56,7 +56,8 @@ def crossings(before: Point, after: Point, tests: tuple[TestFunction, ...]) -> t
     """Return what happens between two points of which everything is seen."""
     found = []
     for test in tests:
-        found += [Crossing(test.kind)] * test.count(before, after)
+        if count := test.count(before, after):
+            found += [Crossing(test.kind)] * count
     events = zip(before.seen.events, after.seen.events, strict=True)
     for i, (here, there) in enumerate(events):
         u, v = here.value, there.value

@@ -42,6 +42,7 @@ class Mode:
         self.structure = structure
         self.forced = forced
         self.layout, self.propagators = forced.arranged(~seen, turns=drive.turns)
+        self._known: dict[bytes, tuple[Any, Any, Array]] = {}
 
     @property
     def pairs(self) -> Pairs:
@@ -149,13 +150,18 @@ class Mode:
         """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""
         from dynkit.exponential.sampling_kernels import sample
 
-        ladder, slots = self.propagators.ladder, starts.shape[2]
-        out, starts = np.empty((len(durations), 2, slots)), np.ascontiguousarray(starts)
-        work, size = workspace(slots), cells_of_a_call(slots)
+        ladder, work = self.propagators.ladder, self._work
+        out, starts = np.empty((len(durations), *starts.shape[1:])), np.ascontiguousarray(starts)
+        size = cells_of_a_call(starts.shape[2])
         for begin in range(0, len(durations), size):
             now = slice(begin, begin + size)
             sample(ladder, starts, which[now], durations[now], work, out[now])
         return out
+
+    @cached_property
+    def _work(self) -> Any:
+        """Buffers of `after`: no other thread runs while a kernel does."""
+        return workspace(self.layout.slots)
 
     def flown(self, start: Array, durations: Array) -> Array:
         """States (m, 2, slots) at durations (m,) from one start, (2, slots)."""
@@ -164,35 +170,38 @@ class Mode:
     def rate(self, states: Array) -> Array:
         """Rates of change (..., 2, slots) of states."""
         ladder = self.propagators.ladder
-        g, y, z = ladder.generator, states[..., 0, :], states[..., 1, :]
-        out = np.stack([g[0] * y + g[1] * z, g[2] * y + g[3] * z], axis=-2)
+        g = ladder.generator
+        out: Array = g[0:4:2] * states[..., :1, :] + g[1:4:2] * states[..., 1:, :]
         for (t, s), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
             out[..., t] += states[..., s] @ b.reshape(2, 2).T
         return out
 
-    @cached_property
-    def _own_slots(self) -> tuple[Any, Any]:
-        return self._apart(self.layout.modes)
+    def _apart(self, slots: Any) -> tuple[Any, Any, Array]:
+        """Slots that nothing links, and those that something does, each ascending; unit states.
 
-    def _apart(self, slots: Any) -> tuple[Any, Any]:
-        """Slots that nothing links, and those that something does, each ascending."""
-        linked = np.intersect1d(self.propagators.links, slots)
-        return np.setdiff1d(slots, linked), linked
+        The latter, (2 + 2b, 2, slots), are those of all alone at once, and of each of b linked.
+        """
+        key = slots.tobytes()
+        if key not in self._known:
+            linked = np.intersect1d(self.propagators.links, slots)
+            alone = np.setdiff1d(slots, linked)
+            starts = np.zeros((2 + 2 * len(linked), 2, self.layout.slots))
+            starts[0, 0, alone] = starts[1, 1, alone] = 1.0
+            for i, slot in enumerate(linked.tolist()):
+                starts[2 + 2 * i, 0, slot] = starts[3 + 2 * i, 1, slot] = 1.0
+            self._known[key] = alone, linked, starts
+        return self._known[key]
 
     def transitions(self, durations: Array, among: Any = None) -> Transitions:
         """Transitions over the durations (k,) among some slots, the modes by default."""
-        alone, linked = self._own_slots if among is None else self._apart(among)
-        starts = np.zeros((2 + 2 * len(linked), 2, self.layout.slots))
-        starts[0, 0, alone] = starts[1, 1, alone] = 1.0
-        for i, slot in enumerate(linked.tolist()):
-            starts[2 + 2 * i, 0, slot] = starts[3 + 2 * i, 1, slot] = 1.0
+        alone, linked, starts = self._apart(self.layout.modes if among is None else among)
         count, k = len(starts), len(durations)
-        ends = self.after(starts, np.tile(np.arange(count), k), np.repeat(durations, count))
+        ends = self.after(starts, np.arange(k * count) % count, durations.repeat(count))
         ends = ends.reshape(k, count, 2, self.layout.slots)
         return Transitions(
             alone,
             linked,
-            ends[:, :2].transpose(0, 2, 1, 3)[..., alone],
+            ends[:, :2].transpose(0, 2, 1, 3),
             ends[:, 2:][..., linked].transpose(0, 2, 3, 1),
         )
 
@@ -205,8 +214,8 @@ class Transitions:
     ----------
     alone, linked : (a,), (b,)
         Slots of the pairs that nothing links, and of those that something does.
-    own : (k, 2, 2, a)
-        Transition matrices of the former.
+    own : (k, 2, 2, slots)
+        Transition matrices of the former; zero in other slots.
     joint : (k, 2, b, 2 b)
         Of the latter; columns are both numbers of a slot, one slot after the other.
     """
@@ -223,28 +232,14 @@ class Transitions:
         k, _, b, _ = self.joint.shape
         return self.joint.transpose(0, 2, 1, 3).reshape(k, 2 * b, 2 * b)
 
-    def apply(self, k: int, states: Array) -> Array:
-        """Images (..., 2, slots) of states after the duration number `k`."""
-        out = np.zeros_like(states)
-        out[..., self.alone] = np.einsum("ijs,...js->...is", self.own[k], states[..., self.alone])
-        if len(self.linked):
-            flat = np.swapaxes(states[..., self.linked], -1, -2)
-            shape = flat.shape
-            moved = flat.reshape(*shape[:-2], -1) @ self._dense[k].T
-            out[..., self.linked] = np.swapaxes(moved.reshape(shape), -1, -2)
-        return out
-
     def matrices(self, slots: Any) -> Array:
         """Transition matrices (k, 2 N, 2 N) of the states of some slots (N,), both rows in turn."""
         k, n = len(self.own), len(slots)
-        out = np.zeros((k, 2, n, 2, n))
-        place = np.searchsorted(slots, self.alone, sorter=np.argsort(slots))
-        at = np.argsort(slots)[place]
-        for i in range(2):
-            for j in range(2):
-                out[:, i, at, j, at] = self.own[:, i, j]
+        out, order, i = np.zeros((k, 2, n, 2, n)), np.argsort(slots), np.arange(2)[:, None]
+        at = order[np.searchsorted(slots, self.alone, sorter=order)]
+        out[:, i[:, None], at, i, at] = self.own[..., self.alone]
         if len(self.linked):
-            at = np.argsort(slots)[np.searchsorted(slots, self.linked, sorter=np.argsort(slots))]
+            at = order[np.searchsorted(slots, self.linked, sorter=order)]
             joint = self.joint.reshape(k, 2, len(at), len(at), 2)
             for j in range(2):
                 out[:, :, at[:, None], j, at[None, :]] = joint[..., j].transpose(0, 1, 2, 3)
@@ -256,7 +251,7 @@ class Transitions:
         It is large near a resonance without damping.
         """
         out = np.zeros(slots)
-        parts = [(self.alone, np.moveaxis(self.own[0], -1, 0))]
+        parts = [(self.alone, np.moveaxis(self.own[0][..., self.alone], -1, 0))]
         if len(self.linked):
             parts.append((self.linked, self._dense[:1]))
         for at, matrices in parts:
@@ -267,21 +262,21 @@ class Transitions:
     def periodic(self, state: Array, multiplier: complex = 1.0) -> Any:
         """Return z, (2, slots), with z = state + transition(z) / multiplier, over the first one.
 
-        The state just after a kick that is repeated after every period, multiplied each time.
+        The state just after a kick that is repeated after every period, multiplied each time; of
+        what has no transition that after one kick.
 
         Raises
         ------
         NoSolution
             When the multiplier is one of the free motion's own.
         """
-        own = self.own[0] / multiplier
-        a, b, c, d = 1.0 - own[0, 0], -own[0, 1], -own[1, 0], 1.0 - own[1, 1]
+        (a, b), (c, d) = self.own[0] / multiplier
+        a, d = 1.0 - a, 1.0 - d
         determinant = a * d - b * c
-        if (determinant == 0.0).any():
+        if not determinant.all():
             raise NoSolution("the free motion of the structure has that multiplier itself")
-        out = np.zeros(state.shape, dtype=np.result_type(state, own))
-        y, z = state[:, self.alone]
-        out[:, self.alone] = np.stack([d * y - b * z, a * z - c * y]) / determinant
+        y, z = state
+        out = np.array([d * y + b * z, a * z + c * y]) / determinant
         if len(self.linked):
             flat = state[:, self.linked].T.ravel()
             matrix = np.eye(flat.size) - self._dense[0] / multiplier

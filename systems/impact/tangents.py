@@ -192,7 +192,7 @@ def _flights(
         matrices[after] = matrices[after] @ dense[which[after]]
         dense, which = matrices, np.arange(len(durations))
     else:
-        blocks[..., np.argsort(slots)] = flown.own
+        blocks[...] = flown.own[..., slots]
     return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
 
 

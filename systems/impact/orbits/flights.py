@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from dynkit.core.validation import Array
 LEAST, MOST = 24, 4096
 """Cells of a flight."""
 
-_REFINEMENTS, _CONVERGED = 12, 1e-7
+_REFINEMENTS, _CONVERGED = 12, 1e-5
 
 
 def smallest_minimum(
@@ -33,33 +33,39 @@ def smallest_minimum(
     rounding : float
         What rounding leaves in values: where the rate is zero at first it makes dips of its own.
     """
-    gap = values[0]
-    inner = np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])) + 1
+    (gap, rate, bend), step = values, times[1] - times[0]
+    inner = ((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])).nonzero()[0] + 1
     cells, guesses = _dips(times, values, inner)
-    at = np.concatenate([times[inner], guesses])
+    # where the parabola through the rate, its slope and the slopes beside it is zero
+    r, b, curved = rate[inner], bend[inner], (bend[inner + 1] - bend[inner - 1]) / step
+    away = b + np.sqrt(np.maximum(b * b - curved * r, 0.0))
+    move = _clipped(-2.0 * r / np.where(b > 0.0, away, np.inf), -step, step)
+    at = np.concatenate([times[inner] + move, guesses])
     if not len(at):
         return math.inf, math.nan
-    low = np.concatenate([times[inner - 1], times[cells]])
-    high = np.concatenate([times[inner + 1], times[cells + 1]])
-    step = times[1] - times[0]
+    low = times[np.concatenate([inner - 1, cells])]
+    high = times[np.concatenate([inner + 1, cells + 1])]
     for _ in range(_REFINEMENTS):
-        _, rate, bend = curve(at, 3)
-        move = np.where(bend > 0.0, -rate / np.where(bend > 0.0, bend, 1.0), 0.0)
-        before = at
-        at = np.clip(at + np.clip(move, -step, step), low, high)
+        lowest, rate, bend = curve(at, 3)
+        move = _clipped(-rate / np.where(bend > 0.0, bend, np.inf), -step, step)
+        move = _clipped(at + move, low, high) - at
+        at, lowest = at + move, lowest + move * (rate + 0.5 * bend * move)
         # Newton's method: the next step would be the square of it.
-        if abs(at - before).max() <= _CONVERGED * step:
+        if abs(move).max() <= _CONVERGED * step:
             break
-    lowest, _, bend = curve(at, 3)
     # what was taken for a dip may be none
-    dips = slice(len(inner), None)
-    ends = np.stack([gap[cells], gap[cells + 1]])
-    apart = (abs(ends - lowest[dips]) > rounding).all(axis=0)
-    none = np.zeros(len(at), dtype=bool)
-    none[dips] = ~(apart & (bend > 0.0)[dips] & (low < at)[dips] & (at < high)[dips])
-    lowest[none] = math.inf
+    if len(cells):
+        dips = slice(len(inner), None)
+        ends = np.array([gap[cells], gap[cells + 1]])
+        apart = (abs(ends - lowest[dips]) > rounding).all(axis=0)
+        real = apart & (bend > 0.0)[dips] & (low < at)[dips] & (at < high)[dips]
+        lowest[dips][~real] = math.inf
     k = int(np.argmin(lowest))
     return (float(lowest[k]), float(at[k])) if lowest[k] < math.inf else (math.inf, math.nan)
+
+
+def _clipped(x: Array, low: Any, high: Any) -> Array:
+    return np.asarray(np.minimum(np.maximum(x, low), high))
 
 
 def _dips(times: Array, values: Array, inner: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
@@ -73,22 +79,22 @@ def _dips(times: Array, values: Array, inner: NDArray[np.intp]) -> tuple[NDArray
     h = times[1] - times[0]
     turned = (rate[:-1] < 0.0) & (rate[1:] > 0.0)
     turned[inner] = turned[inner - 1] = False
-    cells = np.flatnonzero(turned)
+    cells = turned.nonzero()[0]
     part = rate[cells] / (rate[cells] - rate[cells + 1])
-    found, guesses = [cells], [times[cells] + h * part]
-    for begin, bent, end, forwards in (
-        (rate[:-1], bend[:-1], rate[1:], True),
-        (-rate[1:], bend[1:], -rate[:-1], False),
-    ):
-        cells = np.flatnonzero((begin > 0.0) & (bent < 0.0) & (end > 0.0))
-        begin, bent, end = begin[cells], bent[cells] * h, end[cells]
-        curved = end - begin - bent
-        inside = (bent * bent > 4.0 * curved * begin) & (-bent < 2.0 * curved)
-        cells, begin, bent, curved = (x[inside] for x in (cells, begin, bent, curved))
+    guesses = times[cells] + h * part
+    # from the left end of each cell, and from the right one
+    begin, bent = np.array([rate[:-1], -rate[1:]]), np.array([bend[:-1], bend[1:]]) * h
+    end = -begin[::-1]
+    curved = end - begin - bent
+    twice = (bent * bent > 4.0 * curved * begin) & (-bent < 2.0 * curved)
+    places = (twice & (begin > 0.0) & (bent < 0.0) & (end > 0.0)).nonzero()
+    right, more = places
+    if len(more):
+        begin, bent, curved = begin[places], bent[places], curved[places]
         part = (-bent + np.sqrt(bent * bent - 4.0 * curved * begin)) / (2.0 * curved)
-        found.append(cells)
-        guesses.append(times[cells] + h * part if forwards else times[cells + 1] - h * part)
-    return np.concatenate(found), np.concatenate(guesses)
+        guesses = np.append(guesses, times[more + right] + (1 - 2 * right) * h * part)
+        cells = np.append(cells, more)
+    return cells, guesses
 
 
 @final
@@ -115,7 +121,9 @@ class Curve:
         """Times, and it with two derivatives (3, k), at the ends of cells that resolve it."""
         size, bend = self._sizes
         count = 4.0 * self.lasts * math.sqrt(bend / size) if size > 0.0 else 0.0
-        times = np.linspace(0.0, self.lasts, int(min(max(count, LEAST), MOST)) + 1)
+        cells = int(min(max(count, LEAST), MOST))
+        times: Array = np.arange(cells + 1.0) * (self.lasts / cells)
+        times[-1] = self.lasts
         return times, self.values(times, 3)
 
     @cached_property

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""
 
-_TERMS, _STEPS = 19, 16
-"""Terms of a series in steps of norm one, the next is 1e-17; and the most steps."""
+_REST, _STEPS = 1e-17, 16
+"""What counts of a series, in steps of norm one; and the most steps."""
 
 _AGREEMENT = 1e-12
 _DIFFERENCE = 1e-3
@@ -229,10 +229,10 @@ def passage_change(passage: Passage, change: Array) -> tuple[Array, float, Array
     """
     m, word, phases = Machine(passage.scene.system, change), passage.word, passage.phases
     z = m.released(passage.places, float(phases[0]), word.start)
-    force, gaps = m.force(word.start) @ z, []
+    force, gaps, norm = m.force(word.start) @ z, [], _norm(m.flow)
     durations = np.diff(phases[:-1]) / m.frequency
     for side, lasts in zip(word.sides, durations, strict=True):
-        z = _moved(m.flow, lasts, z)
+        z = _moved(m.flow, norm, lasts, z)
         gaps.append(m.gap(side) @ z)
         z = m.bounced(z, side, m.rate(z, side))
     side = word.sides[-1]
@@ -241,17 +241,18 @@ def passage_change(passage: Passage, change: Array) -> tuple[Array, float, Array
     row, late, times = m.gap(side), 0.0j, passage.run.time
     flights = np.diff(times, prepend=0.0).tolist()
     # late in a chatter rates are far below the rounding of velocities: what is known is taken
-    rates = (-passage.run.log.speed / passage.r if flights else passage.run.log.speed).tolist()
-    for lasts, rate, after in zip(flights, rates, _chatter(passage), strict=True):
-        before = m.bounced(after, side, -rate).real
-        z = before + 1j * _moved(m.flow, lasts, z).imag
+    rates = -passage.run.log.speed / passage.r if flights else passage.run.log.speed
+    push, by_rate = (1.0 + m.restitution) * m.signs[side] * m.kick, row @ m.flow
+    states = _chatter(passage) + np.outer(rates, push.real)
+    for lasts, rate, before in zip(flights, rates.tolist(), states, strict=True):
+        z = before + 1j * _moved(m.flow, norm, lasts, z).imag
         later = -1j * (row @ z).imag / rate  # an impact is where the gap is zero
         z += later * (m.flow @ z)
         z[m.contact] -= 1j * m.signs[side] * (row @ z).imag
-        z = m.bounced(z, side, complex(rate, m.rate(z, side).imag))
+        z -= complex(rate, (by_rate @ z).imag) * push
         late += later
     lasts = (phases[-1] - phases[-2]) / m.frequency - late - (times[-1] if len(times) else 0.0)
-    z = _moved(m.held, lasts, m.caught(z, side))
+    z = _moved(m.held, _norm(m.held), lasts, m.caught(z, side))
     return m.placed(z).imag / STEP, float(force.imag) / STEP, np.array(gaps).imag / STEP
 
 
@@ -293,14 +294,21 @@ def residual_change(
     return gaps, rates
 
 
-def _moved(flow: Any, lasts: complex, z: Any) -> Any:
+def _norm(flow: Any) -> float:
+    return float(abs(flow).sum(axis=0).max())
+
+
+def _moved(flow: Any, norm: float, lasts: complex, z: Any) -> Any:
     """exp(A t) z: by its series where that is short, as between the impacts of a chatter."""
-    steps = math.ceil(abs(lasts) * float(abs(flow).sum(axis=0).max()))
+    steps = math.ceil(abs(lasts) * norm)
     if steps > _STEPS:
         return expm(flow * lasts) @ z
     for _ in range(steps):
-        term = z
-        for k in range(1, _TERMS):
+        # A change of A counts in each term as much as z does in the one before.
+        term, k, left = z, 1, 1.0
+        while left > _REST:
             term = flow @ term * (lasts / (steps * k))
             z = z + term
+            left *= abs(lasts) * norm / (steps * k)
+            k += 1
     return z

@@ -150,7 +150,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     @final
     def parameter_derivative(self, x: Array, p: Array) -> Array:
         columns = [self._by(x, p, k) for k in range(len(self._names))]
-        return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
+        return np.array(columns).T if columns else np.empty((self.size, 0))
 
     @abstractmethod
     def _by(self, x: Array, p: Array, k: int) -> Array:
@@ -185,9 +185,10 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
 
         Those of the phases, and in their units those of what else is known of each item.
         """
-        (phases, others), count, m = self._marked(x), len(self.itinerary), self.periods
+        count, m = len(self.itinerary), self.periods
         for k in fractions(count):
             if m % (count // k) == 0 and self._may_repeat(k):
+                phases, others = self._marked(x)
                 periods = m // (count // k)
                 later = np.append(phases[k:], phases[:k] + TWO_PI * m) - TWO_PI * periods
                 changes = (np.roll(others, -k, axis=0) - others).ravel()

@@ -58,7 +58,7 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
 
     def _scene(self, p: Array) -> Scene:
         structure, motion, _ = self._here
-        if all(name in self._plain_names for name in self._names):
+        if self._plain_names.issuperset(self._names):
             # No need of a system for each value.
             changes = dict(zip(self._names, p.tolist(), strict=True))
             return Scene(structure, motion, Terms.of(self.oscillator, motion, changes))
@@ -97,15 +97,21 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
         period = TWO_PI * self.periods / self._here.terms.frequency
         return neutral.sizes(self._here.motion, period, self.speed)
 
+    @cached_property
+    def _scale(self) -> Array:
+        found = np.append(np.repeat([1.0, self.speed], len(self.sides)), self._units)
+        found.setflags(write=False)
+        return found
+
     def scale(self, x: Array) -> Array:  # noqa: ARG002
-        return np.append(np.repeat([1.0, self.speed], len(self.sides)), self._units)
+        return self._scale
 
     def residual(self, x: Array, p: Array) -> Array:
         s = self.at(x, p)
         r = s.terms.restitution
         length = self.speed / s.terms.frequency
-        rates = s.gaps(1) - r / (1.0 + r) * s.impulses
-        found = np.concatenate([s.gaps(0) / length, rates / self.speed])
+        rates = s.gaps[1] - r / (1.0 + r) * s.impulses
+        found = np.concatenate([s.gaps[0] / length, rates / self.speed])
         if len(self._units):
             missing = s.motion.neutral_numbers(s.end) - s.border
             found = np.append(found, missing / self._units)
@@ -125,22 +131,22 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
         n, t = len(self.sides), s.terms
         g = s.responses
         back = g[:3] if multiplier == 1.0 else s.disturbed(multiplier)
-        both = np.outer(s.signs, s.signs)
+        both, own = s.signs[:, None] * s.signs, np.arange(n)
+        pushed = both * s.impulses
         out = np.empty((self.size, self.size), dtype=np.result_type(back, multiplier))
-        for order in range(2):
-            rows = slice(order * n, (order + 1) * n)
-            # Its own impulse moves along with an impact, that of other periods as multiplied.
-            moved = both * g[order + 1] * s.impulses
-            mine = t.frequency ** (order + 1) * t.gap(self.sides, s.phases, order + 1)
-            mine = mine + moved.sum(axis=1)
-            out[rows, :n] = (np.diag(mine) - both * back[order + 1] * s.impulses) / t.frequency
-            out[rows, n : 2 * n] = both * back[order]
-        out[n : 2 * n, n : 2 * n] -= np.eye(n) * t.restitution / (1.0 + t.restitution)
+        rows = out[: 2 * n].reshape(2, n, -1)
+        rows[..., :n] = -pushed * back[1:]
+        # Its own impulse moves along with an impact, that of other periods as multiplied.
+        rows[:, own, own] += s.steady[1:] + (pushed * g[1:3]).sum(axis=2)
+        rows[..., :n] /= t.frequency
+        rows[..., n : 2 * n] = both * back[:2]
+        rows[1, own, n + own] -= t.restitution / (1.0 + t.restitution)
         if len(self._units):
             neutral.add_to_linearization(out, s, multiplier)
         out[:n] *= t.frequency / self.speed
         out[n : 2 * n] /= self.speed
-        out[2 * n :] /= self._units[:, None]
+        if len(self._units):
+            out[2 * n :] /= self._units[:, None]
         return out
 
     def _by(self, x: Array, p: Array, k: int) -> Array:
@@ -151,31 +157,29 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
                 return self._numerically(x, p, k)
             gaps, rates = residual_change(self.system(p), s, self._changes.by(p, k))
             return np.concatenate([gaps * w, rates]) / self.speed
-        closing = np.zeros(len(self._units))
-        if len(closing) and name == "frequency":
-            closing = neutral.by_frequency(s) / self._units
-        return np.append(self._plainly(name, s), closing)
+        found = self._plainly(name, s)
+        if len(self._units):
+            closes = name == "frequency"
+            closing = neutral.by_frequency(s) / self._units if closes else 0.0 * self._units
+            found = np.append(found, closing)
+        return found
 
     def _plainly(self, name: str, s: ImpulseSolution) -> Array:
         """Derivative (2n,) of the equations of the impacts by a parameter of `EXACT`."""
         n, t, w = len(self.sides), s.terms, s.terms.frequency
         gaps, rates = np.zeros((2, n))
         if name == "frequency":
-            impulses = s.signs * s.impulses
-            parts = []
-            for order in range(2):
-                g = s.responses[order + 1] * s.since + s.by_period[order] * s.period
-                free = g @ impulses
-                if len(s.border):
-                    drift = s.motion.mode.rate(s.carried).reshape(n, -1)
-                    free = free + s.since[:, 0] * (drift @ s.motion.rows[order])
-                parts.append(t.gap_rate(self.sides, s.phases, order) - s.signs * free / w)
-            gaps, rates = parts[0] * w + s.gaps(0), parts[1]
+            g = s.responses[1:3] * s.since + s.by_period * s.period
+            free = g @ (s.signs * s.impulses)
+            if len(s.border):
+                drift = s.motion.mode.rate(s.carried).reshape(n, -1)
+                free += s.since[:, 0] * (s.motion.rows[:2] @ drift.T)
+            gaps, rates = t.gaps_by_frequency(self.sides, s.turning) - s.signs * free / w
+            gaps = gaps * w + s.gaps[0]
         elif name == "restitution":
             rates = -s.impulses / (1.0 + t.restitution) ** 2
         elif name == "amplitude":
-            turn = np.exp(1j * s.phases)
-            gaps, rates = -s.signs * turn.imag * w, -s.signs * turn.real * w
+            gaps, rates = -s.signs * s.turning.imag * w, -s.signs * s.turning.real * w
         elif name == "offset":
             gaps = -s.signs * w
         else:

@@ -78,15 +78,15 @@ def _passages(solution: ImpulseSolution) -> tuple[Transitions, list[tuple[Array,
     `saltation`.
     """
     motion, t = solution.motion, solution.terms
-    place, speed, bend = motion.rows[:3].reshape(3, 2, -1)
+    place, speed = motion.rows[:2].reshape(2, 2, -1)
     order = np.argsort(solution.phases)
     flights = motion.mode.transitions(solution.lasts[order])
     rates = -solution.impulses / (1.0 + t.restitution)
-    bends = solution.gaps(2) - solution.impulses * float((bend * motion.kick).sum())
-    left = np.stack([motion.kick, motion.mode.rate(motion.kick)], axis=-1)
+    bends = solution.gaps[2] - solution.impulses * motion.bend
+    numbers = saltation(t.restitution, rates, bends)[order].tolist()
     jumps = [
-        (left, np.stack([p * place + q * speed, q * place], axis=-1))
-        for p, q in saltation(t.restitution, rates, bends)[np.roll(order, -1)]
+        (motion.pushes, np.array([p * place + q * speed, q * place]).transpose(1, 2, 0))
+        for p, q in numbers[1:] + numbers[:1]
     ]
     return flights, jumps
 
@@ -102,7 +102,7 @@ def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | No
     count = len(flights.alone)
     blocks = np.broadcast_to(np.eye(2)[..., None], (2, 2, count))
     left, right = np.empty((2, count, 0)), np.empty((2, count, 0))
-    for flight, (u, v) in zip(flights.own, jumps, strict=True):
+    for flight, (u, v) in zip(flights.own[..., flights.alone], jumps, strict=True):
         u, v = u[:, flights.alone], v[:, flights.alone]
         # (1 + u v') F (D + U V')
         blocks = np.einsum("ijs,jks->iks", flight, blocks)

@@ -55,8 +55,8 @@ def _surely_open(solution: ImpulseSolution, flight: Flight) -> bool:
     error = float(np.minimum(sizes[3] * h**6 / 46080.0, caps).sum())
     error += abs(t.drive) * t.frequency**6 * h**6 / 46080.0
     error += flight.gap.rounding
-    left = np.stack([gap, gap + 0.2 * h * rate, gap + h * (0.4 * rate + 0.05 * h * bend)])
-    right = np.stack([gap, gap - 0.2 * h * rate, gap - h * (0.4 * rate - 0.05 * h * bend)])
+    left = np.array([gap, gap + 0.2 * h * rate, gap + h * (0.4 * rate + 0.05 * h * bend)])
+    right = np.array([gap, gap - 0.2 * h * rate, gap - h * (0.4 * rate - 0.05 * h * bend)])
     left, right = left[:, :-1], right[:, 1:]
     # The gap itself is zero at impacts with this stop.
     own = solution.sides == flight.side

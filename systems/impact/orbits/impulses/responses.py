@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any, final
+from typing import final
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -79,6 +79,16 @@ class FreeMotion:
         return np.stack([kick, pushed, place, speed]).reshape(4, -1)
 
     @cached_property
+    def pushes(self) -> Array:
+        """(2, slots, 2) kick, and its rate of change."""
+        return np.stack([self.kick, self.mode.rate(self.kick)], axis=-1)
+
+    @cached_property
+    def bend(self) -> float:
+        """What a kick changes in the acceleration of the contact coordinate."""
+        return float((self.rows[2] * self.kick.ravel()).sum())
+
+    @cached_property
     def spread(self) -> float:
         """How much faster the fastest mode decays than the slowest one."""
         g = self.mode.pairs.generator[:, self.mode.layout.modes]
@@ -101,19 +111,10 @@ class FreeMotion:
             if known == period:
                 return transitions, kicked
         transitions = self.mode.transitions(np.array([period]), self._bound)
-        kicked = np.asarray(self.periodic(transitions))
+        kicked = np.asarray(transitions.periodic(self.kick))
         kicked.setflags(write=False)
         self._returns = [(period, transitions, kicked), *self._returns[:1]]
         return transitions, kicked
-
-    def periodic(self, transitions: Transitions, multiplier: complex = 1.0) -> Any:
-        """The state (2, slots) just after a unit impulse that is multiplied in each period.
-
-        Of what is neutral, that after one impulse.
-        """
-        state = transitions.periodic(self.kick, multiplier)
-        state[:, self.neutral] = self.kick[:, self.neutral]
-        return state
 
     def start(self, numbers: Array, constant: float = 1.0) -> Array:
         """The state (2, slots) of what is neutral, (2 b,), under a part of the constant forces."""

@@ -57,12 +57,25 @@ class ImpulseSolution(Solution):
         self.period = self.turn / terms.frequency
         self.stops = len(terms.signs)
         self.signs = terms.signs[sides]
-        ahead = self.phases[:, None] - self.phases[None, :]
-        np.fill_diagonal(ahead, 0.0)
-        self.turns = np.floor(ahead / self.turn)
+
+    @cached_property
+    def _apart(self) -> Array:
+        return self.phases[:, None] - self.phases
+
+    @cached_property
+    def turns(self) -> Array:
         """(n, n) whole periods, of -1 where an impulse comes later in the period."""
-        self.since = (ahead - self.turns * self.turn) / terms.frequency
+        return np.asarray(np.floor(self._apart / self.turn))
+
+    @cached_property
+    def since(self) -> Array:
         """(n, n) times from an impulse, a column, to an impact, a row."""
+        return np.asarray((self._apart - self.turns * self.turn) / self.frequency)
+
+    @cached_property
+    def turning(self) -> Any:
+        """exp(i phase), (n,), at the impacts."""
+        return np.exp(1j * self.phases)
 
     @property
     def transition(self) -> Transitions:
@@ -101,7 +114,7 @@ class ImpulseSolution(Solution):
 
     def disturbed(self, multiplier: complex) -> Any:
         """The same, (3, n, n), where impulses are multiplied from one period to the next."""
-        state = self.motion.periodic(self.transition, multiplier)
+        state = self.transition.periodic(self.motion.kick, multiplier)
         parts = [self._spread(np.ascontiguousarray(state.real))]
         if np.iscomplexobj(state):
             parts.append(self._spread(np.ascontiguousarray(state.imag)))
@@ -112,7 +125,8 @@ class ImpulseSolution(Solution):
     @cached_property
     def by_period(self) -> Array:
         """Derivatives (2, n, n) of the first two responses by the period."""
-        moved = self.motion.mode.rate(self.transition.apply(0, self.kicked))
+        # What the period makes of a periodic state is what it is just before the impulse.
+        moved = self.motion.mode.rate(self.kicked - self.motion.kick)
         state = np.asarray(self.transition.periodic(moved))
         return np.asarray((self._spread(state) @ self.motion.rows[:2].T).transpose(2, 0, 1))
 
@@ -210,9 +224,9 @@ class ImpulseSolution(Solution):
         """From impact number `i` to the next."""
         t, lasts = self.terms, float(self.lasts[i])
         end = int(np.argmin(self._ahead[i]))
-        sizes, turning = self.sizes(i), abs(t.drive) * t.frequency ** np.array([0.0, 2.0])
-        total = sizes[[0, 2]].sum(axis=(1, 2)) + turning
-        gap = Curve(partial(self._gap, i, side), lasts, (float(total[0]), float(total[1])))
+        size, bend = self.sizes(i)[::2].reshape(2, -1).sum(axis=1).tolist()
+        total = size + abs(t.drive), bend + abs(t.drive) * t.frequency**2
+        gap = Curve(partial(self._gap, i, side), lasts, total)
         return Flight(i, end, side, float(self.phases[i]), gap)
 
     def sizes(self, i: int) -> Array:
@@ -227,17 +241,11 @@ class ImpulseSolution(Solution):
         t = self.terms
         states = self.motion.mode.flown(self.states[i], since)
         free = self.motion.rows[:orders] @ states.reshape(len(since), -1).T
-        turn = t.drive * np.exp(1j * (self.phases[i] + t.frequency * since))
-        steady = np.stack([((1j * t.frequency) ** k * turn).imag for k in range(orders)])
-        steady[0] += t.rest - t.places[side]
-        return np.asarray(t.signs[side] * (free + steady))
+        turn = np.exp(1j * (self.phases[i] + t.frequency * since))
+        return np.asarray(t.signs[side] * free + t.gaps(side, turn)[:orders])
 
     def acceleration(self, i: int) -> float:
-        return float(self._accelerations[i])
-
-    @cached_property
-    def _accelerations(self) -> Array:
-        return self.gaps(2)
+        return float(self.gaps[2, i])
 
     def acceleration_rounding(self, i: int) -> float:
         """Of the accelerations of the modes and of the table, which cancel.
@@ -246,21 +254,25 @@ class ImpulseSolution(Solution):
         """
         return float(self.roundings(2)[i])
 
-    def gaps(self, order: int) -> Array:
-        """Gaps (n,) at the impacts, or a derivative in time just after them."""
-        t = self.terms
-        steady = t.frequency**order * t.gap(self.sides, self.phases, order)
-        free = self.responses[order] @ (self.signs * self.impulses)
+    @cached_property
+    def steady(self) -> Array:
+        """Steady part (3, n) of `gaps`."""
+        return self.terms.gaps(self.sides, self.turning)
+
+    @cached_property
+    def gaps(self) -> Array:
+        """Gaps (3, n) at the impacts, and two derivatives in time just after them."""
+        free = self.responses[:3] @ (self.signs * self.impulses)
         if len(self.border):
-            free = free + self.carried.reshape(len(self.sides), -1) @ self.motion.rows[order]
-        return np.asarray(steady + self.signs * free)
+            free += self.motion.rows[:3] @ self.carried.reshape(len(self.sides), -1).T
+        return np.asarray(self.steady + self.signs * free)
 
     def roundings(self, order: int) -> Array:
         """What rounding may make of `gaps`, (n,)."""
         t = self.terms
         steady = t.frequency**order * abs(t.drive)
         if order == 0:
-            steady = steady + abs(t.gap(self.sides, self.phases)).max()
+            steady = steady + abs(self.steady[0]).max()
         free = self.rounded @ abs(self.motion.rows[order])
         return np.asarray(free + ROUNDING * self.turned * steady)
 
@@ -275,7 +287,7 @@ class ImpulseSolution(Solution):
 
     @property
     def section_states(self) -> Array:
-        position, velocity = self._motion(self.states, np.exp(1j * self.phases))
+        position, velocity = self._motion(self.states, self.turning)
         others = self.structure.others
         parts = [position[:, others], velocity[:, others], self.relative_velocity[:, None]]
         return np.concatenate([*parts, (self.phases % TWO_PI)[:, None]], axis=1)

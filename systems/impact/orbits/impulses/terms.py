@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
@@ -36,8 +35,7 @@ def changes_alone(oscillator: Any, name: str) -> bool:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class Terms:
+class Terms(NamedTuple):
     """What acts on the contact coordinate, and the law of impacts.
 
     The steady part of the contact coordinate less the table is Im(drive exp(i phase)) + rest.
@@ -48,6 +46,8 @@ class Terms:
     shape, still : (N,) complex, (N,)
         The steady response of all coordinates is Im(shape exp(i phase)) + still.
     drive, drive_rate : complex, and its derivative by the frequency
+    turning : (3, 1) complex
+        Takes Im(exp(i phase)) to it and its first two derivatives in time.
     rest : float, without the offset of the table
     places : (sides,) offsets of table and far stop
     signs : (sides,) on which side of them the structure is
@@ -59,6 +59,7 @@ class Terms:
     still: Array
     drive: complex
     drive_rate: complex
+    turning: Any
     rest: float
     places: Array
     signs: Array
@@ -91,19 +92,22 @@ class Terms:
             signs.append(-sign)
         drive = complex(shape[c]) - a
         rate, rest = complex(by_frequency[c]), float(still[c])
-        return Terms(w, r, shape, still, drive, rate, rest, np.array(places), np.array(signs))
+        turning, borders = np.array([[1.0], [1j * w], [-w * w]]), np.array([places, signs])
+        return Terms(w, r, shape, still, drive, rate, turning, rest, *borders)
 
-    def gap(self, sides: Any, phases: Any, order: int = 0) -> Array:
-        """Steady part (n,) of the gaps of the given sides, or their derivative by the phase."""
-        turned = 1j**order * self.drive * np.exp(1j * np.asarray(phases))
-        middle = self.rest - self.places[sides] if order == 0 else 0.0
-        return np.asarray(self.signs[sides] * (turned.imag + middle))
+    def gaps(self, sides: Any, turn: Any) -> Array:
+        """Steady part (3, n) of the gaps of the given sides, and of its derivatives in time.
 
-    def gap_rate(self, sides: Any, phases: Any, order: int) -> Array:
-        """Derivative by the frequency of `gap` (order 0) or of its rate in time (order 1)."""
-        turn = np.exp(1j * np.asarray(phases))
-        by = self.drive_rate if order == 0 else 1j * (self.drive + self.frequency * self.drive_rate)
-        return np.asarray(self.signs[sides] * (by * turn).imag)
+        At exp(i phase), (n,).
+        """
+        steady = (self.turning * (self.drive * turn)).imag
+        steady[0] += self.rest - self.places[sides]
+        return np.asarray(self.signs[sides] * steady)
+
+    def gaps_by_frequency(self, sides: Any, turn: Any) -> Array:
+        """Derivative (2, n) by the frequency of the gaps, and of their rates in time."""
+        by = [[self.drive_rate], [1j * (self.drive + self.frequency * self.drive_rate)]]
+        return np.asarray(self.signs[sides] * (np.array(by) * turn).imag)
 
 
 def _steady_response(
@@ -114,7 +118,7 @@ def _steady_response(
     Where some of the motion has no restoring force, the place is that of the rest of it.
     """
     harmonic, constant = oscillator._drive.harmonic, oscillator._drive.constant
-    shape, by_frequency, still = np.zeros_like(harmonic), np.zeros_like(harmonic), constant
+    shape, by_frequency, still = harmonic, harmonic, constant
     try:
         if harmonic.any():
             mass, damping = oscillator.mass, oscillator.damping_matrix
