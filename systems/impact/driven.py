@@ -26,8 +26,9 @@ from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.structure import Drive, Structure, structure_of
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
-OF_TABLE = ("restitution", "amplitude", "offset", "side", "contact", "play")
-"""Parameters of the table: with elements, numbers of one of these."""
+_OF_STOP = "restitution", "amplitude", "offset", "side"
+OF_TABLE = (*_OF_STOP, "contact", "play")
+"""Parameters of the table: with elements, those of its `HardStop`."""
 
 _CACHES = frozenset(
     {
@@ -107,7 +108,7 @@ class DrivenStructure(LagrangianStructure):
             raise ValueError(
                 f"elements must hold a HardStop in phase, of one coordinate; got {stop}"
             )
-        own = {name: getattr(stop, name) for name in OF_TABLE[:-2]}
+        own = {name: getattr(stop, name) for name in _OF_STOP}
         own.update(contact=stop.coordinate, play=math.inf)
         for entry in (entry for entry in fields(self) if entry.name in own):
             given, taken = getattr(self, entry.name), own[entry.name]
@@ -152,7 +153,7 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _stops(self) -> tuple[HardStop, ...]:
         sign, c = 1 if self.side == "above" else -1, self.contact % self.degrees_of_freedom
-        own = {name: getattr(self, name) for name in OF_TABLE[:-2]}
+        own = {name: getattr(self, name) for name in _OF_STOP}
         near = HardStop(c, **own)
         if self.play == math.inf:
             return (near,)

@@ -85,7 +85,9 @@ class ImpactMap(DrivenStructure, Map):
                 raise ValueError(f"parameter must be one of: {names}; got {name!r}")
         numbers = {name: parameters.pop(name) for name in of_elements if name in parameters}
         if numbers:
-            parameters["elements"] = with_numbers(self.elements, numbers)
+            parameters["elements"] = with_numbers(
+                parameters.get("elements", self.elements), numbers
+            )
         if self.elements:
             defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
             parameters = defaults | parameters
