@@ -18,6 +18,9 @@ from dynkit.systems.impact.elements import IMPACT, Element, EventKind
 from dynkit.systems.impact.mode import Mode, free_mode, sum_of, transformed
 from dynkit.systems.impact.structure import Drive, Structure
 
+MOST_NUMBERS = 1 << 25
+"""Of the changes of bases between all modes: 256 MB."""
+
 
 @final
 @dataclass(eq=False)
@@ -198,6 +201,11 @@ class Automaton:
         modes, guards = self.modes, self.guards
         ladders = stacked([[g.sum for g in guards if g.mode == m] for m in range(len(modes))])
         slots = ladders.step.shape[3]
+        if len(modes) > 1 and len(guards) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
+            raise MemoryError(
+                f"elements must not lead to more modes than fit into 256 MB; got {len(modes)}, "
+                "one for each set of stops that were pressed at once: give fewer soft stops"
+            )
         places = np.zeros((len(modes), self._structure.size), dtype=np.intp)
         for place, mode in zip(places, modes, strict=True):
             place[: len(mode.layout.modes)] = mode.layout.modes

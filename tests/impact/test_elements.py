@@ -217,6 +217,12 @@ def test_more_guards_and_modes_are_not_compiled_for() -> None:
     assert len(compiled.signatures) == before
 
 
+def test_more_modes_than_fit_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dynkit.systems.impact.automaton.MOST_NUMBERS", 1 << 9)
+    with pytest.raises(MemoryError, match=r"more modes than fit into 256 MB; got \d+"):
+        machine().simulate(impacts=20)
+
+
 def test_kernels_and_elements_number_events_alike() -> None:
     from dynkit.systems.impact import elements, kernels
 
