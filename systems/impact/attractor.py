@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoCrossing
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.attractor import Attractor
@@ -263,7 +264,12 @@ class _ImpactOrbit:
         return np.asarray(a - b)
 
     def growth(self, steps: int) -> Array:
-        return growth(self.system, self.record.final, steps)
+        if not self.system._soft:
+            return growth(self.system, self.record.final, steps)
+        try:
+            return self.system.stretching(self.record.states[-1], steps).logs[:, 0]
+        except NoCrossing:
+            return np.full(steps, -np.inf)
 
     def named(self, label: OrbitLabel) -> OrbitLabel:
         """Return the label of what was looked at so far: can count harmonics, has a multiplier."""
@@ -274,7 +280,7 @@ class _ImpactOrbit:
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label
-        if self.system._elements != self.system._stops:
+        if self.system._soft:
             factors = [self.system.jacobian(s) for s in self.record.states[impacts[0] : impacts[2]]]
             before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
         else:

@@ -22,9 +22,7 @@ class Contact:
     Rows (N,) of coordinates that elements elsewhere watch are seen, too.
     """
 
-    def __init__(
-        self, drive: Drive, free: Mode, stop: Element, watched: Sequence[Array] = ()
-    ) -> None:
+    def __init__(self, drive: Drive, free: Mode, stop: Element, watched: Sequence[Array]) -> None:
         self._structure = s = free.structure
         self._drive = drive
         self.free = free

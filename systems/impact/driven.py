@@ -35,7 +35,7 @@ _CACHES = frozenset(
         "_structure",
         "_drive",
         "_stops",
-        "_elements",
+        "_soft",
         "_free",
         "_gaps",
         "_automaton",
@@ -161,9 +161,14 @@ class DrivenStructure(LagrangianStructure):
         return near, replace(near, offset=self.offset + sign * self.play, side=facing)
 
     @cached_property
+    def _soft(self) -> tuple[Element, ...]:
+        """What acts besides hard stops."""
+        return tuple(e for e in self.elements if not isinstance(e, HardStop))
+
+    @property
     def _elements(self) -> tuple[Element, ...]:
         """All that acts, the hard stops first."""
-        return *self._stops, *(e for e in self.elements if not isinstance(e, HardStop))
+        return *self._stops, *self._soft
 
     @cached_property
     def _automaton(self) -> Automaton:

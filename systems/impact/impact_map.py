@@ -241,7 +241,7 @@ class ImpactMap(DrivenStructure, Map):
         return super().parameter_derivative(state, name) if found is None else found
 
     def stretching(self, state: Array, n: int) -> Stretching:
-        if self._elements != self._stops:
+        if self._soft:
             return super().stretching(state, n)
         from dynkit.systems.impact.tangents import stretching
 

@@ -289,9 +289,8 @@ class ImpactRecord(Result):
         Parameters
         ----------
         times : (k,) array_like
-            Times from the start, in any order, not beyond the last impact, or the last event where
-            no further impact was found. When the simulation ended by itself, up to millions of
-            periods.
+            Times from the start, in any order, not beyond the last impact, or last event where no
+            impact was found. When the simulation ended by itself, up to millions of periods.
 
         Returns
         -------

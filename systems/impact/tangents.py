@@ -27,7 +27,6 @@ from dynkit.systems.impact.transitions import closing, release, saltation
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
-    from dynkit.systems.impact.impact_map import ImpactMap
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
 """Impacts that are worked on at a time, and numbers of their matrices."""
@@ -65,7 +64,7 @@ def stretching(oscillator: DrivenStructure, state: Array, n: int, accuracy: floa
     return Stretching(logs, errors, times, section_of(oscillator, final))
 
 
-def growth(oscillator: ImpactMap, start: ImpactState, n: int) -> Array:
+def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
     """Log growth (n,) of one disturbance over each of the next n impacts.
 
     It turns into the direction that grows fastest. Minus infinity where the motion ends.
@@ -74,8 +73,6 @@ def growth(oscillator: ImpactMap, start: ImpactState, n: int) -> Array:
     frame = np.sqrt(np.arange(2.0, 2.0 + oscillator.dimension))[None]
     logs = np.empty((n, 1))
     try:
-        if oscillator._elements != oscillator._stops:
-            return oscillator.stretching(section_of(oscillator, start), n).logs[:, 0]
         _follow(oscillator, start, frame / np.linalg.norm(frame), logs, np.empty(n))
     except NoCrossing:
         return np.full(n, -np.inf)

@@ -65,7 +65,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         itinerary: Any,
         sizes: Any,
     ) -> None:
-        for element in oscillator._elements[len(oscillator._stops) :]:
+        for element in oscillator._soft:
             raise NotImplementedError(
                 f"these orbits are those of hard stops alone; got {element!r}: "
                 "dynkit.periodic_orbit finds orbits of the map from impact to impact"
