@@ -127,7 +127,8 @@ class Course:
         self._tables = self._oscillator._automaton.tables
         slots = self._tables.ladders.step.shape[3]
         if self._shifts is not None:
-            terms = self._oscillator._automaton.rest_terms()
+            # another thread may have entered more modes since
+            terms = self._oscillator._automaton.rest_terms()[: len(self._tables.event)]
             self._tables = _displaced(self._tables, terms, self._shifts)
         self._work = workspace(slots)
         self._work.states[first : first + len(states), :, : states.shape[2]] = states
