@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from threading import RLock
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.stacks import stacked
-from dynkit.systems.impact.contact import Contact
-from dynkit.systems.impact.elements import IMPACT, Element, EventKind
-from dynkit.systems.impact.mode import Mode, free_mode, sum_of, transformed
+from dynkit.systems.impact.contact import force_of, free_mode, held_mode, sum_of
+from dynkit.systems.impact.elements import IMPACT, Element, EventKind, HardStop, Regime
+from dynkit.systems.impact.mode import Mode, transformed
 from dynkit.systems.impact.structure import Drive, Structure
 
 MOST_NUMBERS = 1 << 25
@@ -49,6 +49,22 @@ class Guard:
     change: Any = None
 
 
+class Grip(NamedTuple):
+    """Contact with one stop.
+
+    Attributes
+    ----------
+    mode : Mode
+    force : its force, as an exponential sum
+    to_stuck, to_free : changes of basis from free flight, whose relative velocity is lost, and back
+    """
+
+    mode: Mode
+    force: Any
+    to_stuck: Array
+    to_free: Array
+
+
 @final
 class Automaton:
     """The modes that motions of one oscillator entered so far; in the first all regimes are 0.
@@ -69,18 +85,17 @@ class Automaton:
         structure: Structure,
         drive: Drive,
         elements: Sequence[Element],
-        restitution: float,
         tolerance: float,
     ) -> None:
         self._structure, self._drive, self._elements = structure, drive, tuple(elements)
-        self._restitution, self._tolerance = restitution, tolerance
+        self._tolerance = tolerance
         self._lock = RLock()
         self._tables: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
         self.modes: list[Mode] = []
         self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []
-        self._contacts: dict[int, Contact] = {}
+        self._grips: dict[int, Grip] = {}
         self._number((0,) * len(self._elements))
 
     def mode(self, regimes: tuple[int, ...]) -> Mode:
@@ -92,18 +107,21 @@ class Automaton:
         mode = self._number(regimes)
         return next(g.sum for g in self.guards if g.mode == mode and g.element == element)
 
-    def held(self, element: int) -> Contact:
+    def held(self, element: int) -> Grip:
         """Contact with one element, the others in their first regime."""
-        regimes = tuple(int(k == element) for k in range(len(self._elements)))
-        return self._contacts[self._number(regimes)]
+        if element not in self._grips:
+            regimes = tuple(int(k == element) for k in range(len(self._elements)))
+            mode, free = self.mode(regimes), self.modes[0]
+            force, stop = self.gap(regimes, element), self._elements[element]
+            there, back = mode.seen_from(free, stop), free.seen_from(mode)
+            self._grips[element] = Grip(mode, force, there, back)
+        return self._grips[element]
 
     def freed(self, number: int, state: Array) -> tuple[Array, int | None]:
         """A state (2, slots) of a mode as one of the first mode, and the element that held it."""
-        mode, contact, held = self.modes[number], self._contacts.get(number), None
+        mode = self.modes[number]
         states = state[None, :, : mode.layout.slots]
-        if contact is not None:
-            states, mode = transformed(contact.to_free, states), contact.free
-            held = self._elements.index(contact.stop)
+        held = next((k for k, regime in enumerate(self._now(number)) if regime.holds), None)
         return transformed(self.modes[0].seen_from(mode), states)[0], held
 
     def enter(self, number: int) -> None:
@@ -127,10 +145,12 @@ class Automaton:
     def rest_terms(self) -> Array:
         """Of what each guard watches the sum of the absolute terms of its rest, (guards,)."""
         own, s = self.modes[0].forced.rest_terms, self._structure
-        force = abs(s.stiffness[s.contact]) @ own
-        rows = [abs(element.row(s.size)) @ own for element in self._elements]
-        watched = [(g.watch, rows[g.element]) for g in self.guards]
-        return np.array([abs(w.gap) * gap if w.gap or w.rate else force for w, gap in watched])
+        along = [abs(element.row(s.size)) for element in self._elements]
+        gaps, forces = [r @ own for r in along], [r @ abs(s.stiffness) @ own for r in along]
+        watched = [(g.watch, gaps[g.element], forces[g.element]) for g in self.guards]
+        return np.array(
+            [abs(w.gap) * gap if w.gap or w.rate else force for w, gap, force in watched]
+        )
 
     # --- building ---------------------------------------------------------------------------------
 
@@ -146,27 +166,32 @@ class Automaton:
         regimes[guard.element] = guard.watch.to
         return tuple(regimes)
 
+    def _now(self, number: int) -> list[Regime]:
+        """What all elements do in a mode."""
+        pairs = zip(self._elements, self.regimes[number], strict=True)
+        return [element.regimes[k] for element, k in pairs]
+
     def _build(self, regimes: tuple[int, ...]) -> None:
-        now = [e.regimes[k] for e, k in zip(self._elements, regimes, strict=True)]
-        structure, drive = self._structure, self._drive
-        rows = [element.row(structure.size) for element in self._elements]
-        for row, element, regime in zip(rows, self._elements, now, strict=True):
+        number = len(self.modes)
+        self.regimes.append(regimes)
+        now, structure, drive = self._now(number), self._structure, self._drive
+        for element, regime in zip(self._elements, now, strict=True):
+            row = element.row(structure.size)
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
             drive = drive.pulled(element, regime)
-        number, mode = len(self.modes), free_mode(structure, drive, rows)
-        held = next(
-            (e for e, regime in zip(self._elements, now, strict=True) if regime.holds), None
-        )
-        moving = [e for e in self._elements if held is None or not e.goes_with(held)]
+        held = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
+        moving = [e for e in self._elements if not any(map(e.goes_with, held))]
+        hit = [e.row(structure.size) for e in moving if isinstance(e, HardStop)]
+        watched = [element.row(structure.size) for element in moving]
         if held:
-            watched = [element.row(structure.size) for element in moving]
-            self._contacts[number] = contact = Contact(drive, mode, held, watched)
-            mode = contact.mode
+            mode = held_mode(structure, drive, held, watched, hit)
+        else:
+            mode = free_mode(structure, drive, watched, hit)
         self.modes.append(mode)
-        self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
-            if element is held:
-                self.guards.append(Guard(number, k, regime.guards[0], contact.force))
+            if regime.holds:
+                force = force_of(mode, structure, drive, held, held.index(element))
+                self.guards.append(Guard(number, k, regime.guards[0], force))
             elif element in moving:
                 own = [sum_of(mode, element, watch) for watch in regime.guards]
                 self.guards += map(Guard, repeat(number), repeat(k), regime.guards, own)
@@ -174,26 +199,20 @@ class Automaton:
     def _join(self, guard: Guard) -> None:
         """Find what becomes of the state where a guard is zero."""
         one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
-        other = self.modes[guard.target]
         guard.partner = next(
             k
             for k, g in enumerate(self.guards)
             if g.mode == guard.target and g.element == guard.element
         )
-        before, after = map(self._contacts.get, (guard.mode, guard.target))
-        if after and not before:
-            guard.change = after.to_stuck
-        elif before and not after:
-            guard.change = before.to_free
-        else:
-            guard.change = other.seen_from(one)
+        stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
+        guard.change = self.modes[guard.target].seen_from(one, stop)
 
     def _kind(self, guard: Guard) -> EventKind:
         """What it is to be led to another mode."""
         if guard.watch.event == IMPACT:
             return EventKind.CONTACT
-        regime = self._elements[guard.element].regimes[self.regimes[guard.mode][guard.element]]
-        return EventKind.RELEASE if regime.holds else EventKind.SWITCH
+        holds = self._now(guard.mode)[guard.element].holds
+        return EventKind.RELEASE if holds else EventKind.SWITCH
 
     def _stacked(self) -> Any:
         from dynkit.systems.impact.contact_kernels import Tables
@@ -211,12 +230,15 @@ class Automaton:
             place[: len(mode.layout.modes)] = mode.layout.modes
         kick, excursion = np.zeros((len(guards), 4, slots)), np.zeros((len(guards), 2, slots))
         change = np.zeros((len(guards) if len(modes) > 1 else 0, 2 * slots, 2 * slots + 1))
+        coupling, restitution = np.zeros((2, len(guards)))
         for k, guard in enumerate(guards):
-            mode = modes[guard.mode]
-            if guard.watch.event == IMPACT:
-                own = self._elements[guard.element].sign * mode.placed(mode.structure.kick)
+            mode, element = modes[guard.mode], self._elements[guard.element]
+            if isinstance(element, HardStop) and guard.watch.event == IMPACT:
+                contact = mode.contact(element.row(self._structure.size))
+                own = element.sign * mode.placed(contact.kick)
                 kick[k, :, : mode.layout.seen] = own[:, : mode.layout.seen]
-                excursion[k, :, : mode.layout.slots] = mode.placed(mode.structure.brief)
+                excursion[k, :, : mode.layout.slots] = mode.placed(contact.brief)
+                coupling[k], restitution[k] = contact.coupling, element.restitution
             if guard.change is not None:
                 change[k] = _padded(guard.change, slots)
         self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
@@ -233,8 +255,8 @@ class Automaton:
             change=change,
             kick=kick,
             excursion=excursion,
-            coupling=np.array([self._structure.coupling] * len(guards)),
-            restitution=np.array([self._restitution] * len(guards)),
+            coupling=coupling,
+            restitution=restitution,
             tolerance=self._tolerance,
             clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
         )

@@ -79,8 +79,13 @@ class Basis(ABC):
     def energies(self, y: Array) -> Array:
         """Kinetic plus potential energy (...) from coordinates (..., 2, n)."""
 
-    def kick(self, velocity: Array, contact: int) -> Array:  # noqa: ARG002
-        """Coordinates of the velocities (n,) of a unit jump at one mass, and low parts, (4, n)."""
+    @cached_property
+    def changes(self) -> dict[Any, Array]:
+        """Changes (2 n, 2 m) from other bases; see `Mode`."""
+        return {}
+
+    def kick(self, velocity: Array, row: Array) -> Array:  # noqa: ARG002
+        """Coordinates of the velocities (n,) of a unit jump along a row (n,), low parts, (4, n)."""
         high = self.coordinates(np.zeros_like(velocity), velocity)
         return np.concatenate([high, np.zeros_like(high)])
 
@@ -172,14 +177,15 @@ class NormalModes(Basis):
         q, p = self._modal(y)
         return np.asarray(0.5 * (p * p + q * q * self.stiffness).sum(axis=-1))
 
-    def kick(self, velocity: Array, contact: int) -> Array:
+    def kick(self, velocity: Array, row: Array) -> Array:
         if self.mixing is not None:
-            return super().kick(velocity, contact)
+            return super().kick(velocity, row)
         # In normal modes the kick is parallel to the row of the contact velocity.
-        row = [Fraction(entry) for entry in self.matrix[contact].tolist()]
-        square = sum(entry * entry for entry in row)
+        along = [(Fraction(row[j]), self.matrix[j].tolist()) for j in np.flatnonzero(row)]
+        shares = [sum(a * Fraction(b[i]) for a, b in along) for i in range(len(row))]
+        square = sum(share * share for share in shares)
         out = np.zeros((4, len(row)))
-        for i, entry in enumerate(row):
+        for i, entry in enumerate(shares):
             out[1, i] = float(entry / square)
             out[3, i] = float(entry / square - Fraction(out[1, i]))
         return out

@@ -1,87 +1,112 @@
-"""Contact with a stop: the held structure, and the changes of basis to it and back."""
+"""Modes of a structure that elements hold or leave free, and what their guards watch."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements import Element
-from dynkit.systems.impact.forced import Forced, Load
-from dynkit.systems.impact.mode import Mode, visible
-from dynkit.systems.impact.structure import Drive
+from dynkit.systems.impact.elements import Element, Watch
+from dynkit.systems.impact.forced import HIDDEN, Forced, Load
+from dynkit.systems.impact.mode import Mode
+from dynkit.systems.impact.structure import Drive, Held, Structure
 
 
-@final
-class Contact:
-    """The stuck structure driven by the table: its contact force and the changes of basis.
+def free_mode(
+    structure: Structure, drive: Drive, watched: Sequence[Array], hit: Sequence[Array]
+) -> Mode:
+    """The mode in which nothing is held: see `held_mode`."""
+    n = structure.size
+    load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
+    forced = Forced(structure.free, np.arange(n), load)
+    return _mode(structure, forced, drive, watched, hit)
 
-    Rows (N,) of coordinates that elements elsewhere watch are seen, too.
+
+def held_mode(
+    structure: Structure,
+    drive: Drive,
+    held: Sequence[Element],
+    watched: Sequence[Array],
+    hit: Sequence[Array],
+) -> Mode:
+    """The mode in which elements hold what they act along.
+
+    Rows (N,) of all coordinates are watched, and impulses act along some of them.
     """
+    grip = _grip(structure, held)
+    pivots, others, w, s = grip.pivots, grip.others, drive.frequency, structure
+    shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
+    shape[pivots] = grip.told @ [element.phasor for element in held]
+    rest[pivots] = grip.told @ [element.offset for element in held]
+    harmonic, constant = drive.harmonic, drive.constant
+    dynamic = s.stiffness + 1j * w * s.damping - w * w * s.mass
+    for p in pivots.tolist():
+        harmonic = harmonic - dynamic[:, p] * shape[p]
+        constant = constant - s.stiffness[:, p] * rest[p]
+    turning, still = harmonic[others], constant[others]
+    if grip.ties is not None:
+        turning = turning + grip.ties.T @ harmonic[pivots]
+        still = still + grip.ties.T @ constant[pivots]
+    load = Load(w, turning, still, shape, rest)
+    basis = None if grip.structure is None else grip.structure.free
+    forced = Forced(basis, others, load, pivots, grip.ties)
+    pulls = [row @ part for row in grip.weights for part in (s.stiffness, s.damping, s.mass)]
+    return _mode(grip.structure, forced, drive, [*pulls, *watched], hit)
 
-    def __init__(self, drive: Drive, free: Mode, stop: Element, watched: Sequence[Array]) -> None:
-        self._structure = s = free.structure
-        self._drive = drive
-        self.free = free
-        self.stop = stop
-        self._watched = watched
-        w, c, others = drive.frequency, s.contact, s.others
-        told = (s.stiffness + 1j * w * s.damping - w * w * s.mass)[others, c] * stop.phasor
-        shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
-        shape[c], rest[c] = stop.phasor, stop.offset
-        load = Load(
-            w,
-            drive.harmonic[others] - told,
-            drive.constant[others] - s.stiffness[others, c] * stop.offset,
-            shape,
-            rest,
-        )
-        self.forced = Forced(s.stuck, others, load)
 
-    @cached_property
-    def mode(self) -> Mode:
-        """The motion on the table."""
-        s, c = self._structure, self._structure.contact
-        seen = np.ones(0, dtype=bool)
-        if s.stuck is not None:
-            pulls = [part[c] for part in (s.stiffness, s.damping, s.mass)]
-            rows = [s.stuck.position_row(row[s.others]) for row in (*pulls, *self._watched)]
-            seen = visible(np.concatenate(rows))
-        return Mode(s, self.forced, self._drive, seen)
+def _grip(structure: Structure, held: Sequence[Element]) -> Held:
+    return structure.holding(np.array([element.row(structure.size) for element in held]))
 
-    @cached_property
-    def force(self) -> Any:
-        """The force of the table on the contact mass, towards the structure's side."""
-        s, c, mode = self._structure, self._structure.contact, self.mode
-        row = mode.row(s.stiffness[c])
-        row = row + mode.pairs.derivative_rows(mode.row(s.damping[c]), 1)
-        row = row + mode.pairs.derivative_rows(mode.row(s.mass[c]), 2)
-        if mode.layout.table >= 0:
-            own = self._drive.harmonic[c]
-            row[:, mode.layout.table] -= own.real, own.imag
-        offset = s.stiffness[c] @ self.forced.rest - self._drive.constant[c]
-        if mode.layout.constant >= 0:
-            # Accelerations of what nothing holds.
-            offset += row[0, mode.layout.constant]
-            row[0, mode.layout.constant] = 0.0
-        return mode.sum(self.stop.sign * row, self.stop.sign * float(offset))
 
-    @cached_property
-    def to_stuck(self) -> Array:
-        """(2 stuck slots, 2 slots + 1) `change_of_basis`."""
-        s = self._structure
-        x, v = self.free.driven()
-        # The impacts left out take the relative velocity, and what it gives masses coupled by
-        # inertia.
-        told = 1j * self._drive.frequency * self.stop.phasor
-        lost = v[:, s.contact] - (told.real, told.imag, 0.0)
-        v -= np.outer(lost, s.kick_velocity)
-        return self.mode.change_of_basis(self.free, s.caught, x, v)
+def _mode(
+    structure: Structure | None,
+    forced: Forced,
+    drive: Drive,
+    watched: Sequence[Array],
+    hit: Sequence[Array],
+) -> Mode:
+    """The mode, whose searches see the modes with a share in what is watched, or hit."""
+    if structure is None:
+        return Mode(None, forced, drive, np.ones(0, dtype=bool))
+    rows, along = ([forced.gathered(row) for row in part] for part in (watched, hit))
+    key = tuple(frozenset(row.tobytes() for row in part) for part in (rows, along))
+    if key not in structure.seen:
+        shares = [structure.free.position_row(row) for row in rows]
+        shares += [structure.contact(row).kick[:2] for row in along]
+        share = abs(np.concatenate(shares))
+        largest = share.max(axis=1, keepdims=True, initial=0.0)
+        structure.seen[key] = (share > HIDDEN * largest).any(axis=0)
+    return Mode(structure, forced, drive, structure.seen[key])
 
-    @cached_property
-    def to_free(self) -> Array:
-        """(2 slots, 2 stuck slots + 1) `change_of_basis`."""
-        return self.free.change_of_basis(self.mode, self._structure.released)
+
+def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
+    """What a guard watches of an element's gap, as an exponential sum."""
+    along, sign = element.row(len(mode.forced.rest)), element.sign
+    row = mode.row(along)
+    if mode.layout.table >= 0:
+        row[:, mode.layout.table] -= element.phasor.real, element.phasor.imag
+    total, offset = watch.gap * row, watch.gap * (along @ mode.forced.rest - element.offset)
+    if watch.rate:
+        total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
+    return mode.sum(sign * total, sign * offset)
+
+
+def force_of(
+    mode: Mode, structure: Structure, drive: Drive, held: Sequence[Element], k: int
+) -> Any:
+    """The force with which one of the elements holds the structure, towards its side."""
+    s, weights = structure, _grip(structure, held).weights[k]
+    row = mode.row(weights @ s.stiffness)
+    row = row + mode.pairs.derivative_rows(mode.row(weights @ s.damping), 1)
+    row = row + mode.pairs.derivative_rows(mode.row(weights @ s.mass), 2)
+    if mode.layout.table >= 0:
+        own = weights @ drive.harmonic
+        row[:, mode.layout.table] -= own.real, own.imag
+    offset = weights @ s.stiffness @ mode.forced.rest - weights @ drive.constant
+    if mode.layout.constant >= 0:
+        # Accelerations of what nothing holds.
+        offset += row[0, mode.layout.constant]
+        row[0, mode.layout.constant] = 0.0
+    return mode.sum(held[k].sign * row, held[k].sign * float(offset))

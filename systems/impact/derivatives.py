@@ -29,7 +29,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
-    structure, free, automaton = oscillator._structure, oscillator._free, oscillator._automaton
+    contact, free, automaton = oscillator._contact, oscillator._free, oscillator._automaton
     side, r, began = run.final.element, oscillator.restitution, 0.0
     y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
     time = np.zeros(derivative.shape[1])
@@ -49,14 +49,15 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
     before = _row(guard.sum, 2) @ derivative
-    kick = mode.placed(oscillator._stops[side].sign * mode.structure.kick[:2])
+    stop = oscillator._stops[side]
+    kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
     derivative += reset(r, kick.ravel(), before)
     if guard.mode:
         derivative = free.seen_from(mode)[:, :-1] @ derivative
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
-    position = free.forced.displacements(q, by_sine, by_cosine).T[structure.others]
-    velocity = free.forced.speeds(q, by_sine, by_cosine).T[structure.others]
+    position = free.forced.displacements(q, by_sine, by_cosine).T[contact.others]
+    velocity = free.forced.speeds(q, by_sine, by_cosine).T[contact.others]
     sine, cosine = run.final._turn
     if free.layout.table >= 0:
         phase = cosine * by_sine - sine * by_cosine
@@ -86,12 +87,12 @@ def parameter_derivative(
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if len(run.switches.guard):
         return None
-    structure, free, r = oscillator._structure, oscillator._free, oscillator.restitution
+    contact, free, r = oscillator._contact, oscillator._free, oscillator.restitution
     side, time = run.final.element, float(run.time[0])
     gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
 
-    x, v = np.zeros((2, 1, structure.size))
-    x[0, structure.contact], v[0, structure.contact] = _stop_by(oscillator, name, state, 0.0)
+    x, v = np.zeros((2, 1, len(contact.row)))
+    x[0, contact.place], v[0, contact.place] = _stop_by(oscillator, name, state, 0.0)
     none = np.zeros(1)
     column = free.states(free.forced.coordinates(x, v, none, none), none, none)[0]
     if free.layout.constant >= 0:
@@ -104,11 +105,11 @@ def parameter_derivative(
     change += later * rate
     before_by = _row(gap, 2) @ change - sign * speed
     law_by = before if name == "restitution" else 0.0
-    kick = free.placed(sign * structure.kick[:2])
+    kick = free.placed(sign * contact.kick[:2])
     change += reset(r, kick.ravel(), before_by)[:, 0] - law_by * kick.ravel()
 
     q, by_sine, by_cosine = free.parts(change.reshape(1, 2, -1))
-    others = structure.others
+    others = contact.others
     position = free.forced.displacements(q, by_sine, by_cosine)[0, others]
     velocity = free.forced.speeds(q, by_sine, by_cosine)[0, others]
     speed_by = -r * before_by - law_by
@@ -137,8 +138,8 @@ def _stop_by(
 
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
-    structure, free = oscillator._structure, oscillator._free
-    n, c, others = structure.size, structure.contact, structure.others
+    contact, free = oscillator._contact, oscillator._free
+    n, c, others = len(contact.row), contact.place, contact.others
     sine, cosine = state._turn
     sign = oscillator._stops[state.element].sign
     x, v = np.zeros((2 * n, n)), np.zeros((2 * n, n))

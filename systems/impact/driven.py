@@ -23,7 +23,7 @@ from dynkit.core.validation import (
 from dynkit.systems.impact.automaton import Automaton
 from dynkit.systems.impact.elements import Element, HardStop, checked_elements
 from dynkit.systems.impact.mode import Mode
-from dynkit.systems.impact.structure import Drive, Structure, structure_of
+from dynkit.systems.impact.structure import Contact, Drive, Structure, structure_of
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
@@ -33,6 +33,7 @@ OF_TABLE = (*_OF_STOP, "contact", "play")
 _CACHES = frozenset(
     {
         "_structure",
+        "_contact",
         "_drive",
         "_stops",
         "_soft",
@@ -140,7 +141,12 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _structure(self) -> Structure:
-        return structure_of(self, self.contact)
+        return structure_of(self)
+
+    @cached_property
+    def _contact(self) -> Contact:
+        """Where the first stop acts."""
+        return self._structure.contact(self._stops[0].row(self.degrees_of_freedom))
 
     @cached_property
     def _drive(self) -> Drive:
@@ -172,8 +178,8 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _automaton(self) -> Automaton:
-        structure, law = self._structure, (self.restitution, self.chatter_tolerance)
-        return Automaton(structure, self._drive, self._elements, *law)
+        tolerance = self.chatter_tolerance
+        return Automaton(self._structure, self._drive, self._elements, tolerance)
 
     @cached_property
     def _free(self) -> Mode:

@@ -89,12 +89,21 @@ class Forced:
     """Motion of N coordinates: those of a basis under forces, the others as they are told to.
 
     Positions are Im(shape exp(i phase)) + rest + those of the basis, velocities Im(turning exp(i
-    phase)) + drift + those of the basis.
+    phase)) + drift + those of the basis. With ties (h, m) those at some places (h,) follow the
+    basis's, too.
     """
 
-    def __init__(self, basis: Basis | None, free: NDArray[np.intp], load: Load) -> None:
+    def __init__(
+        self,
+        basis: Basis | None,
+        free: NDArray[np.intp],
+        load: Load,
+        tied: NDArray[np.intp] | None = None,
+        ties: Array | None = None,
+    ) -> None:
         self.basis = basis
         self.free = free
+        self._tied, self._ties = tied, ties
         self.frequency = load.frequency
         self.shape = np.array(load.shape, dtype=complex)
         self.turning = 1j * load.frequency * self.shape
@@ -107,12 +116,12 @@ class Forced:
             forces = np.stack([load.harmonic.real, load.harmonic.imag, load.constant])
             response = self._response(basis, basis.pushes(forces))
             sine, cosine, still = basis.positions(response)
-            self.shape[free] += sine + 1j * cosine
-            self.rest[free] += still
+            self.shape += self.spread(sine) + 1j * self.spread(cosine)
+            self.rest += self.spread(still)
             # Where a mode is driven step by step the others alone have velocities of their own.
             sine, cosine, still = basis.velocities(response)
-            self.turning[free] += sine + 1j * cosine
-            self.drift[free] += still
+            self.turning += self.spread(sine) + 1j * self.spread(cosine)
+            self.drift += self.spread(still)
             self._still = response[2]
         self.turns = bool(load.harmonic.any() or self.shape.any())
 
@@ -122,8 +131,29 @@ class Forced:
         terms = self._rest_given.copy()
         if self.basis is not None and self._still.any():
             places = self.basis.units()[0]
-            terms[self.free] = abs(places * self._still.reshape(-1, 1)).sum(axis=0)
+            sums = abs(places * self._still.reshape(-1, 1)).sum(axis=0)
+            terms += self.spread(sums, absolute=True)
         return np.asarray(terms)
+
+    def spread(self, own: Array, *, absolute: bool = False) -> Array:
+        """What numbers (..., m) of the basis's coordinates make of all, (..., N)."""
+        if len(self.free) == self.rest.size:
+            return own
+        out = np.zeros((*own.shape[:-1], self.rest.size))
+        out[..., self.free] = own
+        if self._ties is not None:
+            ties = abs(self._ties) if absolute else self._ties
+            out[..., self._tied] = row_by_row(own, ties)
+        return out
+
+    def own(self, x: Array) -> Array:
+        """The basis's coordinates (..., m) among all, (..., N)."""
+        return x if len(self.free) == self.rest.size else x[..., self.free]
+
+    def gathered(self, row: Array) -> Array:
+        """A sum (N,) of all coordinates as one, (m,), of the basis's."""
+        out = self.own(row)
+        return out if self._ties is None else out + row[self._tied] @ self._ties
 
     def _response(self, basis: Basis, push: Array) -> Array:
         """Steady response (3, 2, m) to pushes (3, 2, m); modes that have none are to be linked."""
@@ -215,12 +245,9 @@ class Forced:
         return np.multiply.outer(sine, shape.real) + np.multiply.outer(cosine, shape.imag)
 
     def _own(self, q: Array, what: Literal["positions", "velocities"]) -> Array:
-        if self.basis is not None and len(self.free) == self.rest.size:
-            return np.asarray(getattr(self.basis, what)(q))
-        out = np.zeros((*q.shape[:-2], self.rest.size))
-        if self.basis is not None:
-            out[..., self.free] = getattr(self.basis, what)(q)
-        return out
+        if self.basis is None:
+            return np.zeros((*q.shape[:-2], self.rest.size))
+        return self.spread(getattr(self.basis, what)(q))
 
     def coordinates(self, d: Array, v: Array, sine: Any, cosine: Any) -> Array:
         """Coordinates (..., 2, m) of positions less `rest` and velocities less `drift` (..., N)."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, final
 
@@ -14,9 +13,9 @@ from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import cells_of_a_call, ladder, workspace
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.bases import row_by_row
-from dynkit.systems.impact.elements import Element, Watch
-from dynkit.systems.impact.forced import HIDDEN, Forced, Load
-from dynkit.systems.impact.structure import Drive, Structure, flat
+from dynkit.systems.impact.elements import Element
+from dynkit.systems.impact.forced import Forced
+from dynkit.systems.impact.structure import Contact, Drive, Structure
 
 
 @final
@@ -25,7 +24,8 @@ class Mode:
 
     Attributes
     ----------
-    structure : Structure
+    structure : Structure or None
+        Of the coordinates that are not held.
     forced : Forced
     layout : Layout
     propagators : Propagators
@@ -34,7 +34,7 @@ class Mode:
 
     def __init__(
         self,
-        structure: Structure,
+        structure: Structure | None,
         forced: Forced,
         drive: Drive,
         seen: NDArray[np.bool_],
@@ -53,8 +53,8 @@ class Mode:
         """Row (2, slots) of a sum (N,) of positions, without their rest."""
         out = np.zeros((2, self.layout.slots))
         if self.forced.basis is not None:
-            coefficients_of_modes = coefficients[self.forced.free]
-            out[:, self.layout.modes] = self.forced.basis.position_row(coefficients_of_modes)
+            own = self.forced.gathered(coefficients)
+            out[:, self.layout.modes] = self.forced.basis.position_row(own)
         if self.layout.table >= 0:
             turn = coefficients @ self.forced.shape
             out[:, self.layout.table] = turn.real, turn.imag
@@ -89,8 +89,7 @@ class Mode:
         x, v = np.zeros((2, 2, layout.slots, len(forced.rest)))
         if forced.basis is not None:
             for part, own in zip((x, v), forced.basis.units(), strict=True):
-                place = layout.modes[:, None], forced.free
-                part[:, *place] = own.reshape(2, len(layout.modes), -1)
+                part[:, layout.modes] = forced.spread(own).reshape(2, len(layout.modes), -1)
         if layout.table >= 0:
             x[:, layout.table] = forced.shape.real, forced.shape.imag
             v[:, layout.table] = forced.turning.real, forced.turning.imag
@@ -104,14 +103,25 @@ class Mode:
         v = np.stack([forced.turning.real, forced.turning.imag, forced.drift])
         return x, v
 
-    def change_of_basis(self, one: Mode, modes: Array, x: Any = None, v: Any = None) -> Array:
+    def contact(self, row: Array) -> Contact:
+        """What impulses along a row (N,) of coordinates do, among those that are not held."""
+        assert self.structure is not None
+        return self.structure.contact(self.forced.gathered(row))
+
+    def pushed(self, row: Array) -> Array:
+        """Velocity changes (N,) of an impulse that changes the rate of a row (N,) by one."""
+        return self.forced.spread(self.contact(row).kick_velocity)
+
+    def seen_from(self, one: Mode, stop: Element | None = None) -> Array:
         """Affine change of basis (2 slots, 2 slots of another mode + 1) from that mode.
 
-        From that of the modes alone, and the positions and velocities that it has of the sine, of
-        the cosine, and at rest, (3, N) each; by default its own, which do not jump.
+        Nothing jumps but, where a stop is given, the rate of its gap, which is lost.
         """
-        if x is None:
-            x, v = one.driven()
+        x, v = one.driven()
+        if stop is not None:
+            row, told = stop.row(len(one.forced.rest)), 1j * self.forced.frequency * stop.phasor
+            lost = v @ row - (told.real, told.imag, 0.0)
+            v -= np.outer(lost, one.pushed(row))
         (sine, cosine), forced = np.eye(2, 3), self.forced
         x[2] -= forced.rest
         v[2] -= forced.drift
@@ -121,18 +131,26 @@ class Mode:
             driven[:2, 0, b.constant] = 0.0
         out = np.zeros((2 * b.slots, 2 * a.slots + 1))
         places = (np.append(layout.modes, layout.slots + layout.modes) for layout in (b, a))
-        out[np.ix_(*places)] = modes
+        out[np.ix_(*places)] = self._modes_from(one, stop)
         if a.table >= 0:
             out[:, a.table], out[:, a.slots + a.table] = driven[:2].reshape(2, -1)
         out[:, -1] = driven[2].ravel()
         return out
 
-    def seen_from(self, one: Mode) -> Array:
-        """The change of basis from another mode, where the same is held and nothing jumps."""
-        if self.forced.basis is None or one.forced.basis is None:
-            return self.change_of_basis(one, np.zeros((0, 0)))
-        x, v = one.forced.basis.units()
-        return self.change_of_basis(one, flat(self.forced.basis.coordinates(x, v)))
+    def _modes_from(self, one: Mode, stop: Element | None) -> Array:
+        """That of the modes alone, (2 modes, 2 modes of the other one); kept with the basis."""
+        basis, other = self.forced.basis, one.forced.basis
+        if basis is None or other is None:
+            return np.zeros((2 * len(self.layout.modes), 2 * len(one.layout.modes)))
+        row = None if stop is None else stop.row(len(one.forced.rest))
+        key = other, None if row is None else row.tobytes()
+        if key not in basis.changes:
+            x, v = map(one.forced.spread, other.units())
+            if row is not None:
+                v = v - np.outer(v @ row, one.pushed(row))
+            units = basis.coordinates(self.forced.own(x), self.forced.own(v))
+            basis.changes[key] = np.ascontiguousarray(units.reshape(len(units), -1).T)
+        return basis.changes[key]
 
     def sum(self, row: Array, offset: float) -> Any:
         """The exponential sum ``offset + row . y`` as the kernels take it."""
@@ -282,37 +300,6 @@ class Transitions:
             matrix = np.eye(flat.size) - self._dense[0] / multiplier
             out[:, self.linked] = np.linalg.solve(matrix, flat).reshape(-1, 2).T
         return out
-
-
-def visible(rows: Array) -> NDArray[np.bool_]:
-    """Modes (m,) with a share in any of the rows (k, m)."""
-    share = abs(rows)
-    return np.asarray((share > HIDDEN * share.max(axis=1, keepdims=True, initial=0.0)).any(axis=0))
-
-
-def free_mode(structure: Structure, drive: Drive, watched: Sequence[Array] = ()) -> Mode:
-    """Free flight, in which the contact coordinate is watched, and rows (N,) of coordinates."""
-    n = structure.size
-    load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
-    forced = Forced(structure.free, np.arange(n), load)
-    rows = [np.eye(n)[structure.contact], *watched]
-    seen, key = structure.seen, frozenset(row.tobytes() for row in rows)
-    if key not in seen:
-        shares = [structure.free.position_row(row) for row in rows]
-        seen[key] = visible(np.concatenate([*shares, structure.kick[:2]]))
-    return Mode(structure, forced, drive, seen[key])
-
-
-def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
-    """What a guard watches of an element's gap, as an exponential sum."""
-    along, sign = element.row(len(mode.forced.rest)), element.sign
-    row = mode.row(along)
-    if mode.layout.table >= 0:
-        row[:, mode.layout.table] -= element.phasor.real, element.phasor.imag
-    total, offset = watch.gap * row, watch.gap * (along @ mode.forced.rest - element.offset)
-    if watch.rate:
-        total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
-    return mode.sum(sign * total, sign * offset)
 
 
 def transformed(matrix: Array, states: Array) -> Array:

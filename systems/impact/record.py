@@ -198,7 +198,7 @@ class ImpactRecord(Result):
     @property
     def _without_phase(self) -> Array:
         """Section coordinates (n, 2N - 1) without the phase."""
-        u, others = self.relative_velocity, self.system._structure.others
+        u, others = self.relative_velocity, self.system._contact.others
         parts = [self.position[:, others], self.velocity[:, others], u[:, None]]
         return np.concatenate(parts, axis=1)
 

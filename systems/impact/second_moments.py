@@ -289,7 +289,7 @@ def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) 
     # What comes to rest on the table forgets how fast it was.
     following = np.append(np.where(from_table, flights, 0.0)[1:], 0.0)
     pushed = (1.0 + oscillator.restitution) * (abs(bends) * late + speed) * following**2
-    kick = np.append(abs(oscillator._structure.kick_velocity), 0.0)
+    kick = np.append(abs(oscillator._contact.kick_velocity), 0.0)
     moved = 0.5 * np.outer(kick, pushed @ abs(x))
     ended = abs(np.outer(x[-1], x[-1]) - moments / moments[-1, -1]) * late[-1]
     return np.asarray(moved + moved.T + ended)

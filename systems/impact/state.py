@@ -253,7 +253,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
 
 def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Section coordinates (2N,) of a state on the table."""
-    others = oscillator._structure.others
+    others = oscillator._contact.others
     x, v = state.position[others], state.velocity[others]
     return np.concatenate([x, v, [state.relative_velocity, state.phase]])
 
@@ -262,7 +262,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     """The state just after an impact with these section coordinates (2N,); ValueError for none."""
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stops
-    others = oscillator._structure.others
+    others = oscillator._contact.others
     u, phase = float(y[-2]), float(y[-1])
     if len(stands) == 1:
         if u < 0.0:

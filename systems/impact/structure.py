@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.bases import Basis, basis_of
+from dynkit.systems.impact.bases import basis_of
 from dynkit.systems.impact.elements import Element, Regime
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
@@ -18,26 +18,29 @@ from dynkit.systems.structure.modes import Derivation
 
 @final
 class Structure:
-    """What follows from mass, damping, stiffness and contact: shared by all other parameters.
+    """What follows from mass, damping and stiffness: shared by all other parameters.
 
     Attributes
     ----------
+    mass, damping, stiffness : (N, N)
+    size : int
+    free : Basis
     seen : dict
-        Modes that take part in the motion of some coordinates, filled by `free_mode`.
+        Modes that take part in the motion of some coordinates, filled by `mode_of`.
     """
 
-    def __init__(self, given: Derivation, contact: int) -> None:
+    def __init__(self, given: Derivation) -> None:
         self.mass = given.mass.dense
         self.damping = given.damping.dense
         self.stiffness = given.stiffness.dense
-        self.contact = contact
         self.free = basis_of(given)
         self.size = len(self.mass)
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
-        self.others = np.delete(np.arange(self.size), contact)
         self._stiffened: dict[tuple[bytes, float, float], Structure] = {}
-        self.seen: dict[frozenset[bytes], Any] = {}
+        self._contacts: dict[bytes, Contact] = {}
+        self._held: dict[bytes, Held] = {}
+        self.seen: dict[Any, Any] = {}
 
     def stiffened(self, row: Array, stiffness: float, damping: float) -> Structure:
         """The same with a spring and a dashpot more along a row (N,) of coordinates; kept."""
@@ -47,67 +50,112 @@ class Structure:
         if key not in self._stiffened:
             along = np.outer(row, row)
             c, k = self.damping + damping * along, self.stiffness + stiffness * along
-            self._stiffened[key] = Structure(
-                Derivation.from_matrices(self.mass, c, k), self.contact
-            )
+            self._stiffened[key] = Structure(Derivation.from_matrices(self.mass, c, k))
         return self._stiffened[key]
+
+    def contact(self, row: Array) -> Contact:
+        """What impulses along a row (N,) of coordinates do; kept."""
+        key = row.tobytes()
+        if key not in self._contacts:
+            self._contacts[key] = Contact(self, row)
+        return self._contacts[key]
+
+    def holding(self, rows: Array) -> Held:
+        """The structure of which rows (h, N) of coordinates are held; kept."""
+        key = rows.tobytes()
+        if key not in self._held:
+            self._held[key] = Held(self._given, rows)
+        return self._held[key]
+
+
+@final
+class Held:
+    """A structure of which the sums z = J x are held, J (h, N): some coordinates follow the others.
+
+    These are x_p = told z + ties x_o.
+
+    Attributes
+    ----------
+    others, pivots : (m,), (h,)
+        Places of the coordinates that are left, and of those that follow.
+    told : (h, h)
+    ties : (h, m), or None where they do not depend on the others
+    weights : (h, N)
+        Give the forces that hold, along J, as sums of those on the coordinates.
+    structure : Structure or None
+        Of the coordinates that are left.
+    """
+
+    def __init__(self, given: Derivation, rows: Array) -> None:
+        self.pivots = pivots = np.array(_pivots(rows), dtype=np.intp)
+        self.others = np.delete(np.arange(rows.shape[1]), pivots)
+        self.told = np.linalg.inv(rows[:, pivots])
+        ties = -self.told @ rows[:, self.others]
+        self.ties = ties if ties.any() else None
+        self.weights = np.zeros_like(rows)
+        self.weights[:, pivots] = self.told.T
+        left = given.without(pivots, self.ties) if len(self.others) else None
+        self.structure = None if left is None else Structure(left)
+
+
+def _pivots(rows: Array) -> list[int]:
+    """Of each row (h, N) the column of its largest number, those above it eliminated."""
+    left, found = rows.copy(), []
+    for k, row in enumerate(left):
+        column = int(len(row) - 1 - np.argmax(abs(row[::-1])))
+        left[k + 1 :] -= np.outer(left[k + 1 :, column] / row[column], row)
+        found.append(column)
+    return found
+
+
+@final
+class Contact:
+    """A row (N,) of a structure's coordinates along which a stop acts.
+
+    Attributes
+    ----------
+    structure : Structure
+    row : (N,)
+    place : int
+        Of the coordinate that an impact leaves by its row: the one with the largest part in it.
+    others : (N - 1,)
+        Places of all others.
+    """
+
+    def __init__(self, structure: Structure, row: Array) -> None:
+        self.structure, self.row = structure, row
+        (self.place,) = _pivots(row[None])
+        self.others = np.delete(np.arange(structure.size), self.place)
 
     @cached_property
     def kick_velocity(self) -> Array:
-        """Velocity changes (N,) of an impulse that changes the contact velocity by one."""
-        response = np.linalg.solve(self.mass, np.eye(self.size)[self.contact])
-        return np.asarray(response / response[self.contact])
+        """Velocity changes (N,) of an impulse that changes the rate of the row by one."""
+        response = np.linalg.solve(self.structure.mass, self.row)
+        return np.asarray(response / (self.row @ response))
 
     @cached_property
     def kick(self) -> Array:
         """(4, N) change of the coordinates by `kick_velocity`, then its low parts."""
-        return self.free.kick(self.kick_velocity, self.contact)
+        return self.structure.free.kick(self.kick_velocity, self.row)
 
     @cached_property
     def brief(self) -> Array:
         """(2, N) change of the coordinates by an `excursion`."""
-        return self.free.coordinates(*self.excursion)
-
-    @cached_property
-    def stuck(self) -> Basis | None:
-        """Basis of the structure whose contact coordinate is held; None when nothing is left."""
-        if self.size == 1:
-            return None
-        return basis_of(self._given.without(self.contact))
-
-    @cached_property
-    def caught(self) -> Array:
-        """(2 N - 2, 2 N) stuck coordinates of free ones, whose contact velocity is lost."""
-        if self.stuck is None:
-            return np.zeros((0, 2))
-        x, v = self.free.units()
-        v = v - np.outer(v[:, self.contact], self.kick_velocity)
-        return flat(self.stuck.coordinates(x[:, self.others], v[:, self.others]))
-
-    @cached_property
-    def released(self) -> Array:
-        """(2 N, 2 N - 2) free coordinates of stuck ones, the contact coordinate at zero."""
-        if self.stuck is None:
-            return np.zeros((2, 0))
-        x, v = np.zeros((2, 2 * len(self.others), self.size))
-        x[:, self.others], v[:, self.others] = self.stuck.units()
-        return flat(self.free.coordinates(x, v))
+        return self.structure.free.coordinates(*self.excursion)
 
     @cached_property
     def excursion(self) -> Array:
-        """Changes (2, N) of positions and velocities by brief excursions of the contact coordinate.
+        """Changes (2, N) of positions and velocities by brief excursions of the sum J x.
 
-        To leading order, where its time integral is one: the positions of the others jump by m^-1 f
-        and their velocities by m^-1 (g - c m^-1 f), with f = -C k, g = -K k and k `kick_velocity`;
-        m and c are the others' parts of M and C.
+        To leading order, where its time integral is one. In coordinates of which J x is one the
+        positions of the others jump by m^-1 f and their velocities by m^-1 (g - c m^-1 f), with f =
+        -C k, g = -K k and k `kick_velocity`; m and c are the others' parts of M and C.
         """
-        place = np.ix_(self.others, self.others)
-        out = np.zeros((2, self.size))
-        out[0, self.others] = x = self._answer(self.damping)
-        out[1, self.others] = self._answer(self.stiffness) - np.linalg.solve(
-            self.mass[place], self.damping[place] @ x
-        )
-        return out
+        place, (m, c, _) = np.ix_(self.others, self.others), self._matrices
+        out = np.zeros((2, len(m)))
+        out[0, self.others] = x = self._answer(1)
+        out[1, self.others] = self._answer(2) - np.linalg.solve(m[place], c[place] @ x)
+        return np.asarray(out @ self._whole.T)
 
     @cached_property
     def coupling(self) -> float:
@@ -117,33 +165,41 @@ class Structure:
         duration; what the springs do counts by itself, too.
         """
         largest = abs(self.excursion).max()
-        if self.size > 1:
-            largest = max(largest, abs(self._answer(self.stiffness)).max())
+        if len(self.others):
+            largest = max(largest, abs(self._answer(2)).max())
         # no other, or none that is tied to it: then the contact coordinate itself
         return float(largest) or 1.0
 
-    def _answer(self, part: Array) -> Array:
-        """Accelerations (N - 1,) of the others by their part of K k or C k, k `kick_velocity`."""
-        place = np.ix_(self.others, self.others)
-        forces = part[self.others] @ self.kick_velocity
-        return np.asarray(-np.linalg.solve(self.mass[place], forces))
+    @cached_property
+    def _whole(self) -> Array:
+        """The coordinates (N, N) from those of which J x is one."""
+        whole = np.eye(self.structure.size)
+        whole[self.place] = -self.row / self.row[self.place]
+        whole[self.place, self.place] = 1.0 / self.row[self.place]
+        return whole
+
+    @cached_property
+    def _matrices(self) -> list[Array]:
+        """Mass, damping and stiffness in coordinates of which J x is one."""
+        s, whole = self.structure, self._whole
+        return [whole.T @ part @ whole for part in (s.mass, s.damping, s.stiffness)]
+
+    def _answer(self, part: int) -> Array:
+        """Accelerations (N - 1,) of the others by their part of C k or K k, k `kick_velocity`."""
+        place, kick = np.ix_(self.others, self.others), self.kick_velocity.copy()
+        kick[self.place] = 1.0
+        forces = self._matrices[part][self.others] @ kick
+        return np.asarray(-np.linalg.solve(self._matrices[0][place], forces))
 
 
-def flat(units: Array) -> Array:
-    """Matrix (2 n, k) of the coordinates (k, 2, n) of k units."""
-    return np.ascontiguousarray(units.reshape(len(units), -1).T)
+_structures: WeakKeyDictionary[Any, Structure] = WeakKeyDictionary()
 
 
-_structures: WeakKeyDictionary[Any, dict[int, Structure]] = WeakKeyDictionary()
-
-
-def structure_of(given: LagrangianStructure, contact: int) -> Structure:
-    """The shared part, computed once for all oscillators of equal structure and contact."""
-    known = _structures.setdefault(given._derivation, {})
-    place = contact % given.degrees_of_freedom
-    if place not in known:
-        known[place] = Structure(given._derivation, place)
-    return known[place]
+def structure_of(given: LagrangianStructure) -> Structure:
+    """The shared part, computed once for all oscillators of equal structure."""
+    if given._derivation not in _structures:
+        _structures[given._derivation] = Structure(given._derivation)
+    return _structures[given._derivation]
 
 
 @final

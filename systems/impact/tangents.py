@@ -144,7 +144,7 @@ def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> St
 
     Those that lead to the impacts from number `begin` on.
     """
-    motion = free_motion(oscillator._structure)
+    motion = free_motion(oscillator._contact)
     before = run.before
     flights, held = run.durations
     jumps, lost = _jumps(oscillator, run)
@@ -199,7 +199,7 @@ def chatter_carried(oscillator: DrivenStructure, run: Trajectory, disturbances: 
 
     if not run.impacts:
         return disturbances
-    motion, d = free_motion(oscillator._structure), len(disturbances)
+    motion, d = free_motion(oscillator._contact), len(disturbances)
     flights = np.diff(run.time, prepend=0.0)
     jumps, _ = _jumps(oscillator, run)
     frame = np.ascontiguousarray(disturbances.T)
@@ -220,7 +220,7 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
 def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
     r, free, log, parts = oscillator.restitution, oscillator._free, run.log, run.segments
-    kick = free.placed(oscillator._structure.kick[:2])
+    kick = free.placed(oscillator._contact.kick[:2])
     last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
     if r > 0.0:

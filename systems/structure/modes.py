@@ -7,6 +7,7 @@ from functools import cached_property
 from threading import RLock
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
@@ -170,12 +171,12 @@ class Derivation:
         """
         return 0.0 if self.exact else 8.0 * _HALF_ULP
 
-    def without(self, coordinate: int) -> "Derivation":
-        """The structure whose coordinate of this number is held."""
+    def without(self, places: NDArray[np.intp], ties: Array | None = None) -> "Derivation":
+        """The structure whose coordinates of these numbers are held: see `SymmetricMatrix`."""
         return Derivation(
-            self.mass.without(coordinate),
-            self.damping.without(coordinate),
-            self.stiffness.without(coordinate),
+            self.mass.without(places, ties),
+            self.damping.without(places, ties),
+            self.stiffness.without(places, ties),
             self.exact,
         )
 

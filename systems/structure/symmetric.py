@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from itertools import product as pairs
 from typing import NamedTuple
 
 import numpy as np
@@ -125,17 +126,28 @@ class SymmetricMatrix:
             np.ldexp(self.low, exponent),
         )
 
-    def without(self, place: int) -> "SymmetricMatrix":
-        """The matrix without one row and the column of the same number."""
-        kept = (self.rows != place) & (self.columns != place)
-        rows, columns = self.rows[kept], self.columns[kept]
-        return SymmetricMatrix(
-            self.size - 1,
-            rows - (rows > place),
-            columns - (columns > place),
-            self.high[kept],
-            self.low[kept],
-        )
+    def without(self, places: NDArray[np.intp], ties: Array | None = None) -> "SymmetricMatrix":
+        """The matrix of a form of which some coordinates (h,) are zero, or follow the m others.
+
+        With ties (h, m) each is that sum of the others, and the matrix is rounded once.
+        """
+        number = np.arange(self.size) - np.searchsorted(np.sort(places), np.arange(self.size))
+        size = self.size - len(places)
+        if ties is None:
+            kept = ~(np.isin(self.rows, places) | np.isin(self.columns, places))
+            rows, columns = number[self.rows[kept]], number[self.columns[kept]]
+            return SymmetricMatrix(size, rows, columns, self.high[kept], self.low[kept])
+        parts = [{k: Fraction(1)} for k in number.tolist()]
+        for place, row in zip(places.tolist(), ties.tolist(), strict=True):
+            parts[place] = {k: Fraction(tie) for k, tie in enumerate(row) if tie}
+        elements: dict[tuple[int, int], Fraction] = {}
+        given = self.rows.tolist(), self.columns.tolist(), self.high.tolist(), self.low.tolist()
+        for i, j, high, low in zip(*given, strict=True):
+            for (a, one), (b, other) in pairs(parts[i].items(), parts[j].items()):
+                if a <= b:
+                    term = (Fraction(high) + Fraction(low)) * one * other
+                    elements[a, b] = elements.get((a, b), Fraction(0)) + term
+        return SymmetricMatrix.from_fractions(size, elements)
 
     @cached_property
     def _layers(self) -> list[_Layer]:

@@ -233,7 +233,7 @@ def compared(
         own, theirs = record.sample([time]), reference.state_at(exact, time)
         off = np.array([difference(x[0], y) for x, y in zip(own, theirs, strict=True)])
         later = impact_error(alone, bounces, after)
-    effect = lifted(record, bounces - 1) * system._structure.excursion
+    effect = lifted(record, bounces - 1) * system._contact.excursion
     return Row(
         tolerance,
         abs(float(record.relative_velocity[bounces - 1])),

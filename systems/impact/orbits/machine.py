@@ -126,7 +126,7 @@ class Machine:
 
     def __init__(self, oscillator: DrivenStructure, change: Array) -> None:
         self.size = n = oscillator.degrees_of_freedom
-        self.contact, self.others = oscillator._structure.contact, oscillator._structure.others
+        self.contact, self.others = oscillator._contact.place, oscillator._contact.others
         self.signs = [stop.sign for stop in oscillator._stops]
         numbers = numbers_of(oscillator) + 1j * STEP * change
         self.frequency, self.restitution, self.amplitude = numbers[:3]

@@ -18,7 +18,7 @@ from dynkit.systems.impact.orbits.impulses.terms import EXACT, Terms, changes_al
 from dynkit.systems.impact.orbits.machine import difference, residual_change
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.systems.impact.structure import Structure
+from dynkit.systems.impact.structure import Contact
 
 LEAST = 1e-13
 """Smaller impulses are rounding: at resonance those of all orbits are zero."""
@@ -30,7 +30,7 @@ LARGEST = 50
 class Scene(NamedTuple):
     """A structure, how it moves freely, and what acts on it."""
 
-    structure: Structure
+    contact: Contact
     motion: FreeMotion
     terms: Terms
 
@@ -57,20 +57,20 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
     sticks = False
 
     def _scene(self, p: Array) -> Scene:
-        structure, motion, _ = self._here
+        contact, motion, _ = self._here
         if self._plain_names.issuperset(self._names):
             # No need of a system for each value.
             changes = dict(zip(self._names, p.tolist(), strict=True))
-            return Scene(structure, motion, Terms.of(self.oscillator, motion, changes))
+            return Scene(contact, motion, Terms.of(self.oscillator, motion, changes))
         system = self.system(p)
-        motion = forced_motion(system._structure, system._drive)
-        return Scene(system._structure, motion, Terms.of(system, motion))
+        motion = forced_motion(system._contact, system._drive)
+        return Scene(system._contact, motion, Terms.of(system, motion))
 
     @cached_property
     def _here(self) -> Scene:
         """At the oscillator's parameters."""
-        motion = forced_motion(self.oscillator._structure, self.oscillator._drive)
-        return Scene(self.oscillator._structure, motion, Terms.of(self.oscillator, motion))
+        motion = forced_motion(self.oscillator._contact, self.oscillator._drive)
+        return Scene(self.oscillator._contact, motion, Terms.of(self.oscillator, motion))
 
     def _solution(self, x: Array, scene: Scene) -> ImpulseSolution:
         return ImpulseSolution(*scene, self.periods, self.sides, x)

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.mode import Mode, Transitions, free_mode
-from dynkit.systems.impact.structure import Drive, Structure
+from dynkit.systems.impact.contact import free_mode
+from dynkit.systems.impact.mode import Mode, Transitions
+from dynkit.systems.impact.structure import Contact, Drive
 
 
 @final
@@ -23,7 +24,7 @@ class FreeMotion:
 
     Parameters
     ----------
-    structure : Structure
+    contact : Contact
     constant : (N,) array, optional
         Constant forces.
 
@@ -38,18 +39,21 @@ class FreeMotion:
         Change of the state by an impulse that changes the contact velocity by one.
     """
 
-    def __init__(self, structure: Structure, constant: Array | None = None) -> None:
-        n = structure.size
+    def __init__(self, contact: Contact, constant: Array | None = None) -> None:
+        n = len(contact.row)
         forces = np.zeros(n) if constant is None else constant
         self.mode: Mode = free_mode(
-            structure, Drive(1.0, np.zeros(n, dtype=complex), forces, turns=False)
+            contact.structure,
+            Drive(1.0, np.zeros(n, dtype=complex), forces, turns=False),
+            [contact.row],
+            [contact.row],
         )
-        row = self.mode.row(np.eye(n)[structure.contact])
+        row = self.mode.row(contact.row)
         self.rows = np.stack(
             [self.mode.pairs.derivative_rows(row, order).ravel() for order in range(4)]
         )
         self._row = row
-        self.kick = self.mode.placed(structure.kick[:2])
+        self.kick = self.mode.placed(contact.kick[:2])
         self.neutral = _neutral(self.mode)
         self._bound = np.setdiff1d(self.mode.layout.modes, self.neutral)
         self._returns: list[tuple[float, Transitions, Array]] = []
@@ -140,22 +144,22 @@ def _neutral(mode: Mode) -> NDArray[np.intp]:
     return np.array(sorted(found), dtype=np.intp)
 
 
-_motions: WeakKeyDictionary[Structure, FreeMotion] = WeakKeyDictionary()
+_motions: WeakKeyDictionary[Contact, FreeMotion] = WeakKeyDictionary()
 
 
-def free_motion(structure: Structure) -> FreeMotion:
+def free_motion(contact: Contact) -> FreeMotion:
     """The free motion of a structure without forces, made once."""
-    if structure not in _motions:
-        _motions[structure] = FreeMotion(structure)
-    return _motions[structure]
+    if contact not in _motions:
+        _motions[contact] = FreeMotion(contact)
+    return _motions[contact]
 
 
-def forced_motion(structure: Structure, drive: Drive) -> FreeMotion:
+def forced_motion(contact: Contact, drive: Drive) -> FreeMotion:
     """The same under the constant forces, where some of the motion has no restoring force.
 
     Elsewhere it is at rest in another place: see `Terms`.
     """
-    motion = free_motion(structure)
+    motion = free_motion(contact)
     if not len(motion.neutral) or not drive.constant.any():
         return motion
-    return FreeMotion(structure, drive.constant)
+    return FreeMotion(contact, drive.constant)

@@ -14,7 +14,7 @@ from dynkit.systems.impact.orbits.impulses.responses import FreeMotion
 from dynkit.systems.impact.orbits.impulses.terms import Terms
 from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.state import TWO_PI
-from dynkit.systems.impact.structure import Structure
+from dynkit.systems.impact.structure import Contact
 
 ROUNDING = 32.0 * 2.0**-52
 """Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
@@ -31,7 +31,7 @@ class ImpulseSolution(Solution):
 
     Parameters
     ----------
-    structure : Structure
+    contact : Contact
     motion : FreeMotion
     terms : Terms
     periods : int
@@ -41,14 +41,14 @@ class ImpulseSolution(Solution):
 
     def __init__(
         self,
-        structure: Structure,
+        contact: Contact,
         motion: FreeMotion,
         terms: Terms,
         periods: int,
         sides: Any,
         x: Array,
     ) -> None:
-        self.structure, self.motion, self.terms, self.sides = structure, motion, terms, sides
+        self.contact, self.motion, self.terms, self.sides = contact, motion, terms, sides
         n = len(sides)
         self.phases, self.impulses, self.border = x[:n], x[n : 2 * n], x[2 * n :]
         self.impact_phases, self.parts = self.phases, [range(n)]
@@ -288,7 +288,7 @@ class ImpulseSolution(Solution):
     @property
     def section_states(self) -> Array:
         position, velocity = self._motion(self.states, self.turning)
-        others = self.structure.others
+        others = self.contact.others
         parts = [position[:, others], velocity[:, others], self.relative_velocity[:, None]]
         return np.concatenate([*parts, (self.phases % TWO_PI)[:, None]], axis=1)
 
@@ -300,7 +300,7 @@ class ImpulseSolution(Solution):
 
     def _motion(self, states: Array, turn: Any) -> tuple[Array, Array]:
         """Positions and velocities (k, N) of free states (k, 2, slots) at exp(i phase), (k,)."""
-        t, free, turn = self.terms, self.structure.free, turn[:, None]
+        t, free, turn = self.terms, self.contact.structure.free, turn[:, None]
         q = states[..., self.motion.mode.layout.modes]
         position = free.positions(q) + (t.shape * turn).imag + t.still
         velocity = free.velocities(q) + t.frequency * (t.shape * turn).real

@@ -31,7 +31,7 @@ def changes_alone(oscillator: Any, name: str) -> bool:
         return False
     there = here.replace(**{name: 0.5 * getattr(here, name) or 0.5})
     same = all(getattr(here, other) == getattr(there, other) for other in OUTSIDE if other != name)
-    return same and there._structure is here._structure
+    return same and there._contact is here._contact
 
 
 @final

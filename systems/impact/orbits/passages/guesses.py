@@ -109,7 +109,7 @@ def _releases(
 def _places(oscillator: ImpactMap, run: Trajectory, times: Array) -> Array:
     """Positions and velocities (k, 2N - 2) of all coordinates but that in contact."""
     x, v = sample_run(oscillator, run, times)
-    others = oscillator._structure.others
+    others = oscillator._contact.others
     return np.concatenate([x[:, others], v[:, others]], axis=1)
 
 

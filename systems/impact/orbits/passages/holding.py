@@ -55,7 +55,7 @@ class Holding:
 
     def _affine(self) -> tuple[Array, Array]:
         """States by places, sine, cosine and one; places by states and one."""
-        others, forced = self.system._structure.others, self.mode.forced
+        others, forced = self.system._contact.others, self.mode.forced
         half, count = len(others), 2 * len(others)
         x, v = np.zeros((2, count + 3, self.system.degrees_of_freedom))
         x[np.arange(half), others] = v[np.arange(half, count), others] = 1.0

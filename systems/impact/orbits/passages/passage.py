@@ -71,12 +71,12 @@ class Scene:
 
     def __init__(self, system: ImpactMap) -> None:
         self.system = system
-        self.motion: FreeMotion = free_motion(system._structure)
+        self.motion: FreeMotion = free_motion(system._contact)
         self.holdings = tuple(Holding(system, side) for side in range(len(system._stops)))
-        structure, free = system._structure, system._free
-        self.kick = free.placed(structure.kick[:2])
-        unit = np.eye(structure.size)[structure.contact]
-        self.shift = free.placed(structure.free.coordinates(unit, 0.0 * unit))
+        contact, free = system._contact, system._free
+        self.kick = free.placed(contact.kick[:2])
+        unit = np.eye(len(contact.row))[contact.place]
+        self.shift = free.placed(contact.structure.free.coordinates(unit, 0.0 * unit))
 
     def gap(self, states: Array, side: int, order: int) -> Array:
         """Gaps (...) of free states (..., 2, slots), or a derivative of them in time."""
