@@ -80,7 +80,7 @@ def parameter_derivative(
     entered.
     """
     forced = bool(oscillator._drive.harmonic.any())
-    if not changes_alone(oscillator, name) or (forced and name == "frequency"):
+    if oscillator._own or not changes_alone(oscillator, name) or (forced and name == "frequency"):
         return None
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
@@ -139,15 +139,19 @@ def _stop_by(
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
     contact, free = oscillator._contact, oscillator._free
-    n, c, others = len(contact.row), contact.place, contact.others
+    n, others, stop = len(contact.row), contact.others, oscillator._stops[state.element]
     sine, cosine = state._turn
-    sign = oscillator._stops[state.element].sign
-    x, v = np.zeros((2 * n, n)), np.zeros((2 * n, n))
+    sign = stop.sign
+    x, v = np.zeros((2, 2 * n, n))
     x[np.arange(n - 1), others] = 1.0
     v[np.arange(n - 1) + n - 1, others] = 1.0
-    v[2 * n - 2, c] = sign if state.element == 0 else -sign
-    x[2 * n - 1, c] = oscillator.amplitude * cosine
-    v[2 * n - 1, c] = -oscillator.amplitude * oscillator.frequency * sine
+    place, moving = np.zeros((2, 2 * n))
+    moving[2 * n - 2] = sign if state.element == 0 else -sign
+    # a quarter of a turn on
+    place[2 * n - 1] = stop.swing(cosine, -sine)
+    moving[2 * n - 1] = stop.velocity(oscillator.frequency, cosine, -sine)
+    contact.put(x, place)
+    contact.put(v, moving)
     by_sine, by_cosine = np.zeros(2 * n), np.zeros(2 * n)
     by_sine[-1], by_cosine[-1] = cosine, -sine
     q = free.forced.coordinates(x, v, by_sine, by_cosine)

@@ -23,7 +23,7 @@ from dynkit.core.validation import (
 from dynkit.systems.impact.automaton import Automaton
 from dynkit.systems.impact.elements import Element, HardStop, checked_elements
 from dynkit.systems.impact.mode import Mode
-from dynkit.systems.impact.structure import Contact, Drive, Structure, structure_of
+from dynkit.systems.impact.structure import Contact, Drive, Structure, place_of, structure_of
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
@@ -105,12 +105,8 @@ class DrivenStructure(LagrangianStructure):
         if len(stops) != 1:
             raise ValueError(f"elements must hold one HardStop; got {len(stops)} of them")
         (stop,) = stops
-        if stop.phase or not isinstance(stop.coordinate, int):
-            raise ValueError(
-                f"elements must hold a HardStop in phase, of one coordinate; got {stop}"
-            )
         own = {name: getattr(stop, name) for name in _OF_STOP}
-        own.update(contact=stop.coordinate, play=math.inf)
+        own.update(contact=place_of(stop.row(self.degrees_of_freedom)), play=math.inf)
         for entry in (entry for entry in fields(self) if entry.name in own):
             given, taken = getattr(self, entry.name), own[entry.name]
             if given not in (entry.default, taken):
@@ -158,6 +154,9 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _stops(self) -> tuple[HardStop, ...]:
+        for stop in self.elements:
+            if isinstance(stop, HardStop):
+                return (stop,)
         sign, c = 1 if self.side == "above" else -1, self.contact % self.degrees_of_freedom
         own = {name: getattr(self, name) for name in _OF_STOP}
         near = HardStop(c, **own)
@@ -170,6 +169,12 @@ class DrivenStructure(LagrangianStructure):
     def _soft(self) -> tuple[Element, ...]:
         """What acts besides hard stops."""
         return tuple(e for e in self.elements if not isinstance(e, HardStop))
+
+    @property
+    def _own(self) -> tuple[Element, ...]:
+        """What acts besides a table of one coordinate, in phase, and its play."""
+        plain = all(isinstance(stop.coordinate, int) and not stop.phase for stop in self._stops)
+        return self._soft if plain else self._elements
 
     @property
     def _elements(self) -> tuple[Element, ...]:

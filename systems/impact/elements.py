@@ -145,6 +145,17 @@ class Element(ABC):
         """Complex amplitude of its motion: that is Im(phasor exp(i phase of the oscillator))."""
         return self.amplitude * cmath.exp(-1j * self.phase) if self.phase else self.amplitude
 
+    @final
+    def swing(self, sine: Any, cosine: Any) -> Any:
+        """Where it is, from the middle of its motion, by the phase of the oscillator."""
+        return self.phasor.real * sine + self.phasor.imag * cosine
+
+    @final
+    def velocity(self, frequency: float, sine: Any, cosine: Any) -> Any:
+        """Rate of change of where it is."""
+        turned = self.phasor.imag * frequency * sine
+        return self.phasor.real * frequency * cosine - turned
+
     @property
     @abstractmethod
     def regimes(self) -> tuple[Regime, ...]:

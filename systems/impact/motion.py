@@ -28,8 +28,8 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
         k = which[bouncing]
         speed, sign = run.speeds[parts.point[k]], np.array([s.sign for s in oscillator._stops])
         lift, rise = _bounces(oscillator.restitution, speed, parts.rest[k], since[bouncing])
-        x[bouncing, oscillator.contact] += sign[parts.element[k]] * lift
         kick = oscillator._contact.kick_velocity
+        x[bouncing] += np.outer(sign[parts.element[k]] * lift, kick)
         v[bouncing] += np.outer(sign[parts.element[k]] * rise, kick)
     return x, v
 

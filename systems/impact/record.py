@@ -163,14 +163,14 @@ class ImpactRecord(Result):
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
         position = self.system._free.forced.positions(*self._run.coordinates)
-        position[:, self.system.contact] = self._on_table[0]
+        self.system._contact.put(position, self._on_table[0])
         return position
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
         velocity = self.system._free.forced.velocities(*self._run.coordinates)
-        velocity[:, self.system.contact] = self._on_table[1]
+        self.system._contact.put(velocity, self._on_table[1])
         return velocity
 
     @property

@@ -104,7 +104,8 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
                 inner, own_lost = other, other_lost
         moments += inner
         lost += own_lost
-    lost[oscillator.contact % n] += _left_out(oscillator, run, moments)
+    kick = np.append(abs(oscillator._contact.kick_velocity), 0.0)
+    lost += np.outer(kick, _left_out(oscillator, run, moments))
     lost += _clock_error(oscillator, run)
     lost += _impact_error(oscillator, run, moments.sum(axis=0))
     if not np.isfinite(lost).all():

@@ -15,6 +15,7 @@ from dynkit.core.validation import Array, finite_array, finite_scalar
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
+    from dynkit.systems.impact.elements import HardStop
 
 TWO_PI = 2.0 * math.pi
 
@@ -84,8 +85,9 @@ class ImpactState:
         if not np.isfinite([x, v]).all():
             raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
         if self.motion is not Motion.FLIGHT:
-            c = system.contact
-            x[c], v[c] = on_stop(system, self.element, sine, cosine, self.speed)
+            place, moving = on_stop(system, self.element, sine, cosine, self.speed)
+            system._contact.put(x, place)
+            system._contact.put(v, moving)
         x.setflags(write=False)
         v.setflags(write=False)
         return x, v
@@ -132,10 +134,11 @@ def in_turn(angles: Any) -> Array:
 def on_stop(
     oscillator: DrivenStructure, element: Any, sine: Any, cosine: Any, speed: Any
 ) -> tuple[Any, Any]:
-    """Position and velocity of the contact mass on a stop, by phase and rate of the gap."""
+    """What a stop acts along, and its rate, on the stop: by phase and rate of the gap."""
     offset, sign = np.array([(stop.offset, stop.sign) for stop in oscillator._stops])[element].T
-    amplitude, frequency = oscillator.amplitude, oscillator.frequency
-    return amplitude * sine + offset, amplitude * frequency * cosine + sign * speed
+    swings = oscillator._stops[0]
+    moving = swings.velocity(oscillator.frequency, sine, cosine)
+    return swings.swing(sine, cosine) + offset, moving + sign * speed
 
 
 def state_at(
@@ -169,13 +172,14 @@ def _rounding(place: float, amplitude: float, offset: float) -> float:
 def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
     near, shape = oscillator._stops[0], oscillator.modal_matrix[:, 0]
-    c, play = oscillator.contact, oscillator.play
-    place = float(shape[c])
+    contact, play = oscillator._contact, oscillator.play
+    place = float(contact.row @ shape)
     x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
-    table = oscillator.amplitude * math.sin(angle) + near.offset
-    gap = near.sign * (float(x[c]) - table)
+    turn = math.sin(angle), math.cos(angle)
+    table = float(near.swing(*turn) + near.offset)
+    gap = near.sign * (float(contact.row @ x) - table)
     # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
-    rate = -near.sign * oscillator.amplitude * oscillator.frequency * math.cos(angle)
+    rate = -near.sign * near.velocity(oscillator.frequency, *turn)
     rounding = _rounding(place, oscillator.amplitude, near.offset)
     clear = gap > rounding or (gap >= 0.0 and rate >= 0.0)
     if clear and (gap < play - rounding or (gap <= play and rate <= 0.0)):
@@ -183,7 +187,7 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     lifted = table + near.sign * min(1.0, 0.5 * play)
     if abs(place) > _NODE * float(abs(shape).max()):
         return shape * (lifted / place)
-    x[c] = lifted
+    contact.put(x, lifted)
     return x
 
 
@@ -197,28 +201,36 @@ def start(
     x = finite_array("position", given, (n,))
     v = finite_array("velocity", np.zeros(n) if velocity is None else velocity, (n,))
     turn = np.array([math.sin(angle), math.cos(angle)])
-    c = oscillator.contact % oscillator.degrees_of_freedom
-    middle = oscillator.amplitude * float(turn[0])
-    speed = oscillator.amplitude * oscillator.frequency * float(turn[1])
-    place, moving = float(x[c]), float(v[c])
+    row, near = oscillator._contact.row, oscillator._stops[0]
+    sine, cosine = turn.tolist()
+    middle, speed = near.swing(sine, cosine), near.velocity(oscillator.frequency, sine, cosine)
+    place, moving = float(row @ x), float(row @ v)
     for side, stop in enumerate(oscillator._stops):
-        table = middle + stop.offset
+        table, c = middle + stop.offset, _bracketed(stop)
         gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
-        rounding = _rounding(place, oscillator.amplitude, stop.offset)
+        rounding = _rounding(float(abs(row) @ abs(x)), oscillator.amplitude, stop.offset)
         word = "below" if stop.sign > 0 else "above"
         if gap < -rounding:
-            raise Refused(f"position[{c}] must not be {word} the table at {table}; got {place}")
+            raise Refused(f"position{c} must not be {word} the table at {table}; got {place}")
         if gap <= rounding:
-            rounding = 4.0 * 2.0**-53 * (abs(moving) + abs(speed))
+            rounding = 4.0 * 2.0**-53 * (abs(row) @ abs(v) + abs(speed))
             if u < -rounding:
                 raise Refused(
-                    f"velocity[{c}] must not be {word} the table's {speed} when the mass is on "
+                    f"velocity{c} must not be {word} the table's {speed} when the mass is on "
                     f"the table; got {moving}"
                 )
             u = 0.0 if u <= rounding else u
             return state_at(oscillator, x, v, turn, u, side, Motion.TABLE)
     u = oscillator._stops[0].sign * (moving - speed)
     return state_at(oscillator, x, v, turn, abs(u), 0, Motion.FLIGHT)
+
+
+def _bracketed(stop: HardStop) -> str:
+    """What it acts along, as part of a message."""
+    given = stop.coordinate
+    if isinstance(given, int):
+        return f"[{given}]"
+    return f"[{given[1]}] - [{given[0]}]" if isinstance(given[0], int) else f" along {given}"
 
 
 def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
@@ -229,24 +241,25 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     """
     if start._system is oscillator or start._system == oscillator:
         return start
-    n, c = oscillator.degrees_of_freedom, oscillator.contact % oscillator.degrees_of_freedom
+    n, contact = oscillator.degrees_of_freedom, oscillator._contact
     if start.position.shape != (n,):
         raise ValueError(f"start must have {n} masses; got {start.position.size}")
     turn = start._turn
     x, v, u = start.position.copy(), start.velocity.copy(), start.speed
     stands = oscillator._stops
     if start.motion is Motion.FLIGHT:
+        place = float(contact.row @ x)
         for stop in stands:
-            table = oscillator.amplitude * float(turn[0]) + stop.offset
-            if stop.sign * (x[c] - table) < 0.0:
+            table = stop.swing(*turn.tolist()) + stop.offset
+            if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
-                raise Refused(f"start must not be {word} the table at {table}; got {float(x[c])}")
+                raise Refused(f"start must not be {word} the table at {table}; got {place}")
         return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT)
     if start.element >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
-    stop = stands[start.element]
-    x[c] = oscillator.amplitude * float(turn[0]) + stop.offset
-    v[c] = oscillator.amplitude * oscillator.frequency * float(turn[1]) + stop.sign * u
+    place, moving = on_stop(oscillator, start.element, turn[0], turn[1], u)
+    contact.put(x, place)
+    contact.put(v, moving)
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE)
 
@@ -270,13 +283,12 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
         u += 0.0
     # the sign of a section coordinate, and that of its zero, tells the stop
     element, speed = int(math.copysign(1.0, u) < 0.0), abs(u)
-    stop = stands[element]
     turn = np.array([math.sin(phase), math.cos(phase)])
     x, v = np.empty(n), np.empty(n)
     x[others], v[others] = y[: n - 1], y[n - 1 : -2]
-    x[oscillator.contact] = oscillator.amplitude * turn[0] + stop.offset
-    v[oscillator.contact] = oscillator.amplitude * oscillator.frequency * turn[1]
-    v[oscillator.contact] += stop.sign * speed
+    place, moving = on_stop(oscillator, element, turn[0], turn[1], speed)
+    oscillator._contact.put(x, place)
+    oscillator._contact.put(v, moving)
     return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE)
 
 

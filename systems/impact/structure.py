@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.bases import basis_of
+from dynkit.systems.impact.bases import basis_of, row_by_row
 from dynkit.systems.impact.elements import Element, Regime
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
@@ -98,13 +98,17 @@ class Held:
         self.structure = None if left is None else Structure(left)
 
 
+def place_of(row: Array) -> int:
+    """Of the largest number in a row (N,), the last of them."""
+    return int(len(row) - 1 - np.argmax(abs(row[::-1])))
+
+
 def _pivots(rows: Array) -> list[int]:
-    """Of each row (h, N) the column of its largest number, those above it eliminated."""
+    """Of each row (h, N) the place of its largest number, those above it eliminated."""
     left, found = rows.copy(), []
     for k, row in enumerate(left):
-        column = int(len(row) - 1 - np.argmax(abs(row[::-1])))
-        left[k + 1 :] -= np.outer(left[k + 1 :, column] / row[column], row)
-        found.append(column)
+        found.append(place_of(row))
+        left[k + 1 :] -= np.outer(left[k + 1 :, found[k]] / row[found[k]], row)
     return found
 
 
@@ -124,8 +128,15 @@ class Contact:
 
     def __init__(self, structure: Structure, row: Array) -> None:
         self.structure, self.row = structure, row
-        (self.place,) = _pivots(row[None])
+        self.place = place_of(row)
         self.others = np.delete(np.arange(structure.size), self.place)
+
+    def put(self, x: Array, total: Any) -> None:
+        """Make the row's sums of positions or velocities (..., N) these, (...), at its place."""
+        rest = self.row[None, self.others]
+        if rest.any():
+            total = total - row_by_row(x[..., self.others], rest)[..., 0]
+        x[..., self.place] = total / self.row[self.place]
 
     @cached_property
     def kick_velocity(self) -> Array:

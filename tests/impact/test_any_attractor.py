@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from hypothesis import assume, given, strategies as st
+from hypothesis import HealthCheck, assume, given, settings, strategies as st
 
 from dynkit import NoConvergence, Sweep, continue_orbit, sweep
 from dynkit.core.no_motion import NoMotion
@@ -88,7 +88,7 @@ def orbit_of(begin: Begin) -> ImpactOrbit:
     return orbit
 
 
-@share(0.1)
+@settings(share(0.1), suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 @given(TURNING)
 def test_multipliers_do_not_depend_on_where_an_orbit_begins(begin: Begin) -> None:
     orbit, system = orbit_of(begin), begin.system

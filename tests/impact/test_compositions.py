@@ -53,8 +53,6 @@ def test_a_hard_stop_alone_is_the_default_table() -> None:
         (["table"], r"elements\[0\] must be an element like HardStop; got 'table'"),
         ([CUSHION], "elements must hold one HardStop; got 0"),
         ([TABLE, HardStop(0)], "elements must hold one HardStop; got 2"),
-        ([HardStop((0, 1))], "must hold a HardStop in phase, of one coordinate"),
-        ([HardStop(1, phase=0.5)], "must hold a HardStop in phase, of one coordinate"),
         ([HardStop(2)], r"elements\[0\].coordinate must .*; got 2"),
         ([TABLE, SoftStop(-3, stiffness=1.0)], r"elements\[1\].coordinate must .*; got -3"),
         ([TABLE, SoftStop((0, -2), stiffness=1.0)], "must be a pair of two coordinates"),
@@ -164,7 +162,9 @@ def test_orbits_with_soft_stops_are_those_of_the_map() -> None:
         lambda: PAIR.find_orbits(impacts=1, periods=1),
         lambda: PAIR.periodic_orbits(impacts=1, periods=1),
     ):
-        with pytest.raises(NotImplementedError, match="hard stops alone; got SoftStop"):
+        with pytest.raises(
+            NotImplementedError, match="table of one coordinate, alone; got SoftStop"
+        ):
             call()
     orbit = dynkit.periodic_orbit(PAIR, attractor.states[-1], period=attractor.label.iterates)
     assert orbit.stable
@@ -185,6 +185,105 @@ def test_a_bilinear_oscillator_has_the_period_of_two_halves() -> None:
     x, v = record.sample(events.time[:1000])
     assert abs(x).max() < 1e-11
     assert abs(abs(v) - 1.0).max() < 1e-11
+
+
+def in_other_coordinates(chain: ImpactChain, change: Any) -> MatrixOscillator:
+    """The same chain in coordinates y with x = change y, its table a stop along a row of them."""
+    m, c, k = chain.mass, chain.damping_matrix, chain.stiffness
+    parts = (change.T @ part @ change for part in (m, c, k))
+    mass, damping, stiffness = (0.5 * (part + part.T) for part in parts)
+    stop = HardStop(change[-1], amplitude=chain.amplitude, restitution=chain.restitution)
+    return MatrixOscillator(
+        M=mass, C=damping, K=stiffness, frequency=chain.frequency, elements=[stop]
+    )
+
+
+@pytest.mark.parametrize(("frequency", "impacts"), [(0.87, 30), (0.408, 60)])
+def test_motion_does_not_depend_on_the_coordinates(frequency: float, impacts: int) -> None:
+    change = np.array([[1.0, 0.0, 0.5], [0.25, 1.0, 0.0], [-0.5, 0.75, 1.0]])
+    chain = ImpactChain(masses=3, frequency=frequency, damping=0.3, restitution=0.6, amplitude=0.3)
+    other = in_other_coordinates(chain, change)
+    start = chain.state([0.3, 0.5, 1.0])
+    back = np.linalg.inv(change)
+    one = chain.simulate(impacts=impacts, start=start)
+    two = other.simulate(impacts=impacts, start=other.state(back @ start.position))
+    apart = 1e-9
+    assert two.time == pytest.approx(one.time, abs=apart)
+    assert abs(two.position @ change.T - one.position).max() < apart
+    assert abs(two.velocity @ change.T - one.velocity).max() < apart
+    assert two.sticking == pytest.approx(one.sticking, abs=apart)
+    assert len(one.sticking)
+    times = np.linspace(0.0, 0.99 * one.time[-1], 200)
+    assert abs(two.sample(times)[0] @ change.T - one.sample(times)[0]).max() < 1e-8
+    moments, others = one.second_moments(), two.second_moments()
+    total = others.products.sum(axis=0)
+    assert abs(change @ total @ change.T - moments.products.sum(axis=0)).max() < 1e-8
+    # derivatives are similar: the same product of singular values, and of eigenvalues
+    for a, b in zip(one.states[2:8], two.states[2:8], strict=True):
+        found, expected = other.jacobian(b), chain.jacobian(a)
+        assert np.linalg.matrix_rank(found, 1e-9) == np.linalg.matrix_rank(expected, 1e-9)
+    long, longer = chain.attractor(transient=500), other.attractor(transient=500)
+    assert str(longer.label) == str(long.label)
+    assert longer.label.multiplier == pytest.approx(long.label.multiplier, abs=1e-6)
+    exponents = [LyapunovSpectrum(each, 400).exponents[:2] for each in (long, longer)]
+    assert exponents[1] == pytest.approx(exponents[0], abs=2e-2)
+
+
+@pytest.mark.parametrize("along", [(0, 1), [0.5, -1.0, 1.5]])
+def test_derivatives_along_a_row_are_differences(along: Any) -> None:
+    stop = HardStop(along, amplitude=0.2, restitution=0.6, phase=0.4, offset=-0.1)
+    chain = ImpactChain(masses=3, frequency=0.9, elements=[stop])
+    states = chain.simulate(impacts=200).states
+    clear = states[states[:, -2] > 0.1][:4]  # no chatter, which a step changes
+    assert len(clear) == 4
+    for state in clear:
+        exact, size = chain.jacobian(state), 1e-6
+        for step in size * np.eye(chain.dimension):
+            change = chain.difference(chain(state + step), chain(state - step)) / (2.0 * size)
+            own = exact @ (step / size)
+            assert abs(own - change).max() < 1e-5 * max(1.0, abs(exact).max())
+        by = chain.parameter_derivative(state, "elements[0].phase")
+        later, sooner = (chain.replace(**{"elements[0].phase": 0.4 + d}) for d in (1e-6, -1e-6))
+        assert by == pytest.approx(
+            chain.difference(later(state), sooner(state)) / 2e-6, abs=1e-4, rel=1e-4
+        )
+
+
+def test_two_masses_on_springs_of_their_own_collide_every_half_period() -> None:
+    """Their distance bounces at zero with the period of a spring; their centre never learns."""
+    pair = MatrixOscillator(
+        M=np.eye(2),
+        C=np.zeros((2, 2)),
+        K=np.eye(2),
+        frequency=1.0,
+        elements=[HardStop((0, 1), restitution=0.9)],
+    )
+    record = pair.simulate(impacts=20, start=pair.state([0.5, 0.5], [0.0, 1.0]))
+    assert record.time == pytest.approx(pi * np.arange(1, 21), abs=1e-13)
+    assert record.relative_velocity == pytest.approx(0.9 ** np.arange(1, 21), rel=1e-13)
+    x, _ = record.sample(np.linspace(0.0, 60.0, 100))
+    centre, phase = x.sum(axis=1), np.linspace(0.0, 60.0, 100)
+    assert centre == pytest.approx(np.cos(phase) + np.sin(phase), abs=1e-12)
+    assert (x[:, 1] - x[:, 0]).min() > -1e-13
+    equal = pair.replace(**{"elements[0].restitution": 1.0})
+    hit = equal.simulate(impacts=1, start=equal.state([0.0, 1.0], [0.5, 0.5]))
+    assert np.sort(hit.velocity[0]) == pytest.approx(np.sort(v_before(hit)), abs=1e-14)
+
+
+def v_before(record: Any) -> Any:
+    """Velocities just before its first impact."""
+    return record.sample([np.nextafter(record.time[0], 0.0)])[1][0]
+
+
+def test_a_stop_that_lags_is_a_table_at_another_phase() -> None:
+    table = ImpactChain(masses=3, frequency=0.87)
+    late = ImpactChain(masses=3, frequency=0.87, elements=[HardStop(2, amplitude=0.1, phase=0.7)])
+    one = table.simulate(impacts=30, start=table.state(phase=0.3))
+    two = late.simulate(impacts=30, start=late.state(phase=1.0))
+    assert two.time == pytest.approx(one.time, abs=1e-9)
+    assert abs(late.difference(two.states, one.states)[:, -1] - 0.7).max() < 1e-9
+    with pytest.raises(NotImplementedError, match="table of one coordinate"):
+        late.periodic_orbits()
 
 
 def test_a_stiff_stop_with_a_dashpot_tends_to_a_hard_one() -> None:

@@ -22,6 +22,8 @@ PLACE = 0.05
 
 def machine(
     *,
+    along: Any = -1,
+    lag: float = 0.0,
     dashpot: float = 0.0,
     movement: complex = 0.1,
     between: Any = 0,
@@ -33,7 +35,14 @@ def machine(
     **forces: Any,
 ) -> ImpactChain:
     """A chain above a table, with a soft stop that moves: of a mass, or between two."""
-    table = HardStop(-1, amplitude=amplitude, restitution=restitution, offset=offset, name="table")
+    table = HardStop(
+        along,
+        amplitude=amplitude,
+        restitution=restitution,
+        offset=offset,
+        phase=lag,
+        name="table",
+    )
     cushion = SoftStop(
         between,
         offset=PLACE,
@@ -70,6 +79,20 @@ def test_a_soft_stop_gives_the_motion_of_many_digits(
     compare(chain, run, expected)
 
 
+@pytest.mark.parametrize("restitution", [0.7, 0.0])
+@pytest.mark.parametrize("along", [(0, 1), (2, 0), [0.5, -1.0, 1.5]])
+def test_a_hard_stop_acts_along_any_row(along: Any, restitution: float) -> None:
+    chain = machine(
+        masses=3, along=along, lag=0.7, restitution=restitution, amplitude=0.3, between=(1, 2)
+    )
+    run, start = motion(chain, 12)
+    assert run.impacts == 12
+    assert bool(len(run.contacts)) is (restitution == 0.0)
+    with mp.workdps(DIGITS):
+        expected = SoftStopReference(chain).impacts(start, 12)
+    compare(chain, run, expected)
+
+
 def compare(
     chain: ImpactChain, run: Trajectory, expected: list[tuple[Any, Any]], most: float = 1e-12
 ) -> None:
@@ -89,32 +112,31 @@ def compare(
     assert abs(np.concatenate(sampled, axis=1) - states).max() < most
 
 
-def random_machine(seed: int) -> tuple[ImpactChain, Array, Array]:
+def random_machine(seed: int, *, anywhere: bool = False) -> tuple[ImpactChain, Array, Array]:
     """A chain with one to three soft stops of any kind, and where it starts."""
     random = np.random.default_rng(seed)
     n = int(random.integers(1, 4))
-    stops: list[Any] = [
-        HardStop(
-            n - 1,
-            amplitude=random.uniform(0.05, 0.4),
-            restitution=random.choice([0.0, random.uniform(0.3, 0.95)]),
+    own: dict[str, Any] = {
+        "amplitude": random.uniform(0.05, 0.4),
+        "restitution": random.choice([0.0, random.uniform(0.3, 0.95)]),
+    }
+    along: Any = n - 1
+    if anywhere:
+        along, own["phase"] = random_row(random, n), random.uniform(-3.0, 3.0)
+        own["side"] = str(random.choice(["above", "below"]))
+    stops: list[Any] = [HardStop(along, **own)]
+    stops += [
+        SoftStop(
+            random_row(random, n),
+            offset=random.uniform(-0.3, 0.3),
+            amplitude=random.choice([0.0, random.uniform(0.0, 0.3)]),
+            phase=random.uniform(-3.0, 3.0),
+            side=str(random.choice(["above", "below"])),
+            stiffness=10.0 ** random.uniform(-0.5, 1.5),
+            damping=random.choice([0.0, 10.0 ** random.uniform(-2.0, 0.5)]),
         )
+        for _ in range(int(random.integers(1, 4)))
     ]
-    for _ in range(int(random.integers(1, 4))):
-        rows: list[Any] = [int(random.integers(n)), random.normal(size=n)]
-        if n > 1:
-            rows.append(tuple(random.permutation(n)[:2].tolist()))
-        stops.append(
-            SoftStop(
-                rows[int(random.integers(len(rows)))],
-                offset=random.uniform(-0.3, 0.3),
-                amplitude=random.choice([0.0, random.uniform(0.0, 0.3)]),
-                phase=random.uniform(-3.0, 3.0),
-                side=str(random.choice(["above", "below"])),
-                stiffness=10.0 ** random.uniform(-0.5, 1.5),
-                damping=random.choice([0.0, 10.0 ** random.uniform(-2.0, 0.5)]),
-            )
-        )
     chain = ImpactChain(
         masses=tuple(random.uniform(0.5, 2.0, n).tolist()),
         damping=random.choice([0.0, 0.1, 0.3]),
@@ -122,13 +144,29 @@ def random_machine(seed: int) -> tuple[ImpactChain, Array, Array]:
         elements=[stops[k] for k in random.permutation(len(stops))],
     )
     place = random.normal(size=n)
-    place[-1] = abs(place[-1])
+    if anywhere:
+        (stop,) = (element for element in stops if isinstance(element, HardStop))
+        middle = stop.swing(0.0, 1.0)
+        row = stop.row(n)
+        place += row * (middle + stop.sign * abs(random.normal()) - row @ place) / (row @ row)
+    else:
+        place[-1] = abs(place[-1])
     return chain, place, random.normal(size=n)
 
 
-def held_against_many_digits(seed: int, count: int = 8, step: float = 0.005) -> int:
+def random_row(random: np.random.Generator, n: int) -> Any:
+    """One coordinate, any row, or a pair of two."""
+    rows: list[Any] = [int(random.integers(n)), random.normal(size=n)]
+    if n > 1:
+        rows.append(tuple(random.permutation(n)[:2].tolist()))
+    return rows[int(random.integers(len(rows)))]
+
+
+def held_against_many_digits(
+    seed: int, count: int = 8, step: float = 0.005, *, anywhere: bool = False
+) -> int:
     """Compare the impacts of a random machine, until a chatter ends; return how many."""
-    chain, place, velocity = random_machine(seed)
+    chain, place, velocity = random_machine(seed, anywhere=anywhere)
     run = chain._run(chain.state(place, velocity), count, store=True)
     compared = run.impacts
     if chain.restitution and len(run.contacts):
@@ -145,6 +183,11 @@ def held_against_many_digits(seed: int, count: int = 8, step: float = 0.005) -> 
 @pytest.mark.parametrize("seed", [*range(16), 1027, 1073, 1087, 1259, 1275, 1327, 1329, 1341])
 def test_random_machines_move_as_in_many_digits(seed: int) -> None:
     assert held_against_many_digits(seed) >= 1
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_machines_with_a_hard_stop_anywhere(seed: int) -> None:
+    assert held_against_many_digits(seed, anywhere=True) >= 0
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.6])

@@ -5,37 +5,44 @@ from typing import Any
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems import HardStop, ImpactChain, SoftStop
+from dynkit.systems import Element, HardStop, ImpactChain, SoftStop
 
 DIGITS = 40
 
 
-class Cushion:
-    """What a soft stop adds: its row, its gap as a row of the state, its force as one, or two."""
+class Gap:
+    """What an element acts along: its row, its gap and the rate of it as rows of the state."""
 
-    def __init__(self, stop: SoftStop, size: int, frequency: Any) -> None:
-        self.stiffness, self.damping = mp.mpf(stop.stiffness), mp.mpf(stop.damping)
+    def __init__(self, element: Element, size: int, frequency: Any) -> None:
+        self.sign = 1 if element.side == "above" else -1
         self.row = mp.zeros(size, 1)
-        if isinstance(stop.coordinate, tuple):
-            if len(stop.coordinate) == 2 and isinstance(stop.coordinate[0], int):
-                self.row[stop.coordinate[0]], self.row[stop.coordinate[1]] = -1, 1
+        if isinstance(element.coordinate, tuple):
+            if len(element.coordinate) == 2 and isinstance(element.coordinate[0], int):
+                self.row[element.coordinate[0]], self.row[element.coordinate[1]] = -1, 1
             else:
-                for i, part in enumerate(stop.coordinate):
+                for i, part in enumerate(element.coordinate):
                     self.row[i] = mp.mpf(part)
         else:
-            self.row[stop.coordinate] = 1
-        lag, place = mp.mpf(stop.phase), mp.mpf(stop.offset)
-        m, b = stop.amplitude * mp.cos(lag), -stop.amplitude * mp.sin(lag)
-        sign = 1 if stop.side == "above" else -1
+            self.row[element.coordinate] = 1
+        lag, place = mp.mpf(element.phase), mp.mpf(element.offset)
+        m, b = element.amplitude * mp.cos(lag), -element.amplitude * mp.sin(lag)
         self.gap, self.rate = mp.zeros(1, 2 * size + 3), mp.zeros(1, 2 * size + 3)
         for i in range(size):
-            self.gap[i] = self.rate[size + i] = sign * self.row[i]
+            self.gap[i] = self.rate[size + i] = self.sign * self.row[i]
         for i, number in enumerate((m, b, place)):
-            self.gap[2 * size + i] = -sign * number
-        self.rate[2 * size], self.rate[2 * size + 1] = sign * frequency * b, -sign * frequency * m
+            self.gap[2 * size + i] = -self.sign * number
+        self.rate[2 * size] = self.sign * frequency * b
+        self.rate[2 * size + 1] = -self.sign * frequency * m
+
+
+class Cushion(Gap):
+    """What a soft stop adds: its force as a row of the state, or two."""
+
+    def __init__(self, stop: SoftStop, size: int, frequency: Any) -> None:
+        super().__init__(stop, size, frequency)
         # on the structure, along its row
-        self.force = -self.stiffness * self.gap - self.damping * self.rate
-        self.push = sign * self.force
+        self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
+        self.push = self.sign * self.force
         # of each regime what is positive in it, and what follows
         self.watched = [
             [(self.gap, 1)],
@@ -45,7 +52,7 @@ class Cushion:
 
 
 class SoftStopReference:
-    """The motion of a chain above a table, with soft stops; the mass matrix is diagonal."""
+    """The motion of a chain with one hard stop, and soft ones; the mass matrix is diagonal."""
 
     def __init__(self, chain: ImpactChain, step: float = 0.02) -> None:
         self.chain, self.step, n = chain, mp.mpf(step), chain.degrees_of_freedom
@@ -61,10 +68,12 @@ class SoftStopReference:
                 self.free[n + i, j] = -k[i, j] / self.masses[i]
                 self.free[n + i, n + j] = -c[i, j] / self.masses[i]
         self.free[2 * n, 2 * n + 1], self.free[2 * n + 1, 2 * n] = w, -w
-        self.motion = mp.mpf(table.amplitude) * w, mp.mpf(table.amplitude) * w * w
-        self.table = mp.zeros(1, 2 * n + 3)
-        self.table[n - 1], self.table[2 * n] = 1, -mp.mpf(table.amplitude)
-        self.table[2 * n + 2] = -mp.mpf(table.offset)
+        self.table = Gap(table, n, w)
+        # an impulse along the row that changes the rate of the gap by one
+        self.kick = mp.zeros(2 * n + 3, 1)
+        for i in range(n):
+            self.kick[n + i] = self.table.sign * self.table.row[i] / self.masses[i]
+        self.kick /= (self.table.rate * self.kick)[0]
         self.known: dict[Any, Any] = {}
         self.switches_in_contact = 0
 
@@ -75,12 +84,9 @@ class SoftStopReference:
             for cushion, pushes in zip(self.cushions, pressed, strict=True):
                 for i in range(n if pushes else 0):
                     flow[n + i, :] += cushion.row[i] / self.masses[i] * cushion.push
-            force = -flow[2 * n - 1, :]
-            force[2 * n] -= self.motion[1]
+            force = -self.table.rate * flow
             if held:
-                for j in range(2 * n + 3):
-                    flow[n - 1, j] = flow[2 * n - 1, j] = 0
-                flow[n - 1, 2 * n + 1], flow[2 * n - 1, 2 * n] = self.motion[0], -self.motion[1]
+                flow += self.kick * force
             self.known[pressed, held] = flow, mp.expm(flow * self.step), force
         found: tuple[Any, Any, Any] = self.known[pressed, held]
         return found
@@ -93,7 +99,7 @@ class SoftStopReference:
 
     def impacts(self, start: Array, count: int) -> list[tuple[Any, Any]]:
         """Times and states of so many impacts; after one without rebound there may be contact."""
-        n, r = self.chain.degrees_of_freedom, mp.mpf(self.chain.restitution)
+        r = mp.mpf(self.chain.restitution)
         z, time, held = mp.matrix([*start.tolist(), 0, 1, 1]), mp.mpf(0), False
         regimes = [0] * len(self.cushions)
         self.settled(z, regimes)
@@ -101,7 +107,7 @@ class SoftStopReference:
         while len(found) < count:
             flow, stepped, force = self.flow(tuple(k == 1 for k in regimes), held)
             there = stepped * z
-            watched = [(force if held else self.table, -1, 0)]
+            watched = [(force if held else self.table.gap, -1, 0)]
             for k, cushion in enumerate(self.cushions):
                 watched += [(row, k, to) for row, to in cushion.watched[regimes[k]]]
             hit = [event for event in watched if (event[0] * there)[0] < 0]
@@ -120,7 +126,7 @@ class SoftStopReference:
             elif held:
                 held = False
             else:
-                z[2 * n - 1] -= (1 + r) * (self.table * flow * z)[0]
+                z -= (1 + r) * (self.table.rate * z)[0] * self.kick
                 found.append((time, z.copy()))
                 self.settled(z, regimes)  # forces of dashpots have jumped
                 pressed = tuple(k == 1 for k in regimes)

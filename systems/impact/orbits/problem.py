@@ -65,9 +65,9 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         itinerary: Any,
         sizes: Any,
     ) -> None:
-        for element in oscillator._soft:
+        for element in oscillator._own:
             raise NotImplementedError(
-                f"these orbits are those of hard stops alone; got {element!r}: "
+                f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
                 "dynkit.periodic_orbit finds orbits of the map from impact to impact"
             )
         self.oscillator = oscillator
