@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,13 +41,23 @@ def draw(
     end: float,
     impacts: Array,
 ) -> Axes:
-    """Draw the contact coordinate, the stops and the impacts, from a phase of the table on."""
+    """Draw what the stops act along, the stops and the impacts, from a phase of the table on."""
     count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
     times = np.union1d(np.linspace(0.0, end, count), impacts)
-    contact = system.contact % system.degrees_of_freedom
+    stops, row = system._stops, system._contact.row
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
-    place = np.concatenate([sample(part)[0][:, contact] for part in parts])
-    table = system.amplitude * np.sin(phase + system.frequency * times)
-    stops = [table + stop.offset for stop in system._stops]
+    place = np.concatenate([sample(part)[0] @ row for part in parts])
+    turn = phase + system.frequency * times
+    swing = stops[0].swing(np.sin(turn), np.cos(turn))
+    places = [swing + stop.offset for stop in stops]
     at = place[np.searchsorted(times, impacts)]
-    return draw_motion(ax, times, place, displacement(contact), stops, (impacts, at))
+    return draw_motion(ax, times, place, _named(stops[0].coordinate), places, (impacts, at))
+
+
+def _named(along: Any) -> str:
+    """How what a stop acts along is written on an axis."""
+    if isinstance(along, int):
+        return displacement(along)
+    if isinstance(along[0], int):
+        return f"displacement $x_{{{along[1] + 1}}} - x_{{{along[0] + 1}}}$"
+    return "displacement $J x$"

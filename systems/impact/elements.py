@@ -196,12 +196,25 @@ class Element(ABC):
 class HardStop(Element):
     """A stop that is hit: an impact turns the rate u of its gap into -restitution u.
 
+    Between two masses, given as (i, j), they hit each other where x_j - x_i falls to its place.
+
     Parameters
     ----------
     coordinate, offset, amplitude, phase, side, name
         As for every `Element`; its gap is never negative.
     restitution : float
         Coefficient of restitution in [0, 1].
+
+    Examples
+    --------
+    Two masses that may come no closer than 0.2 less than at rest:
+
+    >>> from dynkit.systems import HardStop, ImpactChain
+    >>> pair = ImpactChain(masses=2, frequency=1.5, harmonic_forces=[0.0, 0.8], elements=[
+    ...     HardStop((0, 1), offset=-0.2, restitution=0.5),
+    ... ])
+    >>> print(pair.attractor().label)
+    P(1,1)
     """
 
     _: KW_ONLY

@@ -66,9 +66,11 @@ class ImpactOscillator(ImpactMap):
         left out changes by no more than a thousand times this. The changes made, as contact begins,
         are summed up in the record's ``chatter_error``.
     elements : sequence of Element, optional
-        What acts in place of the table: one `HardStop`, and any number of `SoftStop`. Then
-        restitution, amplitude, offset, contact, side and play are not given, and the numbers of
-        elements are parameters, such as ``"elements[1].stiffness"``.
+        What acts in place of the table: one `HardStop`, on one coordinate, between two, or along
+        any row, and any number of `SoftStop`. Then restitution, amplitude, offset, contact, side
+        and play are not given, and the numbers of elements are parameters, such as
+        ``"elements[1].stiffness"``. The section leaves out the coordinate with the largest part in
+        the row, of a pair (i, j) the second one.
 
     Raises
     ------

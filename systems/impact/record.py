@@ -312,7 +312,7 @@ class ImpactRecord(Result):
         return sample_run(self.system, self._run, asked)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the contact coordinate against time, the stops dashed, the impacts as dots.
+        """Draw what the stops act along against time, the stops dashed, the impacts as dots.
 
         From the start to the last impact, but no more than 1000 periods of the forcing; two periods
         more, and 12 at least, where the simulation ended by itself.

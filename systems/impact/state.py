@@ -206,17 +206,19 @@ def start(
     middle, speed = near.swing(sine, cosine), near.velocity(oscillator.frequency, sine, cosine)
     place, moving = float(row @ x), float(row @ v)
     for side, stop in enumerate(oscillator._stops):
-        table, c = middle + stop.offset, _bracketed(stop)
+        table = middle + stop.offset
         gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
         rounding = _rounding(float(abs(row) @ abs(x)), oscillator.amplitude, stop.offset)
         word = "below" if stop.sign > 0 else "above"
         if gap < -rounding:
-            raise Refused(f"position{c} must not be {word} the table at {table}; got {place}")
+            what = _along(stop, "position")
+            raise Refused(f"{what} must not be {word} the table at {table}; got {place}")
         if gap <= rounding:
             rounding = 4.0 * 2.0**-53 * (abs(row) @ abs(v) + abs(speed))
             if u < -rounding:
+                what = _along(stop, "velocity")
                 raise Refused(
-                    f"velocity{c} must not be {word} the table's {speed} when the mass is on "
+                    f"{what} must not be {word} the table's {speed} when the mass is on "
                     f"the table; got {moving}"
                 )
             u = 0.0 if u <= rounding else u
@@ -225,12 +227,14 @@ def start(
     return state_at(oscillator, x, v, turn, abs(u), 0, Motion.FLIGHT)
 
 
-def _bracketed(stop: HardStop) -> str:
-    """What it acts along, as part of a message."""
+def _along(stop: HardStop, name: str) -> str:
+    """Of positions or velocities, by name, what a stop acts along."""
     given = stop.coordinate
     if isinstance(given, int):
-        return f"[{given}]"
-    return f"[{given[1]}] - [{given[0]}]" if isinstance(given[0], int) else f" along {given}"
+        return f"{name}[{given}]"
+    if isinstance(given[0], int):
+        return f"{name}[{given[1]}] - {name}[{given[0]}]"
+    return f"{name} along {given}"
 
 
 def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:

@@ -275,6 +275,36 @@ def v_before(record: Any) -> Any:
     return record.sample([np.nextafter(record.time[0], 0.0)])[1][0]
 
 
+@pytest.mark.parametrize(
+    ("along", "what"),
+    [((0, 1), r"position\[1\] - position\[0\]"), ([1.0, 2.0], r"position along \(1.0, 2.0\)")],
+)
+def test_states_beyond_a_stop_are_refused_by_what_it_acts_along(along: Any, what: str) -> None:
+    chain = ImpactChain(masses=2, frequency=0.9, elements=[HardStop(along, offset=-0.2)])
+    with pytest.raises(ValueError, match=f"{what} must not be below the table at -0.2; got"):
+        chain.state([0.0, -1.0])
+    touching = np.array([-0.2, -0.4]) if along == (0, 1) else np.array([0.0, -0.1])
+    with pytest.raises(ValueError, match=what.replace("position", "velocity")):
+        chain.state(touching, [0.0, -1.0])
+    assert chain.state(touching).relative_velocity == 0.0
+
+
+def test_the_picture_names_what_a_stop_acts_along() -> None:
+    for along, name in (
+        ((0, 1), "displacement $x_{2} - x_{1}$"),
+        ([1.0, 2.0], "displacement $J x$"),
+    ):
+        stop = HardStop(along, amplitude=0.1, phase=0.5)
+        chain = ImpactChain(masses=2, frequency=0.9, elements=[stop])
+        record = chain.simulate(impacts=10)
+        ax = record.plot()
+        assert ax.get_ylabel() == name
+        row = stop.row(2)
+        drawn = ax.get_lines()[0]
+        times = np.asarray(drawn.get_xdata())
+        assert np.asarray(drawn.get_ydata()) == pytest.approx(record.sample(times)[0] @ row)
+
+
 def test_a_stop_that_lags_is_a_table_at_another_phase() -> None:
     table = ImpactChain(masses=3, frequency=0.87)
     late = ImpactChain(masses=3, frequency=0.87, elements=[HardStop(2, amplitude=0.1, phase=0.7)])
