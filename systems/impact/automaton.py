@@ -121,7 +121,9 @@ class Automaton:
         """A state (2, slots) of a mode as one of the first mode, and the element that held it."""
         mode = self.modes[number]
         states = state[None, :, : mode.layout.slots]
-        held = next((k for k, regime in enumerate(self._now(number)) if regime.holds), None)
+        held = next(
+            (k for k, regime in enumerate(self._now(self.regimes[number])) if regime.holds), None
+        )
         return transformed(self.modes[0].seen_from(mode), states)[0], held
 
     def enter(self, number: int) -> None:
@@ -166,15 +168,13 @@ class Automaton:
         regimes[guard.element] = guard.watch.to
         return tuple(regimes)
 
-    def _now(self, number: int) -> list[Regime]:
-        """What all elements do in a mode."""
-        pairs = zip(self._elements, self.regimes[number], strict=True)
-        return [element.regimes[k] for element, k in pairs]
+    def _now(self, regimes: tuple[int, ...]) -> list[Regime]:
+        """What all elements do in these regimes."""
+        return [element.regimes[k] for element, k in zip(self._elements, regimes, strict=True)]
 
     def _build(self, regimes: tuple[int, ...]) -> None:
-        number = len(self.modes)
-        self.regimes.append(regimes)
-        now, structure, drive = self._now(number), self._structure, self._drive
+        number, now = len(self.modes), self._now(regimes)
+        structure, drive = self._structure, self._drive
         for element, regime in zip(self._elements, now, strict=True):
             row = element.row(structure.size)
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
@@ -188,6 +188,7 @@ class Automaton:
         else:
             mode = free_mode(structure, drive, watched, hit)
         self.modes.append(mode)
+        self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             if regime.holds:
                 force = force_of(mode, structure, drive, held, held.index(element))
@@ -211,7 +212,7 @@ class Automaton:
         """What it is to be led to another mode."""
         if guard.watch.event == IMPACT:
             return EventKind.CONTACT
-        holds = self._now(guard.mode)[guard.element].holds
+        holds = self._now(self.regimes[guard.mode])[guard.element].holds
         return EventKind.RELEASE if holds else EventKind.SWITCH
 
     def _stacked(self) -> Any:

@@ -302,6 +302,11 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
     for k, element in enumerate(elements):
         if not isinstance(element, Element):
             raise ValueError(f"elements[{k}] must be an element like HardStop; got {element!r}")
+        hits = any(watch.event == IMPACT for regime in element.regimes for watch in regime.guards)
+        if (hits or any(r.holds for r in element.regimes)) and not isinstance(element, HardStop):
+            raise ValueError(
+                f"elements[{k}] must not be hit, nor hold, which is for HardStop; got {element!r}"
+            )
     names = [element.name for element in elements if element.name]
     for name in names:
         if names.count(name) > 1:

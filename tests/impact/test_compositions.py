@@ -22,7 +22,7 @@ from dynkit.systems import (
     SoftStop,
     Watch,
 )
-from dynkit.systems.impact.elements import EventKind
+from dynkit.systems.impact.elements import IMPACT, EventKind
 from dynkit.systems.impact.trajectory import Ending
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.6, name="table")
@@ -346,6 +346,25 @@ class Spring(Element):
         touched = Watch(to=1, gap=1.0, order=1)
         let_go = Watch(to=0, gap=-self.stiffness, order=1)
         return Regime((touched,)), Regime((let_go,), stiffness=self.stiffness)
+
+
+@dataclass(frozen=True)
+class Wall(Element):
+    """What is no element of one's own: it is hit, or holds."""
+
+    hit: bool = True
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        if self.hit:
+            return (Regime((Watch(to=0, gap=1.0, event=IMPACT),)),)
+        return Regime((Watch(to=1, gap=1.0),)), Regime((Watch(to=0, order=3),), holds=True)
+
+
+@pytest.mark.parametrize("hit", [True, False])
+def test_an_element_of_ones_own_is_no_hard_stop(hit: bool) -> None:
+    with pytest.raises(ValueError, match=r"elements\[1\] must not be hit, nor hold.*got Wall"):
+        ImpactChain(masses=2, frequency=0.9, elements=[TABLE, Wall(0, hit)])
 
 
 def test_an_element_of_ones_own_is_one() -> None:
