@@ -80,7 +80,7 @@ def parameter_derivative(
     entered.
     """
     forced = bool(oscillator._drive.harmonic.any())
-    if oscillator._own or not changes_alone(oscillator, name) or (forced and name == "frequency"):
+    if not changes_alone(oscillator, name) or (forced and name == "frequency"):
         return None
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
@@ -92,7 +92,9 @@ def parameter_derivative(
     gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
 
     x, v = np.zeros((2, 1, len(contact.row)))
-    x[0, contact.place], v[0, contact.place] = _stop_by(oscillator, name, state, 0.0)
+    place, moving = _stop_by(oscillator, name, state, 0.0)
+    contact.put(x, place)
+    contact.put(v, moving)
     none = np.zeros(1)
     column = free.states(free.forced.coordinates(x, v, none, none), none, none)[0]
     if free.layout.constant >= 0:
@@ -124,15 +126,16 @@ def _stop_by(
 
     The stop is the one that the state is on; the phase at the first impact does not change.
     """
-    (sine, cosine), a, w = state._turn, oscillator.amplitude, oscillator.frequency
+    (sine, cosine), near, w = state._turn, oscillator._stops[0], oscillator.frequency
     if name == "amplitude":
         return float(sine), float(w * cosine)
     if name == "frequency":
-        return float(a * time * cosine), float(a * (cosine - w * time * sine))
+        turned = near.swing(cosine, -sine)
+        return float(time * turned), float(turned - w * time * near.swing(sine, cosine))
     if name == "offset":
         return 1.0, 0.0
     if name == "play" and state.element == 1:
-        return float(oscillator._stops[0].sign), 0.0
+        return float(near.sign), 0.0
     return 0.0, 0.0
 
 

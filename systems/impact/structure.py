@@ -26,7 +26,7 @@ class Structure:
     size : int
     free : Basis
     seen : dict
-        Modes that take part in the motion of some coordinates, filled by `mode_of`.
+        Modes that take part in the motion of some coordinates, filled in `contact`.
     """
 
     def __init__(self, given: Derivation) -> None:
@@ -166,7 +166,8 @@ class Contact:
         out = np.zeros((2, len(m)))
         out[0, self.others] = x = self._answer(1)
         out[1, self.others] = self._answer(2) - np.linalg.solve(m[place], c[place] @ x)
-        return np.asarray(out @ self._whole.T)
+        out[:, self.place] = out @ self._back
+        return out
 
     @cached_property
     def coupling(self) -> float:
@@ -181,19 +182,22 @@ class Contact:
         # no other, or none that is tied to it: then the contact coordinate itself
         return float(largest) or 1.0
 
-    @cached_property
-    def _whole(self) -> Array:
-        """The coordinates (N, N) from those of which J x is one."""
-        whole = np.eye(self.structure.size)
-        whole[self.place] = -self.row / self.row[self.place]
-        whole[self.place, self.place] = 1.0 / self.row[self.place]
-        return whole
+    @property
+    def _back(self) -> Array:
+        """The coordinate at its place as a sum (N,) of the others and, there, J x."""
+        back = -self.row / self.row[self.place]
+        back[self.place] = 1.0 / self.row[self.place]
+        return np.asarray(back)
 
     @cached_property
     def _matrices(self) -> list[Array]:
-        """Mass, damping and stiffness in coordinates of which J x is one."""
-        s, whole = self.structure, self._whole
-        return [whole.T @ part @ whole for part in (s.mass, s.damping, s.stiffness)]
+        """Mass, damping and stiffness in coordinates of which J x is one, at its place."""
+        s, p, change = self.structure, self.place, self._back
+        change[p] -= 1.0
+        if not change.any():
+            return [s.mass, s.damping, s.stiffness]
+        half = [part + np.outer(part[:, p], change) for part in (s.mass, s.damping, s.stiffness)]
+        return [part + np.outer(change, part[p]) for part in half]
 
     def _answer(self, part: int) -> Array:
         """Accelerations (N - 1,) of the others by their part of C k or K k, k `kick_velocity`."""

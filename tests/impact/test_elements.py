@@ -187,7 +187,7 @@ def test_random_machines_move_as_in_many_digits(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_machines_with_a_hard_stop_anywhere(seed: int) -> None:
-    assert held_against_many_digits(seed, anywhere=True) >= 0
+    assert held_against_many_digits(seed, anywhere=True) >= 1
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.6])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import mpmath
 import numpy as np
 import pytest
+import scipy.linalg
 from mpmath import mp, mpf
 
 from dynkit.systems.impact.chain import ImpactChain
@@ -255,3 +256,25 @@ def test_default_start_is_between_the_stops(side: str, offset: float, play: floa
         sign * (sign * abs(shape[-1]) - offset - 0.1 * np.sin(0.3)) if fits else min(1.0, play / 2)
     )
     np.testing.assert_allclose(start.position * shape[-1], shape * start.position[-1], atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0]],
+        [[-1.0, 1.0, 0.0, 0.0], [0.0, -1.0, 1.0, 0.0]],
+        [[0.5, -1.0, 1.5, 0.25], [0.0, 2.0, 0.5, 1.0], [1.0, 1.0, 0.0, 0.0]],
+    ],
+)
+def test_a_structure_with_several_rows_held_is_the_rest_of_it(rows: list[list[float]]) -> None:
+    """Its frequencies are those within the null space of the rows."""
+    chain = ImpactChain(masses=(1.0, 2.0, 0.5, 1.5), springs=(1.0, 3.0, 2.0, 0.5), frequency=1.0)
+    held = chain._structure.holding(np.array(rows))
+    assert held.structure is not None
+    left = scipy.linalg.null_space(np.array(rows))
+    expected = scipy.linalg.eigh(
+        left.T @ chain.stiffness @ left, left.T @ chain.mass @ left, eigvals_only=True
+    )
+    found = scipy.linalg.eigh(held.structure.stiffness, held.structure.mass, eigvals_only=True)
+    assert found == pytest.approx(expected, rel=1e-12)
+    assert held.weights @ np.array(rows).T == pytest.approx(np.eye(len(rows)), abs=1e-14)
