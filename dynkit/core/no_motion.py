@@ -31,6 +31,10 @@ class TangentCrossing(NoMotion):
     """The flow touches the section without passing through: the map has no derivative there."""
 
 
+class NoDerivative(NoMotion):
+    """The map has no derivative at a state: what is next depends on a choice."""
+
+
 class Diverged(NoMotion):
     """The motion runs away: a coordinate is infinite, or not a number."""
 

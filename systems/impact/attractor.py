@@ -121,6 +121,8 @@ class ImpactAttractor(Attractor):
         count = self._before.impacts + len(self.record)
         before, kept = self._before, self.record._run
         longest = max(before.longest, kept.longest)
+        if max(before.ambiguous, kept.ambiguous) >= 0:
+            return math.inf
         whole = replace(before, cells=before.cells + kept.cells, longest=longest)
         parts = twin_errors(self._system, whole, self._anew(whole, count), count)
         return max((float(part.max()) for part in parts), default=0.0)
@@ -258,13 +260,15 @@ class _ImpactOrbit:
                 return float(record._until(int(after[n])).error[-1])
 
         times = (self.clock + record.time) / period
+        if self.system._several:
+            states = np.column_stack([states, record.element])
         return Window(states, times, releases, release_times, release_error)
 
     def difference(self, a: Array, b: Array) -> Array:
         return np.asarray(a - b)
 
     def growth(self, steps: int) -> Array:
-        if not self.system._soft:
+        if not self.system._mapped:
             return growth(self.system, self.record.final, steps)
         try:
             return self.system.stretching(self.record.states[-1], steps).logs[:, 0]
@@ -280,7 +284,7 @@ class _ImpactOrbit:
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label
-        if self.system._soft:
+        if self.system._mapped:
             factors = [self.system.jacobian(s) for s in self.record.states[impacts[0] : impacts[2]]]
             before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
         else:
@@ -307,7 +311,7 @@ class _ImpactOrbit:
 def _after_releases(record: ImpactRecord) -> Any:
     """The next impact after each release, which is a function of it and stands for it."""
     ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
-    after = np.searchsorted(record.time, ends)
+    after = np.searchsorted(record.time, np.sort(ends))
     return after[after < len(record)]
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import repeat
+from dataclasses import dataclass, replace
 from threading import RLock
 from typing import Any, NamedTuple, final
 
@@ -13,10 +12,10 @@ from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.stacks import stacked
-from dynkit.systems.impact.contact import force_of, free_mode, held_mode, sum_of
-from dynkit.systems.impact.elements import IMPACT, Element, EventKind, HardStop, Regime
+from dynkit.systems.impact.contact import force_of, free_mode, held_mode, pushed, rides, sum_of
+from dynkit.systems.impact.elements import IMPACT, JAM, Element, EventKind, HardStop, Regime
 from dynkit.systems.impact.mode import Mode, transformed
-from dynkit.systems.impact.structure import Drive, Structure
+from dynkit.systems.impact.structure import ROUNDING, Drive, Structure
 
 MOST_NUMBERS = 1 << 25
 """Of the changes of bases between all modes: 256 MB."""
@@ -38,6 +37,10 @@ class Guard:
         element there; -1 where it has not been entered.
     change : (2 slots, 2 slots + 1), of both modes, or None
         What becomes of the state, and one.
+    opens : int
+        The closed stop from which an impact pulls away, -1 for none.
+    ambiguous : bool
+        Whether an impact pushes against a closed stop.
     """
 
     mode: int
@@ -47,6 +50,8 @@ class Guard:
     target: int = -1
     partner: int = -1
     change: Any = None
+    opens: int = -1
+    ambiguous: bool = False
 
 
 class Grip(NamedTuple):
@@ -104,8 +109,12 @@ class Automaton:
 
     def gap(self, regimes: tuple[int, ...], element: int) -> Any:
         """The sum that the first guard of an element watches in a mode."""
-        mode = self._number(regimes)
-        return next(g.sum for g in self.guards if g.mode == mode and g.element == element)
+        return self.guards[self.guard(self._number(regimes), element)].sum
+
+    def guard(self, mode: int, element: int) -> int:
+        """The first guard of an element in a mode; where it has none, that of the mode."""
+        own = [k for k, g in enumerate(self.guards) if g.mode == mode]
+        return next((k for k in own if self.guards[k].element == element), own[0])
 
     def held(self, element: int) -> Grip:
         """Contact with one element, the others in their first regime."""
@@ -117,14 +126,17 @@ class Automaton:
             self._grips[element] = Grip(mode, force, there, back)
         return self._grips[element]
 
-    def freed(self, number: int, state: Array) -> tuple[Array, int | None]:
-        """A state (2, slots) of a mode as one of the first mode, and the element that held it."""
+    def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:
+        """A state (2, slots) of a mode as one of the first mode, and the elements that held it."""
         mode = self.modes[number]
         states = state[None, :, : mode.layout.slots]
-        held = next(
-            (k for k, regime in enumerate(self._now(self.regimes[number])) if regime.holds), None
+        return transformed(self.modes[0].seen_from(mode), states)[0], self.holding(
+            self.regimes[number]
         )
-        return transformed(self.modes[0].seen_from(mode), states)[0], held
+
+    def holding(self, regimes: tuple[int, ...]) -> list[int]:
+        """The elements that hold in some regimes."""
+        return [k for k, regime in enumerate(self._now(regimes)) if regime.holds]
 
     def enter(self, number: int) -> None:
         """Build the mode that a guard leads to, where no motion has done so."""
@@ -180,9 +192,14 @@ class Automaton:
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
             drive = drive.pulled(element, regime)
         held = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
-        moving = [e for e in self._elements if not any(map(e.goes_with, held))]
-        hit = [e.row(structure.size) for e in moving if isinstance(e, HardStop)]
+        riding = [rides(structure, held, element) for element in self._elements]
+        moving = [e for e, along in zip(self._elements, riding, strict=True) if not along]
         watched = [element.row(structure.size) for element in moving]
+        hit = [
+            element.row(structure.size)
+            for element, along in zip(self._elements, riding, strict=True)
+            if isinstance(element, HardStop) and along is False
+        ]
         if held:
             mode = held_mode(structure, drive, held, watched, hit)
         else:
@@ -194,17 +211,19 @@ class Automaton:
                 force = force_of(mode, structure, drive, held, held.index(element))
                 self.guards.append(Guard(number, k, regime.guards[0], force))
             elif element in moving:
-                own = [sum_of(mode, element, watch) for watch in regime.guards]
-                self.guards += map(Guard, repeat(number), repeat(k), regime.guards, own)
+                for watch in regime.guards:
+                    guard = Guard(number, k, watch, sum_of(mode, element, watch))
+                    if watch.event == IMPACT and riding[k] is None:
+                        guard.watch = replace(watch, event=JAM)
+                    elif watch.event == IMPACT and held:
+                        opened, guard.ambiguous = pushed(structure, held, element)
+                        guard.opens = self.holding(regimes)[opened] if opened >= 0 else -1
+                    self.guards.append(guard)
 
     def _join(self, guard: Guard) -> None:
         """Find what becomes of the state where a guard is zero."""
         one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
-        guard.partner = next(
-            k
-            for k, g in enumerate(self.guards)
-            if g.mode == guard.target and g.element == guard.element
-        )
+        guard.partner = self.guard(guard.target, guard.element)
         stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
         guard.change = self.modes[guard.target].seen_from(one, stop)
 
@@ -232,6 +251,7 @@ class Automaton:
         kick, excursion = np.zeros((len(guards), 4, slots)), np.zeros((len(guards), 2, slots))
         change = np.zeros((len(guards) if len(modes) > 1 else 0, 2 * slots, 2 * slots + 1))
         coupling, restitution = np.zeros((2, len(guards)))
+        opens, coupled = np.full(len(guards), -1), np.zeros((len(guards), len(self._elements)))
         for k, guard in enumerate(guards):
             mode, element = modes[guard.mode], self._elements[guard.element]
             if isinstance(element, HardStop) and guard.watch.event == IMPACT:
@@ -240,6 +260,9 @@ class Automaton:
                 kick[k, :, : mode.layout.seen] = own[:, : mode.layout.seen]
                 excursion[k, :, : mode.layout.slots] = mode.placed(contact.brief)
                 coupling[k], restitution[k] = contact.coupling, element.restitution
+                coupled[k] = self._coupled(guard)
+                if guard.opens >= 0:
+                    opens[k] = self.guard(guard.mode, guard.opens)
             if guard.change is not None:
                 change[k] = _padded(guard.change, slots)
         self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
@@ -258,9 +281,23 @@ class Automaton:
             excursion=excursion,
             coupling=coupling,
             restitution=restitution,
+            opens=opens,
+            ambiguous=np.array([g.ambiguous for g in guards]),
+            coupled=coupled > 0.0,
             tolerance=self._tolerance,
             clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
         )
+
+    def _coupled(self, guard: Guard) -> list[bool]:
+        """Of all elements whether an impact at a guard changes the rate of their gaps."""
+        size, out = self._structure.size, [False] * len(self._elements)
+        stops = [k for k, e in enumerate(self._elements) if isinstance(e, HardStop)]
+        if len(stops) > 1:
+            change = self.modes[guard.mode].pushed(self._elements[guard.element].row(size))
+            for k in stops:
+                row = self._elements[k].row(size)
+                out[k] = bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+        return out
 
 
 def _padded(change: Array, slots: int) -> Array:

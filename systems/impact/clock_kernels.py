@@ -24,10 +24,7 @@ Indices = NDArray[np.intp]
 (
     TIME,
     TIME_LOW,
-    SPEED,
     GUARD,
-    MOTION,
-    ORDER,
     LEFT_FROM,
     WANTED,
     CHATTER_ERROR,
@@ -40,9 +37,19 @@ Indices = NDArray[np.intp]
     SINE,
     COSINE,
     LONGEST,
-) = range(18)
-CLOCK = 18
+    AMBIGUOUS,
+    AT_ONCE,
+) = range(17)
+CLOCK = 17
 """Numbers of a clock; above, the places of them."""
+
+MOTION, ORDER, SPEED = range(3)
+"""Of each element, how it begins the flight: see `FLIGHT`; how many leading Taylor coefficients of
+its first guard vanish; and the rate of its gap where that is one."""
+
+FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
+"""Gap open; just after an impact (u >= 0), which may come to rest; just after a switch; just after
+an impact, and it does not come to rest."""
 
 
 @kernel()
@@ -74,6 +81,20 @@ def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) 
 
 
 @kernel()
+def move_on(
+    clock: Array, left: Array, own: int, n: int, smallest: float, e: float, rate: float
+) -> None:
+    """`advance_clock`; where time has passed all elements but one are in flight."""
+    time, low = clock[TIME], clock[TIME_LOW]
+    advance_clock(clock, n, smallest, e, rate)
+    if clock[TIME] != time or clock[TIME_LOW] != low:
+        for element in range(left.shape[0]):
+            if element != own:
+                left[element, MOTION] = FLIGHT
+                left[element, ORDER] = 0.0
+
+
+@kernel()
 def normalise(states: Array, slot: int) -> None:
     """Sine and cosine of the table in the start state back to the unit circle."""
     if slot < 0:
@@ -95,15 +116,20 @@ def random(clock: Array) -> float:
 
 
 @kernel()
-def perturb(slots: Indices, table: int, states: Array, clock: Array, noise: float) -> None:
-    """Change all numbers by noise * xi of themselves, xi pseudo-random in [-1, 1]."""
+def perturb(
+    slots: Indices, table: int, states: Array, clock: Array, left: Array, noise: float
+) -> None:
+    """Change all numbers by noise * xi of themselves, xi pseudo-random in [-1, 1].
+
+    Among them the rate of a gap, which is in a row (3,) of `left`.
+    """
     for m in range(slots.shape[0]):
         for row in range(2):
             states[START, row, slots[m]] += noise * states[START, row, slots[m]] * random(clock)
     if table >= 0:
         for row in range(2):
             states[START, row, table] *= 1.0 + noise * random(clock)
-    clock[SPEED] *= 1.0 + noise * random(clock)
+    left[SPEED] *= 1.0 + noise * random(clock)
 
 
 @kernel(entry=True)
@@ -137,7 +163,13 @@ def perturb_reached(
 
 @kernel()
 def perturb_released(
-    to_free: Array, slots: Indices, table: int, states: Array, clock: Array, noise: float
+    to_free: Array,
+    slots: Indices,
+    table: int,
+    states: Array,
+    clock: Array,
+    left: Array,
+    noise: float,
 ) -> None:
     """As `perturb` with noise, with the terms that the change of basis summed up."""
     width = states.shape[2]
@@ -145,7 +177,7 @@ def perturb_released(
         for row in range(2):
             place = abs(to_free[row * width + slots[m], to_free.shape[1] - 1])
             states[START, row, slots[m]] += noise * place * random(clock)
-    perturb(slots, table, states, clock, noise)
+    perturb(slots, table, states, clock, left, noise)
 
 
 @kernel()

@@ -11,7 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements import Element, Watch
 from dynkit.systems.impact.forced import HIDDEN, Forced, Load
 from dynkit.systems.impact.mode import Mode
-from dynkit.systems.impact.structure import Drive, Held, Structure
+from dynkit.systems.impact.structure import ROUNDING, Drive, Held, Structure
 
 
 def free_mode(
@@ -79,6 +79,45 @@ def _mode(
         largest = share.max(axis=1, keepdims=True, initial=0.0)
         structure.seen[key] = (share > HIDDEN * largest).any(axis=0)
     return Mode(structure, forced, drive, structure.seen[key])
+
+
+def rides(structure: Structure, held: Sequence[Element], element: Element) -> bool | None:
+    """Whether an element's gap stays as it is; None where it changes as what is held moves it.
+
+    Else it depends on coordinates that are not held.
+    """
+    row = element.row(structure.size)
+    if not held or (grip := _grip(structure, held)).leaves(row).any():
+        return False
+    moved = row[grip.pivots] @ grip.told @ [stop.phasor for stop in held]
+    largest = max(abs(stop.phasor) for stop in (element, *held))
+    return True if abs(element.phasor - moved) <= ROUNDING * largest else None
+
+
+def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tuple[int, bool]:
+    """Which closed stop an impact opens, -1 for none, and whether it pushes against another one.
+
+    By Newton's law with complementarity: the closed ones have impulses p >= 0 and rates u >= 0
+    after it with p u = 0, whatever the size of the impact. Of several that open, the fastest.
+
+    References
+    ----------
+    J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, in Nonsmooth
+    Mechanics and Applications, Springer 1988, 1-82.
+    """
+    from scipy.optimize import nnls
+
+    stops = [*closed, hit]
+    rows = np.array([stop.sign * stop.row(structure.size) for stop in stops])
+    effect = rows @ np.linalg.solve(structure.mass, rows.T)
+    effect /= np.sqrt(np.outer(np.diag(effect), np.diag(effect)))
+    own, by_hit = effect[:-1, :-1], effect[:-1, -1]
+    root = np.linalg.cholesky(own)
+    impulse, _ = nnls(root.T, -np.linalg.solve(root, by_hit))
+    rates = by_hit + own @ impulse
+    rates[impulse > ROUNDING] = 0.0
+    fastest = int(np.argmax(rates))
+    return (fastest if rates[fastest] > ROUNDING else -1), bool((impulse > ROUNDING).any())
 
 
 def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:

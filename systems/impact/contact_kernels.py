@@ -39,7 +39,7 @@ class Tables(NamedTuple):
     first : (modes + 1,) the first guard of each mode
     slots, counts : (modes, N) and (modes,) slots of the coordinates of each mode, and their number
     element : (guards,) what it belongs to
-    event : (guards,) what happens, IMPACT or SWITCH
+    event : (guards,) what happens, IMPACT, SWITCH or JAM
     target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
         guard of the same element there; -1 where it has not been entered
     order : (guards,) how many leading Taylor coefficients of the partner vanish after a switch
@@ -51,6 +51,9 @@ class Tables(NamedTuple):
         coordinate, over its time integral
     coupling : (guards,) largest such change of a position or velocity
     restitution : (guards,) coefficient of restitution
+    opens : (guards,) guard of a closed stop from which an impact pulls away; -1 where there is none
+    ambiguous : (guards,) whether an impact pushes against a closed stop
+    coupled : (guards, elements) whether an impact changes the rate of their gaps
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
         (see `PLACE` for the contact coordinate before it)
     clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
@@ -70,6 +73,9 @@ class Tables(NamedTuple):
     excursion: Array
     coupling: Array
     restitution: Array
+    opens: Indices
+    ambiguous: NDArray[np.bool_]
+    coupled: NDArray[np.bool_]
     tolerance: float
     clock_rate: float
 
@@ -144,6 +150,19 @@ def is_negative(guard: Ladder, states: Array, k: int, band_factor: float) -> boo
     reach = start_sums(guard.rows, states, k)[3]
     value = value_and_rates(guard.rows, guard.offset, states, k)[0]
     return value < -band_factor * EPSILON * (reach + abs(guard.offset))
+
+
+@kernel()
+def in_band(guard: Ladder, states: Array, k: int, order: int, band_factor: float) -> bool:
+    """Whether rounding hides that a guard is positive, with order 1 that it has a rate."""
+    total = guard.offset if order == 0 else 0.0
+    size = abs(total)
+    for i in range(guard.rows.shape[1]):
+        a = guard.rows[2 * order, i] * states[k, 0, i]
+        b = guard.rows[2 * order + 1, i] * states[k, 1, i]
+        total += a + b
+        size += abs(a) + abs(b)
+    return (total if order == 0 else abs(total)) <= band_factor * EPSILON * size
 
 
 @kernel()

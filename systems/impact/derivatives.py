@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.core.no_motion import NoCrossing
+from dynkit.core.no_motion import NoCrossing, NoDerivative
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements import RELEASED
 from dynkit.systems.impact.mode import Mode, transformed
 from dynkit.systems.impact.orbits.impulses.terms import changes_alone
 from dynkit.systems.impact.runs import trajectory_of
@@ -29,8 +30,11 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
-    contact, free, automaton = oscillator._contact, oscillator._free, oscillator._automaton
-    side, r, began = run.final.element, oscillator.restitution, 0.0
+    if run.ambiguous >= 0:
+        raise NoDerivative("the outcome of the next impact is a choice of law")
+    free, automaton, began = oscillator._free, oscillator._automaton, 0.0
+    side = run.final.element
+    contact, stop = oscillator._contacts[side], oscillator._stops[side]
     y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
     time = np.zeros(derivative.shape[1])
     times = np.append(run.switches.time, run.time).tolist()
@@ -40,7 +44,10 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         if ends > began:  # else what happened just now brought it about
             y, flow = _flow(mode, y, ends - began)
             derivative, began = flow @ derivative, ends
-            rate, row = mode.rate(y).ravel(), _row(guard.sum, 0)
+            reached = guard
+            if guard.watch.order == RELEASED and ends == times[-1]:  # by the impact that follows
+                reached = automaton.guards[automaton.guard(guard.mode, side)]
+            rate, row = mode.rate(y).ravel(), _row(reached.sum, 0)
             later = -(row @ derivative) / float(row @ rate)
             # Time also moves the phase: it is part of the rate, through sine and cosine.
             derivative += np.outer(rate, later)
@@ -49,9 +56,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
     before = _row(guard.sum, 2) @ derivative
-    stop = oscillator._stops[side]
     kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
-    derivative += reset(r, kick.ravel(), before)
+    derivative += reset(stop.restitution, kick.ravel(), before)
     if guard.mode:
         derivative = free.seen_from(mode)[:, :-1] @ derivative
 
@@ -65,7 +71,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         phase = oscillator.frequency * time
         phase[-1] += 1.0
     # On the far side of a play relative velocities count negative.
-    speed_by = -r * before if side == 0 else r * before
+    far = side == 1 and oscillator._faces
+    speed_by = (stop.restitution if far else -stop.restitution) * before
     return np.vstack([position, velocity, speed_by[None], phase[None]])
 
 
@@ -80,7 +87,11 @@ def parameter_derivative(
     entered.
     """
     forced = bool(oscillator._drive.harmonic.any())
-    if not changes_alone(oscillator, name) or (forced and name == "frequency"):
+    if (
+        oscillator._several
+        or not changes_alone(oscillator, name)
+        or (forced and name == "frequency")
+    ):
         return None
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
@@ -141,7 +152,7 @@ def _stop_by(
 
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
-    contact, free = oscillator._contact, oscillator._free
+    contact, free = oscillator._contacts[state.element], oscillator._free
     n, others, stop = len(contact.row), contact.others, oscillator._stops[state.element]
     sine, cosine = state._turn
     sign = stop.sign
@@ -149,7 +160,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     x[np.arange(n - 1), others] = 1.0
     v[np.arange(n - 1) + n - 1, others] = 1.0
     place, moving = np.zeros((2, 2 * n))
-    moving[2 * n - 2] = sign if state.element == 0 else -sign
+    moving[2 * n - 2] = -sign if state.element == 1 and oscillator._faces else sign
     # a quarter of a turn on
     place[2 * n - 1] = stop.swing(cosine, -sine)
     moving[2 * n - 1] = stop.velocity(oscillator.frequency, cosine, -sine)

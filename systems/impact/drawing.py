@@ -44,14 +44,14 @@ def draw(
     """Draw what the stops act along, the stops and the impacts, from a phase of the table on."""
     count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
     times = np.union1d(np.linspace(0.0, end, count), impacts)
-    stops, row = system._stops, system._contact.row
+    first, row = system._stops[0], system._contact.row
+    stops = [stop for stop in system._stops if stop.coordinate == first.coordinate]
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
     place = np.concatenate([sample(part)[0] @ row for part in parts])
     turn = phase + system.frequency * times
-    swing = stops[0].swing(np.sin(turn), np.cos(turn))
-    places = [swing + stop.offset for stop in stops]
+    places = [stop.swing(np.sin(turn), np.cos(turn)) + stop.offset for stop in stops]
     at = place[np.searchsorted(times, impacts)]
-    return draw_motion(ax, times, place, _named(stops[0].coordinate), places, (impacts, at))
+    return draw_motion(ax, times, place, _named(first.coordinate), places, (impacts, at))
 
 
 def _named(along: Any) -> str:

@@ -34,6 +34,7 @@ _CACHES = frozenset(
     {
         "_structure",
         "_contact",
+        "_contacts",
         "_drive",
         "_stops",
         "_soft",
@@ -99,12 +100,11 @@ class DrivenStructure(LagrangianStructure):
             self._set(name, _forces(name, getattr(self, name), n, kind))
 
     def _compose(self) -> None:
-        """Take the table from the elements, which must hold one hard stop."""
+        """Take the table from the elements: it is their first hard stop."""
         elements = checked_elements(self.elements, self.degrees_of_freedom)
-        stops = [element for element in elements if isinstance(element, HardStop)]
-        if len(stops) != 1:
-            raise ValueError(f"elements must hold one HardStop; got {len(stops)} of them")
-        (stop,) = stops
+        stop = next((element for element in elements if isinstance(element, HardStop)), None)
+        if stop is None:
+            raise ValueError(f"elements must hold a HardStop; got {elements}")
         own = {name: getattr(stop, name) for name in _OF_STOP}
         own.update(contact=place_of(stop.row(self.degrees_of_freedom)), play=math.inf)
         for entry in (entry for entry in fields(self) if entry.name in own):
@@ -142,7 +142,13 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _contact(self) -> Contact:
         """Where the first stop acts."""
-        return self._structure.contact(self._stops[0].row(self.degrees_of_freedom))
+        return self._contacts[0]
+
+    @cached_property
+    def _contacts(self) -> tuple[Contact, ...]:
+        """Where the stops act."""
+        n, structure = self.degrees_of_freedom, self._structure
+        return tuple(structure.contact(stop.row(n)) for stop in self._stops)
 
     @cached_property
     def _drive(self) -> Drive:
@@ -154,9 +160,8 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _stops(self) -> tuple[HardStop, ...]:
-        for stop in self.elements:
-            if isinstance(stop, HardStop):
-                return (stop,)
+        if self.elements:
+            return tuple(stop for stop in self.elements if isinstance(stop, HardStop))
         sign, c = 1 if self.side == "above" else -1, self.contact % self.degrees_of_freedom
         own = {name: getattr(self, name) for name in _OF_STOP}
         near = HardStop(c, **own)
@@ -174,7 +179,22 @@ class DrivenStructure(LagrangianStructure):
     def _own(self) -> tuple[Element, ...]:
         """What acts besides a table of one coordinate, in phase, and its play."""
         plain = all(isinstance(stop.coordinate, int) and not stop.phase for stop in self._stops)
-        return self._soft if plain else self._elements
+        return self._soft if plain and not self._several else self._elements
+
+    @property
+    def _several(self) -> bool:
+        """Whether there are several hard stops, and no play."""
+        return bool(self.elements) and len(self._stops) > 1
+
+    @property
+    def _mapped(self) -> bool:
+        """Whether disturbances are followed from impact to impact, whatever happens between."""
+        return bool(self._soft) or self._several
+
+    @property
+    def _faces(self) -> bool:
+        """Whether there is a play, whose far stop faces the first one."""
+        return not self.elements and len(self._stops) > 1
 
     @property
     def _elements(self) -> tuple[Element, ...]:

@@ -23,8 +23,9 @@ from dynkit.core.validation import (
     one_of,
 )
 
-IMPACT, SWITCH = range(2)
-"""What happens where a guard is zero: the law of impacts in the same regime, or another regime."""
+IMPACT, SWITCH, JAM = range(3)
+"""What happens where a guard is zero: the law of impacts in the same regime, another regime, or the
+end of the motion."""
 
 RELEASED = 3
 """Order of the gap after contact: it, its rate and its acceleration are zero."""
@@ -43,8 +44,8 @@ class Watch:
         The regime that follows; of an impact, where its chatter comes to an end.
     order : int
         How many leading Taylor coefficients of the guard of that regime vanish after a switch.
-    event : SWITCH or IMPACT
-        The latter is for hard stops.
+    event : SWITCH, IMPACT or JAM
+        The last two are for hard stops.
     """
 
     to: int
@@ -169,11 +170,6 @@ class Element(ABC):
             return np.asarray(places, dtype=float)
         row[places] = [1.0] if len(places) == 1 else [-1.0, 1.0]
         return row
-
-    @final
-    def goes_with(self, other: Element) -> bool:
-        """Whether its gap stays as it is while another one holds what it holds."""
-        return bool(self.coordinate == other.coordinate and self.phasor == other.phasor)
 
     @final
     def of(self, size: int, where: str) -> Element:

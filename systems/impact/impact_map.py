@@ -21,13 +21,13 @@ from dynkit.systems.impact.derivatives import impact_derivative, parameter_deriv
 from dynkit.systems.impact.driven import OF_TABLE, DrivenStructure
 from dynkit.systems.impact.elements import numbers_of, with_numbers
 from dynkit.systems.impact.runs import trajectory_of
+from dynkit.systems.impact.starts import entered, start
 from dynkit.systems.impact.state import (
     ImpactState,
-    entered,
     on_section,
     packed,
     section_of,
-    start,
+    sheet_of,
     unpacked,
 )
 from dynkit.systems.impact.trajectory import Trajectory
@@ -241,7 +241,7 @@ class ImpactMap(DrivenStructure, Map):
         return super().parameter_derivative(state, name) if found is None else found
 
     def stretching(self, state: Array, n: int) -> Stretching:
-        if self._soft:
+        if self._mapped:
             return super().stretching(state, n)
         from dynkit.systems.impact.tangents import stretching
 
@@ -250,5 +250,8 @@ class ImpactMap(DrivenStructure, Map):
     def difference(self, a: Array, b: Array) -> Array:
         out = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
         # Symmetric in both directions, unlike the remainder operator.
-        out[..., -1] -= TWO_PI * np.rint(out[..., -1] / TWO_PI)
+        turns = np.rint(out[..., -1] / TWO_PI)
+        if self._several:
+            turns *= sheet_of(np.asarray(a)[..., -1]) == sheet_of(np.asarray(b)[..., -1])
+        out[..., -1] -= TWO_PI * turns
         return out

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.bound_kernels import died_out, stays_in_band
-from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
+    EPSILON,
     FOUND,
     KEPT,
     LEFT,
@@ -26,6 +26,10 @@ from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TO
 from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.clock_kernels import (
+    AMBIGUOUS,
+    AT_ONCE,
+    BOUNCED,
+    BOUNCES,
     BUDGET,
     CELLS,
     CHATTER_ERROR,
@@ -35,10 +39,12 @@ from dynkit.systems.impact.clock_kernels import (
     MOTION,
     ORDER,
     SPEED,
+    SWITCHED,
     SWITCHES,
+    TIME,
     TOUCHES,
     WANTED,
-    advance_clock,
+    move_on,
     normalise,
     perturb,
     perturb_cut,
@@ -55,15 +61,23 @@ from dynkit.systems.impact.contact_kernels import (
     order_at_rest,
     transform,
 )
-from dynkit.systems.impact.log_kernels import (
-    BOUNCED,
-    FLIGHT,
-    SWITCHED,
-    Impacts,
-    Switches,
-    enter,
-    note_impact,
+from dynkit.systems.impact.event_kernels import (
+    IMPACT,
+    JAM,
+    RELEASED,
+    SWITCH,
+    add_jump,
+    bounced,
+    come_to_rest,
+    copy,
+    guard_of,
+    jumped,
+    lets_go,
+    push,
+    together,
+    try_again,
 )
+from dynkit.systems.impact.log_kernels import Impacts, Switches, enter, note_impact
 
 Indices = NDArray[np.intp]
 
@@ -74,20 +88,20 @@ Indices = NDArray[np.intp]
     CONTACT_FOR_EVER,
     SEARCH_LIMIT,
     DIED_OUT,
+    JAMMED,
+    COLLAPSED,
     MODE_WANTED,
     SWITCHES_FULL,
     RUN_PAUSED,
-) = range(8)
+) = range(10)
 """Endings of a run; after the last three the call is repeated."""
-
-IMPACT, SWITCH = range(2)
-"""What happens where a guard is zero: the law of impacts in the same mode, or another mode."""
-
-RELEASED = 3
-"""Order of the gap after contact: it, its rate and its acceleration are zero."""
 
 PER_EVENT = 4
 """An event takes about as long as so many cells; where contact is tried, one more for each slot."""
+
+AT_REST, MOST_AT_ONCE = 10, 1000
+"""Impacts, one stop after another in no time, after which these stops are at rest if rounding hides
+that they are not; and for each stop so many after which a run ends."""
 
 FIRST_CELLS = 64
 """Cells after which the search of one of several guards waits for that of the others."""
@@ -97,58 +111,11 @@ WAITS, TURN, OUTCOME, STEPS, BEST = range(5)
 far: its outcome, smallest steps and guard. Its remainder and rate are waiting, too."""
 
 
-@kernel()
-def _add_jump(kick: Array, jump: float, states: Array) -> None:
-    """The found state plus `jump` times the kick, rounded once, into the start state.
-
-    A kick in double precision would bias the energy, by the same 1e-17 or so at every impact.
-    """
-    for row in range(2):
-        for i in range(states.shape[2]):
-            before = states[FOUND, row, i]
-            change, rest = two_product(kick[row, i], jump)
-            total = before + change
-            back = total - before
-            lost = (before - (total - back)) + (change - back)
-            states[START, row, i] = total + (lost + (rest + kick[2 + row, i] * jump))
-
-
-@kernel()
-def _copy(states: Array, k: int, to: int) -> None:
-    """State `k` into state `to`."""
-    for row in range(2):
-        for i in range(states.shape[2]):
-            states[to, row, i] = states[k, row, i]
-
-
-@kernel()
-def _jumped(tables: Tables, g: int, switched: bool, states: Array, band_factor: float) -> int:
-    """A guard that is negative at a start, or after an event at guard `g`; -1 if none.
-
-    Those of an element that has switched are zero but for rounding, or decided.
-    """
-    m = tables.ladders.integers[g, GROUP]
-    for k in range(tables.first[m], tables.first[m + 1]):
-        if tables.event[k] != SWITCH or (switched and tables.element[k] == tables.element[g]):
-            continue
-        if is_negative(ladder_at(tables.ladders, k), states, START, band_factor):
-            return int(k)
-    return -1
-
-
-@kernel()
-def _guard_of(tables: Tables, mode: int, element: int) -> int:
-    """The first guard of an element in a mode."""
-    g = int(tables.first[mode])
-    while tables.element[g] != element:
-        g += 1
-    return g
-
-
 @kernel(entry=True, nogil=True)
 def run(
     tables: Tables,
     clock: Array,
+    left: Array,
     count: int,
     noise: float | None,
     band_factor: float,
@@ -164,6 +131,8 @@ def run(
 
     Parameters
     ----------
+    left
+        (elements, 3) how each of them begins the flight, modified in place.
     limit
         Largest number of cells of one search.
     pause
@@ -194,10 +163,9 @@ def run(
     while done < count:
         if spent >= pause:
             return done, RUN_PAUSED
-        if int(clock[SWITCHES]) + 2 > switches.time.shape[0]:
+        if int(clock[SWITCHES]) + 2 + left.shape[0] > switches.time.shape[0]:
             return done, SWITCHES_FULL
         g = int(clock[GUARD])
-        order = int(clock[ORDER])
         if waiting[WAITS] == 0:
             spent += PER_EVENT
             if at != g:
@@ -206,38 +174,40 @@ def run(
             # Nothing drives it: then it may die out.
             if gap.steady < 0 and died_out(gap, y, START):
                 return done, DIED_OUT
-            before = clock[MOTION]
-            changed = _jumped(tables, g, before == SWITCHED, y, band_factor)
+            m = ladders.integers[g, GROUP]
+            changed = jumped(tables, m, left, y, band_factor)
             if changed >= 0:
                 if tables.partner[changed] < 0:
                     clock[WANTED] = changed
                     return done, MODE_WANTED
                 transform(tables.change[changed], y, START, 0)
-                _copy(y, 0, START)
-                held = _guard_of(tables, tables.target[changed], tables.element[g])
-                torn = tables.order[changed] == RELEASED
-                if torn:
-                    held = tables.partner[changed]
-                enter(changed, held, order, clock, 0.0, y, switches)
+                copy(y, 0, START)
+                at_there = guard_of(tables, tables.target[changed], tables.element[g])
+                enter(changed, at_there, clock, 0.0, 0.0, y, switches)
                 clock[LEFT_FROM] = -1.0
-                clock[MOTION] = before
-                if torn:  # by a force that jumped: the gap has an acceleration at once
-                    clock[MOTION] = BOUNCED
-                    clock[SPEED] = 0.0
+                try_again(left)
+                if tables.order[changed] == RELEASED:
+                    # Torn off by a force that jumped: the gap has an acceleration at once.
+                    clock[GUARD] = tables.partner[changed]
+                    left[tables.element[changed], MOTION] = BOUNCED
+                    left[tables.element[changed], SPEED] = 0.0
                 continue
-            if before == FLIGHT:
-                order = 0
-            elif before == BOUNCED:
-                u = clock[SPEED]
+            k = bounced(tables, m, left)
+            if k >= 0:
+                if at != k:
+                    at = k
+                    gap = ladder_at(ladders, at)
+                own = left[tables.element[k]]
+                u = own[SPEED]
                 second, third, fourth, _ = start_sums(gap.rows, y, START)
-                r = tables.restitution[g]
+                r = tables.restitution[k]
                 # Largest change of a position or velocity by the rest of a chatter, at first order.
-                error = tables.coupling[g] * lifted(r, u, second)
+                error = tables.coupling[k] * lifted(r, u, second)
                 if u > 0.0:
                     order = 1
                     sticks = chatter_completes(
                         gap,
-                        tables.kick[g],
+                        tables.kick[k],
                         r,
                         tables.tolerance,
                         u,
@@ -252,13 +222,13 @@ def run(
                         # It would never leave the table by more: all that moves is rounding.
                         order = 0
                     sticks = order <= 0
+                held = tables.partner[k]
                 if sticks:
-                    held = tables.partner[g]
                     if held < 0:
-                        clock[WANTED] = g
+                        clock[WANTED] = k
                         return done, MODE_WANTED
                     spent += y.shape[2]
-                    transform(tables.change[g], y, START, 0)
+                    transform(tables.change[k], y, START, 0)
                     if is_negative(ladder_at(ladders, held), y, 0, band_factor):
                         # What rounding hid in flight is clear on the table: it does not hold the
                         # mass.
@@ -267,22 +237,27 @@ def run(
                             normalise(y, gap.steady)
                             order = order_at_rest(gap.rows, y, band_factor)
                         sticks = order <= 0
+                own[MOTION] = BOUNCES
+                own[ORDER] = order
                 if sticks:
                     rest = 0.0
                     if u > 0.0:
-                        rest = chatter_rest(gap, tables.kick[g], r, u, second, third)
+                        rest = chatter_rest(gap, tables.kick[k], r, u, second, third)
                         clock[CHATTER_ERROR] += error
                         if noise is not None:
                             lost = lifted(r, u, second)
-                            perturb_cut(tables.excursion[g], lost, y, clock)
-                            transform(tables.change[g], y, START, 0)
-                    _copy(y, START, LEFT)
-                    clock[LEFT_FROM] = g
-                    _copy(y, 0, START)
-                    order = 0
-                    enter(g, held, order, clock, rest, y, switches)
+                            perturb_cut(tables.excursion[k], lost, y, clock)
+                            transform(tables.change[k], y, START, 0)
+                    copy(y, START, LEFT)
+                    clock[LEFT_FROM] = k
+                    copy(y, 0, START)
+                    try_again(left)
+                    own[MOTION] = SWITCHED
+                    own[ORDER] = 0.0
+                    enter(k, held, clock, rest, u, y, switches)
                     g = held
-            clock[ORDER] = order
+                if left.shape[0] > 1:
+                    continue  # another one may have bounced, or be torn off
         m = ladders.integers[g, GROUP]
         first = tables.first[m]
         guards = tables.first[m + 1] - first
@@ -309,10 +284,12 @@ def run(
             if at != k:
                 at = k
                 gap = ladder_at(ladders, at)
+            begins = k == first or tables.element[k - 1] != tables.element[k]
+            own = left[tables.element[k]]
             found, steps, d, slope, cells = first_root(
                 gap,
-                order if turn == 0 else 0,
-                clock[SPEED] if turn == 0 else 0.0,
+                int(own[ORDER]) if begins else 0,
+                own[SPEED],
                 band_factor,
                 tables.event[k] == IMPACT,
                 budget,
@@ -333,7 +310,7 @@ def run(
             if found == LIMIT or (reached and (outcome == NEVER or (steps - n) * smallest < e - d)):
                 outcome, n, best, e, rate = found, steps, k, d, slope
                 if guards > 1:
-                    _copy(y, FOUND, KEPT)
+                    copy(y, FOUND, KEPT)
             turn += 1
         clock[BUDGET] = 0.0
         if outcome == LIMIT and budget < limit:
@@ -342,56 +319,91 @@ def run(
         if outcome in (NEVER, LIMIT):
             held = int(clock[LEFT_FROM])
             if held >= 0:  # contact does not end: the last event is the impact before it
-                _copy(y, LEFT, START)
+                copy(y, LEFT, START)
                 clock[GUARD] = held
-                clock[MOTION] = BOUNCED
+                left[tables.element[held], MOTION] = BOUNCED
                 clock[LEFT_FROM] = -1.0
             if outcome == LIMIT:
                 return done, SEARCH_LIMIT
             return done, CONTACT_FOR_EVER if held >= 0 else NO_FURTHER_CONTACT
         if guards > 1:
-            _copy(y, KEPT, FOUND)
+            copy(y, KEPT, FOUND)
+        own = left[tables.element[best]]
         if tables.event[best] == SWITCH:
             if tables.partner[best] < 0:
                 clock[WANTED] = best
                 return done, MODE_WANTED
             after = ladder_at(ladders, tables.partner[best])
-            own = tables.target[best]
-            slots = tables.slots[own, : tables.counts[own]]
+            target = tables.target[best]
+            slots = tables.slots[target, : tables.counts[target]]
             transform(tables.change[best], y, FOUND, START)
             normalise(y, after.steady)
             if noise is not None:
-                perturb_released(tables.change[best], slots, after.steady, y, clock, noise)
+                perturb_released(tables.change[best], slots, after.steady, y, clock, own, noise)
                 perturb_reached(after.generator, slots, y, clock, noise)
-            advance_clock(clock, n, smallest, e, tables.clock_rate)
-            order = tables.order[best]
+            move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
             clock[LEFT_FROM] = -1.0
-            clock[SPEED] = 0.0
-            if order == 1:
-                clock[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
-            enter(best, tables.partner[best], order, clock, 0.0, y, switches)
+            own[MOTION] = SWITCHED
+            own[ORDER] = tables.order[best]
+            own[SPEED] = 0.0
+            if tables.order[best] == 1:
+                own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
+            enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
             continue
+        if tables.event[best] == JAM:
+            copy(y, FOUND, START)
+            move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
+            return done, JAMMED
+        wanted = lets_go(tables, best)
+        if wanted >= 0:
+            clock[WANTED] = wanted
+            return done, MODE_WANTED
         if at != best:
             at = best
             gap = ladder_at(ladders, at)
-        slots = tables.slots[m, : tables.counts[m]]
         if outcome == TOUCH:
             clock[TOUCHES] += 1.0
             if noise is not None:
                 rate = perturb_touch(gap, band_factor, y, clock)
         rate = min(rate, 0.0)
+        move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
+        ambiguous = tables.ambiguous[best] or (
+            guards > 1 and together(tables, best, y, band_factor)
+        )
+        if ambiguous and clock[AMBIGUOUS] < 0.0:
+            clock[AMBIGUOUS] = clock[IMPACTS]
+        while tables.opens[best] >= 0:  # a closed stop from which the impact pulls away
+            open_ = tables.opens[best]
+            at = best = guard_of(tables, tables.target[open_], tables.element[best])
+            gap = ladder_at(ladders, at)
+            transform(tables.change[open_], y, FOUND, START)
+            normalise(y, gap.steady)
+            copy(y, START, FOUND)
+            left[tables.element[open_], MOTION] = BOUNCED
+            clock[LEFT_FROM] = -1.0
+            enter(open_, best, clock, 0.0, 0.0, y, switches)
+        m = ladders.integers[best, GROUP]
+        slots = tables.slots[m, : tables.counts[m]]
         r = tables.restitution[best]
-        _add_jump(tables.kick[best], -(1.0 + r) * rate, y)
+        add_jump(tables.kick[best], -(1.0 + r) * rate, y)
         normalise(y, gap.steady)
+        push(tables, best, left, y)
+        if (n * smallest + e) > EPSILON * clock[TIME]:
+            clock[AT_ONCE] = 0.0
+        elif clock[GUARD] != best:
+            clock[AT_ONCE] += 1.0
         clock[GUARD] = best
-        clock[SPEED] = 0.0 - r * rate
-        clock[MOTION] = BOUNCED
-        advance_clock(clock, n, smallest, e, tables.clock_rate)
+        own[SPEED] = 0.0 - r * rate
+        own[MOTION] = BOUNCED
         if noise is not None:
-            perturb(slots, gap.steady, y, clock, noise)
+            perturb(slots, gap.steady, y, clock, own, noise)
             perturb_reached(gap.generator, slots, y, clock, noise)
         if store:
-            note_impact(done, best, gap.steady, clock, y, impacts)
+            note_impact(done, best, gap.steady, clock, own[SPEED], y, impacts)
         done += 1
         clock[IMPACTS] += 1.0
+        if clock[AT_ONCE] > AT_REST and come_to_rest(tables, m, left, y, band_factor):
+            clock[AT_ONCE] = 0.0
+        if clock[AT_ONCE] > MOST_AT_ONCE * left.shape[0]:
+            return done, COLLAPSED
     return done, COUNT_REACHED

@@ -14,18 +14,12 @@ from dynkit.systems.impact.clock_kernels import (
     COSINE,
     GUARD,
     IMPACTS,
-    MOTION,
-    ORDER,
     SINE,
-    SPEED,
     SWITCHES,
     TIME,
 )
 
 Indices = NDArray[np.intp]
-
-FLIGHT, BOUNCED, SWITCHED = 0, 1, 2
-"""Where a run starts or goes on: gap open, just after an impact (u >= 0), just after a switch."""
 
 
 class Impacts(NamedTuple):
@@ -52,7 +46,7 @@ class Switches(NamedTuple):
     Attributes
     ----------
     time : (k,) when they happen: for contact, at the last impact that is not left out
-    rest : (k,) how long the bounces last that are left out
+    rest, speed : (k,) how long the bounces last that are left out, and how fast the first one is
     before : (k,) number of impacts before
     guard : (k,) number of the guard that each was at
     states : (k, 2, slots) just after them, in the new mode
@@ -60,19 +54,21 @@ class Switches(NamedTuple):
 
     time: Array
     rest: Array
+    speed: Array
     before: Indices
     guard: Indices
     states: Array
 
 
-@kernel()
+@kernel(entry=True)
 def enter(
-    g: int, guard: int, order: int, clock: Array, rest: float, y: Array, log: Switches
+    g: int, guard: int, clock: Array, rest: float, speed: float, y: Array, log: Switches
 ) -> None:
     """Guard `g` has led to another mode, whose state is the start state, and a guard there."""
     k = int(clock[SWITCHES])
     log.time[k] = clock[TIME]
     log.rest[k] = rest
+    log.speed[k] = speed
     log.before[k] = int(clock[IMPACTS])
     log.guard[k] = g
     for row in range(2):
@@ -80,15 +76,15 @@ def enter(
             log.states[k, row, i] = y[START, row, i]
     clock[SWITCHES] += 1.0
     clock[GUARD] = guard
-    clock[MOTION] = SWITCHED
-    clock[ORDER] = order
 
 
 @kernel(inline=True)
-def note_impact(done: int, k: int, table: int, clock: Array, y: Array, log: Impacts) -> None:
+def note_impact(
+    done: int, k: int, table: int, clock: Array, speed: float, y: Array, log: Impacts
+) -> None:
     """Write down the start state, just after an impact at guard `k`."""
     log.time[done] = clock[TIME]
-    log.speed[done] = clock[SPEED]
+    log.speed[done] = speed
     log.guard[done] = k
     for row in range(2):
         for i in range(log.states.shape[2]):

@@ -26,11 +26,15 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
     bouncing = np.flatnonzero(since < parts.rest[which])
     if len(bouncing):
         k = which[bouncing]
-        speed, sign = run.speeds[parts.point[k]], np.array([s.sign for s in oscillator._stops])
-        lift, rise = _bounces(oscillator.restitution, speed, parts.rest[k], since[bouncing])
-        kick = oscillator._contact.kick_velocity
-        x[bouncing] += np.outer(sign[parts.element[k]] * lift, kick)
-        v[bouncing] += np.outer(sign[parts.element[k]] * rise, kick)
+        for element in np.unique(parts.element[k]).tolist():
+            here = bouncing[parts.element[k] == element]
+            stop, some = oscillator._stops[element], which[here]
+            given = parts.speed[some], parts.rest[some], since[here]
+            lift, rise = _bounces(stop.restitution, *given)
+            for mode, now in run.modes(parts.mode[some - 1]):
+                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)
+                x[here[now]] += np.outer(lift[now], kick)
+                v[here[now]] += np.outer(rise[now], kick)
     return x, v
 
 
@@ -45,9 +49,10 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
 
 def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
     """Time up to which a run that ended by itself is sampled: 2^24 of the longest steps."""
-    ladders = [oscillator._gaps[0]]
-    if len(run.contacts):
-        ladders.append(oscillator._automaton.held(0).force)
+    ladders = list(oscillator._gaps)
+    for number in np.unique(run.segments.mode).tolist():
+        (guards,) = np.nonzero(run.guards[:, 0] == number)
+        ladders += [run.gap(k)[0] for k in guards.tolist()]
     return float(min(2.0 ** (23 + len(part.cell)) * part.smallest for part in ladders))
 
 

@@ -18,7 +18,7 @@ from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.motion import events_of, longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Course
-from dynkit.systems.impact.state import ImpactState, on_stop, phases
+from dynkit.systems.impact.state import SHEET, ImpactState, phases, put_on
 from dynkit.systems.impact.trajectory import Ending, Events, Trajectory
 
 if TYPE_CHECKING:
@@ -162,22 +162,29 @@ class ImpactRecord(Result):
     @cached_property
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
-        position = self.system._free.forced.positions(*self._run.coordinates)
-        self.system._contact.put(position, self._on_table[0])
-        return position
+        return self._motion[0]
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
-        velocity = self.system._free.forced.velocities(*self._run.coordinates)
-        self.system._contact.put(velocity, self._on_table[1])
-        return velocity
+        return self._motion[1]
 
-    @property
-    def _on_table(self) -> tuple[Array, Array]:
-        # Of the contact mass; its coordinates may be differences of numbers that are much larger.
-        _, sine, cosine = self._run.coordinates
-        return on_stop(self.system, self._run.element, sine, cosine, self._run.log.speed)
+    @cached_property
+    def _motion(self) -> tuple[Array, Array]:
+        """Positions and velocities (n, N), on the stops that are touched.
+
+        Their coordinates may be differences of numbers that are much larger.
+        """
+        run, forced = self._run, self.system._free.forced
+        q, sine, cosine = run.coordinates
+        x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
+        for number in np.unique(run.log.guard).tolist():
+            (here,) = np.nonzero(run.log.guard == number)
+            element, closed = run.guards[number, 1], run.closed(number)
+            some, turn = (x[here], v[here]), (sine[here], cosine[here])
+            put_on(self.system, element, closed, some, *turn, run.log.speed[here])
+            x[here], v[here] = some
+        return x, v
 
     @cached_property
     def energy(self) -> Array:
@@ -193,13 +200,20 @@ class ImpactRecord(Result):
     @property
     def states(self) -> Array:
         """Section coordinates (n, 2N) just after the impacts."""
-        return np.concatenate([self._without_phase, self.phase[:, None]], axis=1)
+        phase = self.phase
+        if self.system._several:
+            phase = phase + SHEET * self._run.element
+        return np.concatenate([self._without_phase, phase[:, None]], axis=1)
 
     @property
     def _without_phase(self) -> Array:
         """Section coordinates (n, 2N - 1) without the phase."""
-        u, others = self.relative_velocity, self.system._contact.others
-        parts = [self.position[:, others], self.velocity[:, others], u[:, None]]
+        others = np.array([contact.others for contact in self.system._contacts])
+        if not self.system._several:
+            kept: Any = np.s_[:, others[0]]
+        else:
+            kept = np.arange(len(self))[:, None], others[self._run.element]
+        parts = [self.position[kept], self.velocity[kept], self.relative_velocity[:, None]]
         return np.concatenate(parts, axis=1)
 
     @cached_property
@@ -218,6 +232,21 @@ class ImpactRecord(Result):
     def sticking(self) -> Array:
         """Begin and end (k, 2) of the contact intervals; infinite for contact for ever."""
         return self._run.contacts
+
+    @property
+    def ambiguous(self) -> int | None:
+        """Number of the first impact whose outcome is a choice of law, None where there is none.
+
+        It pushed against a stop that was in contact, or happened together with another one whose
+        gap it changes: what Newton's law with complementarity (Moreau) makes of it depends on the
+        order, and others give other outcomes. From it on `error` is infinite.
+        """
+        return None if self._run.ambiguous < 0 else self._run.ambiguous
+
+    @property
+    def element(self) -> Any:
+        """With which stop each impact was, (n,): see `ImpactState`."""
+        return self._run.element
 
     @property
     def chatter_error(self) -> float:
@@ -267,6 +296,8 @@ class ImpactRecord(Result):
         for part in twin_errors(self.system, self._run, self._batches(), len(self)):
             worst[done : done + len(part)] = part
             done += len(part)
+        if self.ambiguous is not None:
+            worst[self.ambiguous :] = np.inf
         return np.maximum.accumulate(worst, out=worst)
 
     def _batches(self) -> Iterator[ImpactRecord]:
@@ -303,16 +334,16 @@ class ImpactRecord(Result):
         """
         asked = finite_array("times", times, (None,))
         last = longest_sample(self.system, self._run)
-        if self.ending in (Ending.COUNT_REACHED, Ending.SEARCH_LIMIT):
+        if self.ending is Ending.COUNT_REACHED:
             last = float(self.time[-1]) if len(self) else 0.0
-        if self.ending is Ending.SEARCH_LIMIT:
-            last = max(last, float(self._run.switches.time[-1:].sum()))
+        elif self.ending in (Ending.SEARCH_LIMIT, Ending.JAMMED, Ending.COLLAPSED):
+            last = self._run.duration
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
         return sample_run(self.system, self._run, asked)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw what the stops act along against time, the stops dashed, the impacts as dots.
+        """Draw what the first stop acts along against time, its stops dashed, its impacts as dots.
 
         From the start to the last impact, but no more than 1000 periods of the forcing; two periods
         more, and 12 at least, where the simulation ended by itself.
@@ -329,7 +360,9 @@ class ImpactRecord(Result):
         from dynkit.systems.impact.drawing import draw, shown_until
 
         end = shown_until(2.0 * math.pi / self.system.frequency, self.time, self.ending)
-        impacts = self.time[self.time <= end]
+        stops = self.system._stops
+        along = np.array([stop.coordinate == stops[0].coordinate for stop in stops])
+        impacts = self.time[along[self.element] & (self.time <= end)]
         return draw(ax, self.system, self.sample, self.start.phase, end, impacts)
 
     def dataset(self) -> Dataset:

@@ -10,6 +10,8 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
+from dynkit.systems.impact.elements import IMPACT
+from dynkit.systems.impact.mode import transformed
 from dynkit.systems.impact.state import ImpactState, Motion, state_of
 from dynkit.systems.impact.trajectory import Ending, Impacts, Switches, Trajectory
 
@@ -25,7 +27,7 @@ MOST_SWITCHES = 1 << 16
 _FEW = 32
 """Switches that there is room for at first."""
 
-_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE)
+_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 _ENDINGS = tuple(Ending)
 
 
@@ -90,13 +92,13 @@ class Course:
         free = oscillator._free
         q, turn = start._coordinates, start._turn
         clock = np.zeros(clock_kernels.CLOCK)
-        clock[clock_kernels.SPEED] = start.speed
         clock[clock_kernels.GUARD] = start.element
-        clock[clock_kernels.LEFT_FROM] = -1
-        clock[clock_kernels.MOTION] = _MOTIONS.index(start.motion)
-        clock[clock_kernels.ORDER] = 3 if start.motion is Motion.RELEASE else 0
+        clock[clock_kernels.LEFT_FROM] = clock[clock_kernels.AMBIGUOUS] = -1
         clock[clock_kernels.SEED] = seed
         clock[clock_kernels.LONGEST] = longest
+        self._left = np.zeros((len(oscillator._elements), 3))
+        order = 3 if start.motion is Motion.RELEASE else 0
+        self._left[start.element] = _MOTIONS.index(start.motion), order, start.speed
         self._shifts: Array | None = None
         if noise > 0.0:
             random, n = np.random.default_rng(seed), oscillator.degrees_of_freedom
@@ -107,7 +109,7 @@ class Course:
             q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
             q += oscillator._structure.free.coordinates(x, v)
             turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
-            clock[clock_kernels.SPEED] *= 1.0 + noise * random.uniform(-1.0, 1.0)
+            self._left[start.element, 2] *= 1.0 + noise * random.uniform(-1.0, 1.0)
             elements = max(len(oscillator._elements), 2)
             self._shifts = noise * random.uniform(-1.0, 1.0, (elements, 2))
         clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
@@ -120,7 +122,26 @@ class Course:
         if noise > 0.0:
             generator, slots = oscillator._gaps[0].generator, free.layout.modes
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
+        for element in start.closed:
+            self._close(element)
         self.impacts, self.ending = 0, Ending.COUNT_REACHED
+
+    def _close(self, element: int) -> None:
+        """Enter contact with a stop on which the motion begins."""
+        clock_kernels, kernels, log_kernels = _kernels()
+        automaton, clock = self._oscillator._automaton, self._clock
+        number = automaton.guard(automaton.guards[int(clock[clock_kernels.GUARD])].mode, element)
+        guard = automaton.guards[number]
+        if guard.element != element or guard.watch.event != IMPACT:
+            return  # it stays where it is, as others hold it
+        automaton.enter(number)
+        self._prepare(0, self._work.states)
+        states = self._work.states
+        begin = states[kernels.START][None]
+        states[kernels.START] = transformed(self._tables.change[number], begin)[0]
+        after = automaton.guard(guard.target, self._start.element)
+        log_kernels.enter(number, after, clock, 0.0, 0.0, states, self._switches)
+        self._left[element] = clock_kernels.SWITCHED, 0, 0
 
     def _prepare(self, first: int, states: Array) -> None:
         """Tables and buffers of the modes that there are; these states are put in, from one on."""
@@ -137,12 +158,13 @@ class Course:
     def _enlarge(self, slots: int) -> None:
         """Room for more switches."""
         clock_kernels, _, log_kernels = _kernels()
-        old, rows = self._switches, _FEW
+        old, rows = self._switches, _FEW + 2 * len(self._left)
         if old is not None:
-            rows = max(_FEW, 2 * int(self._clock[clock_kernels.SWITCHES]))
+            rows = max(rows, 2 * int(self._clock[clock_kernels.SWITCHES]))
         before, guard = np.empty((2, rows), dtype=np.intp)
         states = np.zeros((rows, 2, slots))
-        self._switches = log_kernels.Switches(np.empty(rows), np.empty(rows), before, guard, states)
+        times = np.empty((3, rows))
+        self._switches = log_kernels.Switches(*times, before, guard, states)
         for few, more in zip(old or (), self._switches, strict=False):
             more[tuple(map(slice, few.shape))] = few
 
@@ -169,6 +191,7 @@ class Course:
             impacts, ending = kernels.run(
                 self._tables,
                 self._clock,
+                self._left,
                 count - done,
                 self._noise or None,
                 band_factor(slots),
@@ -203,20 +226,23 @@ class Course:
         free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
         state, automaton = self._work.states[kernels.START], oscillator._automaton
         mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
-        speed, motion = clock[clock_kernels.SPEED], _MOTIONS[int(clock[clock_kernels.MOTION])]
+        kind, _, speed = self._left[element].tolist()
+        motion = _MOTIONS[int(kind)]
+        closed: list[int] = []
         if mode:
-            state, held = automaton.freed(mode, state)
-            if held is not None:
-                speed, element, motion = 0.0, held, Motion.TABLE
-        if element >= len(oscillator._stops):
+            state, closed = automaton.freed(mode, state)
+        if closed and (element in closed or element >= len(oscillator._stops)):
+            speed, element, motion = 0.0, closed[0], Motion.TABLE
+        elif element >= len(oscillator._stops):
             element, motion = 0, Motion.FLIGHT
+        closed = [k for k in closed if k != element]
         q, sine, cosine = free.parts(state[:, : free.layout.slots])
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
             turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
         return Trajectory(
             self._start,
-            state_of(oscillator, q, turn, speed, element, motion),
+            state_of(oscillator, q, turn, speed, element, motion, tuple(closed)),
             log,
             Switches(*(array[:k] for array in self._switches)),
             tuple(automaton.regimes),
@@ -228,6 +254,8 @@ class Course:
             int(clock[clock_kernels.TOUCHES]),
             seconds,
             float(clock[clock_kernels.LONGEST]),
+            float(clock[clock_kernels.TIME]),
+            int(clock[clock_kernels.AMBIGUOUS]),
         )
 
 
@@ -241,5 +269,5 @@ def _displaced(tables: Any, terms: Array, parts: Array) -> Any:
     if not terms.any():
         return tables
     numbers = tables.ladders.numbers.copy()
-    numbers[:, OFFSET] += parts[tables.element, tables.event] * terms
+    numbers[:, OFFSET] += parts[tables.element, np.minimum(tables.event, 1)] * terms
     return tables._replace(ladders=tables.ladders._replace(numbers=numbers))

@@ -104,8 +104,8 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
                 inner, own_lost = other, other_lost
         moments += inner
         lost += own_lost
-    kick = np.append(abs(oscillator._contact.kick_velocity), 0.0)
-    lost += np.outer(kick, _left_out(oscillator, run, moments))
+    for element, kick in _kicks(oscillator):
+        lost += np.outer(kick, _left_out(oscillator, run, moments, element))
     lost += _clock_error(oscillator, run)
     lost += _impact_error(oscillator, run, moments.sum(axis=0))
     if not np.isfinite(lost).all():
@@ -270,18 +270,19 @@ def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) 
     |k_j x_i|) / 2. The last impact is where the averages R end: they move by (x x^T - R) s over the
     whole duration.
     """
-    gap, free = oscillator._gaps[0], oscillator._free
+    free = oscillator._free
     x, states = _positions(oscillator, run), run.free_states[1:]
     rates, bends = before_impacts(oscillator, run)
     flights = np.diff(run.time, prepend=0.0)
     from_table = np.full(run.impacts, True)
     from_table[0] = run.start.motion is Motion.TABLE
     from_table[run.before[: run.ended]] = False
-    rows = abs(gap.rows[:6]).reshape(3, 2, -1)
     terms = np.empty((3, run.impacts))
-    for now in in_steps(run.impacts):
-        terms[:, now] = np.einsum("oij,kij->ok", rows, abs(states[now, :, : rows.shape[2]]))
-    terms[0] += abs(gap.offset)
+    for element, gap in enumerate(oscillator._gaps):
+        rows, (own,) = abs(gap.rows[:6]).reshape(3, 2, -1), np.nonzero(run.element == element)
+        for now in (own[part] for part in in_steps(len(own))):
+            terms[:, now] = np.einsum("oij,kij->ok", rows, abs(states[now, :, : rows.shape[2]]))
+        terms[0, own] += abs(gap.offset)
     place, speed, bent = band_factor(free.layout.slots) * _EPS * terms
     left = np.where(from_table, np.minimum(place, 0.5 * bent * flights**2), place)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -289,9 +290,12 @@ def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) 
     late = np.where(np.isfinite(late), late, 0.0)
     # What comes to rest on the table forgets how fast it was.
     following = np.append(np.where(from_table, flights, 0.0)[1:], 0.0)
-    pushed = (1.0 + oscillator.restitution) * (abs(bends) * late + speed) * following**2
-    kick = np.append(abs(oscillator._contact.kick_velocity), 0.0)
-    moved = 0.5 * np.outer(kick, pushed @ abs(x))
+    restitution = np.array([stop.restitution for stop in oscillator._stops])[run.element]
+    pushed = (1.0 + restitution) * (abs(bends) * late + speed) * following**2
+    moved = np.zeros((x.shape[1], x.shape[1]))
+    for element, kick in _kicks(oscillator):
+        own = run.element == element
+        moved += 0.5 * np.outer(kick, pushed[own] @ abs(x[own]))
     ended = abs(np.outer(x[-1], x[-1]) - moments / moments[-1, -1]) * late[-1]
     return np.asarray(moved + moved.T + ended)
 
@@ -306,11 +310,17 @@ def _positions(oscillator: DrivenStructure, run: Trajectory) -> Array:
     return x
 
 
-def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array) -> Array:
+def _kicks(oscillator: DrivenStructure) -> Iterator[tuple[int, Array]]:
+    """Of all stops what a unit jump of the gap's rate changes at most in velocities, (N + 1,)."""
+    for element, contact in enumerate(oscillator._contacts):
+        yield element, np.append(abs(contact.kick_velocity), 0.0)
+
+
+def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array, element: int) -> Array:
     """Bound (N + 1,) of the integrals that bounces, replaced by contact, would have added."""
-    before = run.before[: run.ended]
-    speeds, rest = run.speeds[before], run.contacts[: run.ended, 0] - run.times[before]
+    parts, stop = run.segments, oscillator._stops[element]
+    own = (parts.element == element) & (parts.speed > 0.0) & (parts.point < run.impacts)
     # The first bounce, a parabola, is the highest.
-    height = 0.25 * speeds * rest * (1.0 - oscillator.restitution)
+    height = 0.25 * parts.speed[own] * parts.rest[own] * (1.0 - stop.restitution)
     squares = np.diagonal(moments.sum(axis=0))
-    return np.asarray(2.0 * np.sqrt((height**2 * rest).sum() * squares))
+    return np.asarray(2.0 * np.sqrt((height**2 * parts.rest[own]).sum() * squares))

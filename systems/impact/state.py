@@ -1,8 +1,9 @@
-"""States of an impact oscillator."""
+"""States of an impact oscillator, and its section coordinates."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.no_motion import Diverged, Refused
-from dynkit.core.validation import Array, finite_array, finite_scalar
+from dynkit.core.validation import Array, finite_array
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
@@ -44,13 +45,17 @@ class ImpactState:
         Rate of the gap, not negative; exact after an impact, where the difference of two velocities
         would have lost digits. In flight its absolute value.
     element : int
-        The stop that it is at: 0 for the table, also in flight, and 1 for the far stop of a play.
+        The stop that it is at: 0 for the table, also in flight, and 1 for the far stop of a play;
+        of ``elements`` the number among the hard stops.
     motion : Motion
+    closed : tuple of int
+        Other stops that are in contact.
     """
 
     speed: float
     element: int
     motion: Motion
+    closed: tuple[int, ...]
     _system: DrivenStructure = field(repr=False)
     _coordinates: Array = field(repr=False)
     _turn: Array = field(repr=False)
@@ -58,7 +63,7 @@ class ImpactState:
     @property
     def relative_velocity(self) -> float:
         """Section coordinate: the speed, negative, if only its zero, on the far side of a play."""
-        return -self.speed if self.element == 1 else self.speed
+        return -self.speed if self.element == 1 and self._system._faces else self.speed
 
     @property
     def position(self) -> Array:
@@ -85,9 +90,7 @@ class ImpactState:
         if not np.isfinite([x, v]).all():
             raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
         if self.motion is not Motion.FLIGHT:
-            place, moving = on_stop(system, self.element, sine, cosine, self.speed)
-            system._contact.put(x, place)
-            system._contact.put(v, moving)
+            put_on(system, self.element, self.closed, (x, v), sine, cosine, self.speed)
         x.setflags(write=False)
         v.setflags(write=False)
         return x, v
@@ -99,7 +102,13 @@ class ImpactState:
 
 
 def state_of(
-    oscillator: DrivenStructure, q: Array, turn: Array, speed: float, element: int, motion: Motion
+    oscillator: DrivenStructure,
+    q: Array,
+    turn: Array,
+    speed: float,
+    element: int,
+    motion: Motion,
+    closed: tuple[int, ...] = (),
 ) -> ImpactState:
     """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase.
 
@@ -111,7 +120,7 @@ def state_of(
     q, turn = q.copy(), turn.copy()
     q.setflags(write=False)
     turn.setflags(write=False)
-    state = ImpactState(float(speed), element, motion, oscillator, q, turn)
+    state = ImpactState(float(speed), element, motion, closed, oscillator, q, turn)
     if not np.vdot(q, q) < _LARGE**2:
         _ = state.position
     return state
@@ -135,10 +144,35 @@ def on_stop(
     oscillator: DrivenStructure, element: Any, sine: Any, cosine: Any, speed: Any
 ) -> tuple[Any, Any]:
     """What a stop acts along, and its rate, on the stop: by phase and rate of the gap."""
-    offset, sign = np.array([(stop.offset, stop.sign) for stop in oscillator._stops])[element].T
-    swings = oscillator._stops[0]
-    moving = swings.velocity(oscillator.frequency, sine, cosine)
-    return swings.swing(sine, cosine) + offset, moving + sign * speed
+    stops = [(s.offset, s.sign, s.phasor.real, s.phasor.imag) for s in oscillator._stops]
+    offset, sign, real, imaginary = np.array(stops)[element].T
+    w = oscillator.frequency
+    moving = real * w * cosine - imaginary * w * sine
+    return real * sine + imaginary * cosine + offset, moving + sign * speed
+
+
+def put_on(
+    oscillator: DrivenStructure,
+    element: int,
+    closed: Iterable[int],
+    state: tuple[Array, Array],
+    sine: Any,
+    cosine: Any,
+    speed: Any,
+) -> None:
+    """Put positions and velocities (..., N) onto a stop, and onto others that are in contact."""
+    stands = np.array([element, *closed])
+    rates = np.zeros((*np.shape(speed), len(stands)))
+    rates[..., 0] = speed
+    totals = on_stop(
+        oscillator, stands, np.expand_dims(sine, -1), np.expand_dims(cosine, -1), rates
+    )
+    for x, total in zip(state, totals, strict=True):
+        if len(stands) == 1:
+            oscillator._contacts[element].put(x, total[..., 0])
+        else:
+            rows = np.array([oscillator._contacts[k].row for k in stands])
+            oscillator._structure.holding(rows).put(x, total)
 
 
 def state_at(
@@ -149,6 +183,7 @@ def state_at(
     speed: float,
     element: int,
     motion: Motion,
+    closed: tuple[int, ...] = (),
 ) -> ImpactState:
     """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
     forced = oscillator._free.forced
@@ -156,78 +191,84 @@ def state_at(
         q = forced.coordinates(x - forced.rest, v - forced.drift, *turn)
     if not np.isfinite(q).all():
         raise Refused(f"positions and velocities must not overflow; got {x} and {v}")
-    return state_of(oscillator, q, turn, speed, element, motion)
+    return state_of(oscillator, q, turn, speed, element, motion, closed)
 
 
-# The first mode has a node at the contact mass where that moves less than this part of the largest:
-# half of a double's digits, so that its displacement there is not all rounding.
-_NODE = 2.0**-26
+SHEET = 2.0 * TWO_PI
+"""Of several stops, that between the phases of a section's coordinates on one and on the next."""
 
 
-def _rounding(place: float, amplitude: float, offset: float) -> float:
-    """What rounding leaves of a gap of zero."""
-    return 4.0 * 2.0**-53 * (abs(place) + amplitude + abs(offset))
+def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
+    """Section coordinates (2N,) of a state on the table."""
+    others = oscillator._contacts[state.element].others
+    x, v = state.position[others], state.velocity[others]
+    phase = state.phase + SHEET * state.element * oscillator._several
+    return np.concatenate([x, v, [state.relative_velocity, phase]])
 
 
-def default_position(oscillator: DrivenStructure, angle: float) -> Array:
-    """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
-    near, shape = oscillator._stops[0], oscillator.modal_matrix[:, 0]
-    contact, play = oscillator._contact, oscillator.play
-    place = float(contact.row @ shape)
-    x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
-    turn = math.sin(angle), math.cos(angle)
-    table = float(near.swing(*turn) + near.offset)
-    gap = near.sign * (float(contact.row @ x) - table)
-    # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
-    rate = -near.sign * near.velocity(oscillator.frequency, *turn)
-    rounding = _rounding(place, oscillator.amplitude, near.offset)
-    clear = gap > rounding or (gap >= 0.0 and rate >= 0.0)
-    if clear and (gap < play - rounding or (gap <= play and rate <= 0.0)):
-        return x
-    lifted = table + near.sign * min(1.0, 0.5 * play)
-    if abs(place) > _NODE * float(abs(shape).max()):
-        return shape * (lifted / place)
-    contact.put(x, lifted)
-    return x
+def sheet_of(phase: Any) -> Any:
+    """The stop of section coordinates, by the last of them, where there are several."""
+    return np.rint((phase - math.pi) / SHEET)
 
 
-def start(
-    oscillator: DrivenStructure, position: object, velocity: object, phase: object
-) -> ImpactState:
-    """A state to start from, at the defaults where None is given; ValueError beyond a stop."""
-    n = oscillator.degrees_of_freedom
-    angle = finite_scalar("phase", phase)
-    given = default_position(oscillator, angle) if position is None else position
-    x = finite_array("position", given, (n,))
-    v = finite_array("velocity", np.zeros(n) if velocity is None else velocity, (n,))
-    turn = np.array([math.sin(angle), math.cos(angle)])
-    row, near = oscillator._contact.row, oscillator._stops[0]
-    sine, cosine = turn.tolist()
-    middle, speed = near.swing(sine, cosine), near.velocity(oscillator.frequency, sine, cosine)
-    place, moving = float(row @ x), float(row @ v)
-    for side, stop in enumerate(oscillator._stops):
-        table = middle + stop.offset
-        gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
-        rounding = _rounding(float(abs(row) @ abs(x)), oscillator.amplitude, stop.offset)
-        word = "below" if stop.sign > 0 else "above"
-        if gap < -rounding:
-            what = _along(stop, "position")
-            raise Refused(f"{what} must not be {word} the table at {table}; got {place}")
-        if gap <= rounding:
-            rounding = 4.0 * 2.0**-53 * (abs(row) @ abs(v) + abs(speed))
-            if u < -rounding:
-                what = _along(stop, "velocity")
-                raise Refused(
-                    f"{what} must not be {word} the table's {speed} when the mass is on "
-                    f"the table; got {moving}"
-                )
-            u = 0.0 if u <= rounding else u
-            return state_at(oscillator, x, v, turn, u, side, Motion.TABLE)
-    u = oscillator._stops[0].sign * (moving - speed)
-    return state_at(oscillator, x, v, turn, abs(u), 0, Motion.FLIGHT)
+def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
+    """The state just after an impact with these section coordinates (2N,); ValueError for none."""
+    y = finite_array("state", coordinates, (oscillator.dimension,))
+    n, stands = oscillator.degrees_of_freedom, oscillator._stops
+    u, phase = float(y[-2]), float(y[-1])
+    if not oscillator._faces:
+        if u < 0.0:
+            raise Refused(f"state[{2 * n - 2}] must not be negative; got {u}")
+        u += 0.0
+    # the sign of a section coordinate, and that of its zero, tells the stop of a play
+    element, speed = int(math.copysign(1.0, u) < 0.0), abs(u)
+    if oscillator._several:
+        element = int(sheet_of(phase))
+        if not 0 <= element < len(stands):
+            raise Refused(
+                f"state[{2 * n - 1}] must be a phase and 4 pi times the number of one of "
+                f"{len(stands)} stops; got {phase}"
+            )
+        phase -= SHEET * element
+    turn = np.array([math.sin(phase), math.cos(phase)])
+    x, v = np.empty((2, n))
+    others = oscillator._contacts[element].others
+    x[others], v[others] = y[: n - 1], y[n - 1 : -2]
+    put_on(oscillator, element, (), (x, v), turn[0], turn[1], speed)
+    closed = touched(oscillator, x, v, turn, element)
+    return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE, closed)
 
 
-def _along(stop: HardStop, name: str) -> str:
+def touched(
+    oscillator: DrivenStructure, x: Array, v: Array, turn: Array, element: int
+) -> tuple[int, ...]:
+    """Other stops that a structure lies on, but for rounding; Refused beyond one of them."""
+    if not oscillator._several:
+        return ()
+    places, speeds = on_stop(oscillator, np.arange(len(oscillator._stops)), turn[0], turn[1], 0.0)
+    found = []
+    stands = zip(oscillator._stops, oscillator._contacts, strict=True)
+    for k, (stop, contact) in enumerate(stands):
+        gap, rate = (
+            stop.sign * (float(contact.row @ part) - told)
+            for part, told in ((x, places[k]), (v, speeds[k]))
+        )
+        near, slow = (
+            _TOUCHED * (float(abs(contact.row) @ abs(part)) + size)
+            for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))
+        )
+        if k != element and gap < -near:
+            raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")
+        if k != element and gap <= near and abs(rate) <= slow:
+            found.append(k)
+    return tuple(found)
+
+
+_TOUCHED = 2.0**-46
+"""Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
+
+
+def along(stop: HardStop, name: str) -> str:
     """Of positions or velocities, by name, what a stop acts along."""
     given = stop.coordinate
     if isinstance(given, int):
@@ -237,76 +278,20 @@ def _along(stop: HardStop, name: str) -> str:
     return f"{name} along {given}"
 
 
-def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
-    """A state of this oscillator, from one of an oscillator with other parameters.
-
-    On the table the contact mass is put onto the table of this oscillator, with the same relative
-    velocity.
-    """
-    if start._system is oscillator or start._system == oscillator:
-        return start
-    n, contact = oscillator.degrees_of_freedom, oscillator._contact
-    if start.position.shape != (n,):
-        raise ValueError(f"start must have {n} masses; got {start.position.size}")
-    turn = start._turn
-    x, v, u = start.position.copy(), start.velocity.copy(), start.speed
-    stands = oscillator._stops
-    if start.motion is Motion.FLIGHT:
-        place = float(contact.row @ x)
-        for stop in stands:
-            table = stop.swing(*turn.tolist()) + stop.offset
-            if stop.sign * (place - table) < 0.0:
-                word = "below" if stop.sign > 0 else "above"
-                raise Refused(f"start must not be {word} the table at {table}; got {place}")
-        return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT)
-    if start.element >= len(stands):
-        raise Refused(f"start must not be on a far stop without play; got {start!r}")
-    place, moving = on_stop(oscillator, start.element, turn[0], turn[1], u)
-    contact.put(x, place)
-    contact.put(v, moving)
-    # Where the table released it under other parameters, its contact force is not zero here.
-    return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE)
-
-
-def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Section coordinates (2N,) of a state on the table."""
-    others = oscillator._contact.others
-    x, v = state.position[others], state.velocity[others]
-    return np.concatenate([x, v, [state.relative_velocity, state.phase]])
-
-
-def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
-    """The state just after an impact with these section coordinates (2N,); ValueError for none."""
-    y = finite_array("state", coordinates, (oscillator.dimension,))
-    n, stands = oscillator.degrees_of_freedom, oscillator._stops
-    others = oscillator._contact.others
-    u, phase = float(y[-2]), float(y[-1])
-    if len(stands) == 1:
-        if u < 0.0:
-            raise Refused(f"state[{2 * n - 2}] must not be negative; got {u}")
-        u += 0.0
-    # the sign of a section coordinate, and that of its zero, tells the stop
-    element, speed = int(math.copysign(1.0, u) < 0.0), abs(u)
-    turn = np.array([math.sin(phase), math.cos(phase)])
-    x, v = np.empty(n), np.empty(n)
-    x[others], v[others] = y[: n - 1], y[n - 1 : -2]
-    place, moving = on_stop(oscillator, element, turn[0], turn[1], speed)
-    oscillator._contact.put(x, place)
-    oscillator._contact.put(v, moving)
-    return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE)
-
-
 def packed(state: ImpactState) -> Array:
-    """All numbers of a state, (2N + 5,)."""
+    """All numbers of a state, (2N + 5,), and one for each stop where there are several."""
     motion = tuple(Motion).index(state.motion)
     own = [motion, state.element, state.speed, *state._turn.tolist()]
-    return np.concatenate([own, state._coordinates.ravel()])
+    stops = len(state._system._stops) * state._system._several
+    closed = [k in state.closed for k in range(stops)]
+    return np.concatenate([own, state._coordinates.ravel(), closed])
 
 
 def unpacked(oscillator: DrivenStructure, numbers: object) -> ImpactState:
     """The state that `packed` turned into numbers."""
-    n = oscillator.degrees_of_freedom
-    array = finite_array("packed", numbers, (5 + 2 * n,))
+    n, stops = oscillator.degrees_of_freedom, len(oscillator._stops) * oscillator._several
+    array = finite_array("packed", numbers, (5 + 2 * n + stops,))
     motion, element = tuple(Motion)[int(array[0])], int(array[1])
-    q, turn = array[5:].reshape(2, n), array[3:5]
-    return state_of(oscillator, q, turn, float(array[2]), element, motion)
+    q, turn = array[5 : 5 + 2 * n].reshape(2, n), array[3:5]
+    closed = tuple(np.flatnonzero(array[5 + 2 * n :]).tolist())
+    return state_of(oscillator, q, turn, float(array[2]), element, motion, closed)

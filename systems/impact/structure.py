@@ -89,13 +89,30 @@ class Held:
     def __init__(self, given: Derivation, rows: Array) -> None:
         self.pivots = pivots = np.array(_pivots(rows), dtype=np.intp)
         self.others = np.delete(np.arange(rows.shape[1]), pivots)
-        self.told = np.linalg.inv(rows[:, pivots])
+        self.told: Array = np.asarray(np.linalg.inv(rows[:, pivots]), dtype=float)
         ties = -self.told @ rows[:, self.others]
         self.ties = ties if ties.any() else None
         self.weights = np.zeros_like(rows)
         self.weights[:, pivots] = self.told.T
         left = given.without(pivots, self.ties) if len(self.others) else None
         self.structure = None if left is None else Structure(left)
+
+    def leaves(self, row: Array) -> Array:
+        """A sum (N,) of all coordinates as one, (m,), of those that are left; zero for rounding."""
+        out = row[self.others]
+        if self.ties is not None:
+            out = out + row[self.pivots] @ self.ties
+        return out if abs(out).max(initial=0.0) > ROUNDING * abs(row).max() else np.zeros_like(out)
+
+    def put(self, x: Array, totals: Array) -> None:
+        """Make what is held of positions or velocities (..., N) these, (..., h)."""
+        x[..., self.pivots] = row_by_row(totals, self.told)
+        if self.ties is not None:
+            x[..., self.pivots] += row_by_row(x[..., self.others], self.ties)
+
+
+ROUNDING = 1e-12
+"""Of a sum of coordinates that is held, the part that rounding may leave."""
 
 
 def place_of(row: Array) -> int:

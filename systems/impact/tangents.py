@@ -219,19 +219,21 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
 
 def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
-    r, free, log, parts = oscillator.restitution, oscillator._free, run.log, run.segments
-    kick = free.placed(oscillator._contact.kick[:2])
+    log, parts = run.log, run.segments
     last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
-    if r > 0.0:
-        rates = -log.speed / r
     for number in np.unique(log.guard).tolist():
         here = np.flatnonzero(log.guard == number)
         (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
+        stop = oscillator._stops[element]
+        r = stop.restitution
+        if r > 0.0:
+            rates[here] = -log.speed[here] / r
         rows = np.zeros((2, 2, mode.layout.slots))
         rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
         if r > 0.0 and flight == 0:  # else the states after impacts do not tell how fast they were
-            turn = oscillator._stops[element].sign * float((rows[1] * kick).sum())
+            kick = mode.placed(oscillator._contacts[element].kick[:2])
+            turn = stop.sign * float((rows[1] * kick).sum())
             for own in (here[now] for now in in_steps(len(here))):
                 bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
             bends[here] += (1.0 + r) * rates[here] * turn

@@ -30,6 +30,8 @@ class Ending(Enum):
     CONTACT_FOR_EVER = "the mass stays on the table for ever"
     SEARCH_LIMIT = "no further impact was found within the search limit"
     DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
+    JAMMED = "the machine is jammed: a stop is in the way of what others hold"
+    COLLAPSED = "stops are hit in turn without end, and in no time"
 
 
 @final
@@ -47,7 +49,8 @@ class Events:
         0 for an impact, 1 for the begin of contact, 2 for its end, 3 for another regime of an
         element, as in ``systems.impact.elements.EventKind``.
     element : (k,) of int
-        With what: 0 is the table, 1 the far stop of a play; soft stops follow in their order.
+        With what: 0 is the table, 1 the far stop of a play; of ``elements`` the hard stops in their
+        order, and then the soft ones.
     mode : (k,) of int
         In which mode the motion goes on: 0 is free flight.
     position, velocity : (k, N)
@@ -111,6 +114,8 @@ class Switches:
     time, rest : (k,)
         When they happen, for contact at the last impact that is not left out, and how long the
         bounces last that are left out.
+    speed : (k,)
+        How fast the first of these is.
     before : (k,)
         Number of impacts before.
     guard : (k,)
@@ -121,6 +126,7 @@ class Switches:
 
     time: Array
     rest: Array
+    speed: Array
     before: Indices
     guard: Indices
     states: Array
@@ -130,6 +136,7 @@ class Switches:
         return Switches(
             self.time[:count],
             self.rest[:count],
+            self.speed[:count],
             self.before[:count],
             self.guard[:count],
             self.states[:count],
@@ -149,8 +156,8 @@ class Segments:
         Number of impacts before.
     mode, element : (k,)
         Numbers of the mode, and of the element of the event that they begin with.
-    rest : (k,)
-        How long bounces last that are left out at first.
+    rest, speed : (k,)
+        How long bounces last that are left out at first, and how fast the first of them is.
     kind : (k,) of int
         Of that event, see `EventKind`; the start counts as an impact.
     states : (k, 2, slots)
@@ -162,6 +169,7 @@ class Segments:
     mode: Indices
     element: Indices
     rest: Array
+    speed: Array
     kind: Indices
     states: Array
 
@@ -176,7 +184,7 @@ class Trajectory:
     """Events of one motion: impacts, and switches between the modes of its oscillator.
 
     Points are the start and the impacts. Contact number k begins after point ``before[k]``.
-    Elements are numbered: 0 the table, 1 the far stop of a play.
+    Elements are numbered: hard stops first, 1 is the far stop of a play.
 
     Attributes
     ----------
@@ -194,6 +202,11 @@ class Trajectory:
         What it lost and cost.
     longest : float
         The longest flight, or contact, of all.
+    duration : float
+        Of all up to the last event.
+    ambiguous : int
+        How many impacts there were before the first one whose outcome is a choice of law: it pushed
+        against a closed stop, or others happened with it; -1 where there is none.
     """
 
     start: ImpactState
@@ -209,6 +222,8 @@ class Trajectory:
     touches: int
     seconds: float
     longest: float
+    duration: float
+    ambiguous: int
 
     def part(self, low: int, high: int) -> Trajectory:
         """Some of the impacts; all else is that of the whole."""
@@ -232,8 +247,9 @@ class Trajectory:
 
     @property
     def relative_velocity(self) -> Array:
-        """Rates of the gap just after them; negative at the far stop."""
-        return np.where(self.element == 1, -self.log.speed, self.log.speed)
+        """Rates of the gap just after them; negative at the far stop of a play."""
+        far = (self.element == 1) & self.start._system._faces
+        return np.where(far, -self.log.speed, self.log.speed)
 
     @property
     def coordinates(self) -> tuple[Array, Array, Array]:
@@ -301,9 +317,15 @@ class Trajectory:
             np.where(kind == impact, self.guards[guards, 0], self.guards[guards, 2]),
             np.asarray(self.guards[guards, 1]),
             np.insert(np.zeros(len(point)), place, s.rest),
+            np.insert(np.zeros(len(point)), place, s.speed),
             kind,
             states,
         )
+
+    def closed(self, guard: int) -> list[int]:
+        """The stops that are in contact in the mode of a guard."""
+        automaton = self.start._system._automaton
+        return automaton.holding(self.regimes[self.guards[guard, 0]])
 
     def gap(self, number: int) -> tuple[Any, Mode]:
         """The gap that guard number `number` of this motion watches, and the mode of that."""
@@ -345,7 +367,7 @@ class Trajectory:
     @property
     def contact_sides(self) -> Indices:
         """The stop of each contact."""
-        return np.asarray(self.sides[self.before])
+        return np.asarray(self.guards[self.switches.guard[self._held], 1])
 
     @property
     def durations(self) -> tuple[Array, Array]:

@@ -1,0 +1,148 @@
+"""Kernels of what happens to the elements of a machine at an event."""
+
+from __future__ import annotations
+
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
+from dynkit.exponential.double_double_kernels import two_product
+from dynkit.exponential.evaluation_kernels import FOUND, START, value_and_rates
+from dynkit.exponential.stack_kernels import GROUP, ladder_at
+from dynkit.systems.impact.clock_kernels import (
+    BOUNCED,
+    BOUNCES,
+    FLIGHT,
+    MOTION,
+    ORDER,
+    SPEED,
+    SWITCHED,
+)
+from dynkit.systems.impact.contact_kernels import Tables, in_band, is_negative
+
+IMPACT, SWITCH, JAM = range(3)
+"""What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
+of the motion."""
+
+RELEASED = 3
+"""Order of the gap after contact: it, its rate and its acceleration are zero."""
+
+
+@kernel()
+def add_jump(kick: Array, jump: float, states: Array) -> None:
+    """The found state plus `jump` times the kick, rounded once, into the start state.
+
+    A kick in double precision would bias the energy, by the same 1e-17 or so at every impact.
+    """
+    for row in range(2):
+        for i in range(states.shape[2]):
+            before = states[FOUND, row, i]
+            change, rest = two_product(kick[row, i], jump)
+            total = before + change
+            back = total - before
+            lost = (before - (total - back)) + (change - back)
+            states[START, row, i] = total + (lost + (rest + kick[2 + row, i] * jump))
+
+
+@kernel()
+def copy(states: Array, k: int, to: int) -> None:
+    """State `k` into state `to`."""
+    for row in range(2):
+        for i in range(states.shape[2]):
+            states[to, row, i] = states[k, row, i]
+
+
+@kernel()
+def jumped(tables: Tables, m: int, left: Array, states: Array, band_factor: float) -> int:
+    """A guard that is negative at a start, or after an event; -1 if none.
+
+    Those of an element that has switched are zero but for rounding, or decided.
+    """
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] != SWITCH or left[tables.element[k], MOTION] == SWITCHED:
+            continue
+        if is_negative(ladder_at(tables.ladders, k), states, START, band_factor):
+            return int(k)
+    return -1
+
+
+@kernel()
+def bounced(tables: Tables, m: int, left: Array) -> int:
+    """The first guard of an element that has just bounced in this mode; -1 if none."""
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] == IMPACT and left[tables.element[k], MOTION] == BOUNCED:
+            return int(k)
+    return -1
+
+
+@kernel()
+def guard_of(tables: Tables, mode: int, element: int) -> int:
+    """The first guard of an element in a mode; where it has none, that of the mode."""
+    for k in range(tables.first[mode], tables.first[mode + 1]):
+        if tables.element[k] == element:
+            return int(k)
+    return int(tables.first[mode])
+
+
+@kernel()
+def lets_go(tables: Tables, g: int) -> int:
+    """The guard of a stop that an impact at guard `g` opens, in a mode not entered; -1 if none."""
+    while tables.opens[g] >= 0:
+        k = tables.opens[g]
+        if tables.partner[k] < 0:
+            return int(k)
+        g = guard_of(tables, tables.target[k], tables.element[g])
+    return -1
+
+
+@kernel()
+def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
+    """Whether another stop, which the impact at guard `g` pushes or pulls, is reached, too."""
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
+            continue
+        if in_band(ladder_at(tables.ladders, k), states, FOUND, 0, band_factor):
+            return True
+    return False
+
+
+@kernel()
+def push(tables: Tables, g: int, left: Array, states: Array) -> None:
+    """Rates of the gaps that are zero and that the impact at guard `g` has changed."""
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
+            continue
+        own = left[tables.element[k]]
+        if own[MOTION] != FLIGHT:
+            other = ladder_at(tables.ladders, k)
+            rate = value_and_rates(other.rows, other.offset, states, START)[1]
+            own[MOTION] = FLIGHT if rate < 0.0 else BOUNCED
+            own[ORDER] = 0.0
+            own[SPEED] = max(rate, 0.0)
+
+
+@kernel()
+def try_again(left: Array) -> None:
+    """In another mode those that did not come to rest may do so."""
+    for element in range(left.shape[0]):
+        if left[element, MOTION] == BOUNCES:
+            left[element, MOTION] = BOUNCED
+
+
+@kernel()
+def come_to_rest(tables: Tables, m: int, left: Array, y: Array, band_factor: float) -> bool:
+    """Whether nothing but rounding moves stops that are touched, which then have no rates."""
+    first, last = tables.first[m], tables.first[m + 1]
+    for k in range(first, last):
+        guard = ladder_at(tables.ladders, k)
+        touched = tables.event[k] == IMPACT and in_band(guard, y, START, 0, band_factor)
+        if touched and not in_band(guard, y, START, 1, band_factor):
+            return False
+    for k in range(first, last):
+        guard = ladder_at(tables.ladders, k)
+        if tables.event[k] == IMPACT and in_band(guard, y, START, 0, band_factor):
+            element = tables.element[k]
+            left[element, MOTION] = BOUNCED
+            left[element, ORDER] = 0.0
+            left[element, SPEED] = 0.0
+    return True
