@@ -20,6 +20,16 @@ from dynkit.exponential.evaluation_kernels import (
 Indices = NDArray[np.intp]
 
 
+@kernel()
+def fly(ladder: Ladder, n: int, e: float, states: Array) -> None:
+    """The found state becomes the start state after n smallest steps and e."""
+    last = states.shape[2]
+    k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, last)
+    shift(ladder.generator, e, states, k, FOUND, 0, last)
+    if ladder.links.shape[0] > 0:
+        shift_linked(ladder, e, states, k, FOUND)
+
+
 @kernel(entry=True)
 def sample(
     ladder: Ladder, starts: Array, which: Indices, durations: Array, work: Workspace, out: Array
@@ -41,12 +51,7 @@ def sample(
             states[START, 0, i] = starts[which[m], 0, i]
             states[START, 1, i] = starts[which[m], 1, i]
         n = int(durations[m] / ladder.smallest)
-        e = durations[m] - n * ladder.smallest
-        last = starts.shape[2]
-        k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, last)
-        shift(ladder.generator, e, states, k, FOUND, 0, last)
-        if ladder.links.shape[0] > 0:
-            shift_linked(ladder, e, states, k, FOUND)
+        fly(ladder, n, durations[m] - n * ladder.smallest, states)
         for i in range(starts.shape[2]):
             out[m, 0, i] = states[FOUND, 0, i]
             out[m, 1, i] = states[FOUND, 1, i]

@@ -18,7 +18,7 @@ from dynkit.dynamics.attractor import Attractor
 from dynkit.labels.label import OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
 from dynkit.orbits.harmonics import harmonics_needed
-from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, draw_points
+from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, displacement, draw_points
 from dynkit.systems.impact.record import ImpactRecord, batch_size, twin_errors
 from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import ImpactState
@@ -96,6 +96,8 @@ class ImpactAttractor(Attractor):
 
     def observable(self, name: str) -> Array:
         """Return one of the system's `observables` at the kept impacts, (n,)."""
+        if self._system._strobed:
+            return super().observable(name)
         values: Array = getattr(self.record, name)
         return values
 
@@ -192,6 +194,8 @@ class ImpactAttractor(Attractor):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw its section: the relative velocity after the kept impacts against the phase.
 
+        Without a hard stop the velocity of the last coordinate against its place, as periods begin.
+
         Parameters
         ----------
         ax : Axes, optional
@@ -201,6 +205,10 @@ class ImpactAttractor(Attractor):
         -------
         Axes
         """
+        if self._system._strobed:
+            own = np.stack([self.record.position[:, -1], self.record.velocity[:, -1]], axis=1)
+            n = self._system.degrees_of_freedom
+            return draw_points(ax, own, (displacement(n - 1), f"velocity $v_{{{n}}}$"))
         points = np.stack([self.record.phase, self.record.relative_velocity], axis=1)
         return draw_points(ax, points, (PHASE, RELATIVE_VELOCITY))
 

@@ -94,6 +94,7 @@ class Automaton:
     ) -> None:
         self._structure, self._drive, self._elements = structure, drive, tuple(elements)
         self._tolerance = tolerance
+        self._hit = any(isinstance(element, HardStop) for element in self._elements)
         self._lock = RLock()
         self._tables: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
@@ -285,6 +286,7 @@ class Automaton:
             ambiguous=np.array([g.ambiguous for g in guards]),
             coupled=coupled > 0.0,
             tolerance=self._tolerance,
+            period=0.0 if self._hit else 2.0 * np.pi / self._drive.frequency,
             clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
         )
 

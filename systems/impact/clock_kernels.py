@@ -39,8 +39,9 @@ Indices = NDArray[np.intp]
     LONGEST,
     AMBIGUOUS,
     AT_ONCE,
-) = range(17)
-CLOCK = 17
+    REMAINING,
+) = range(18)
+CLOCK = 18
 """Numbers of a clock; above, the places of them."""
 
 MOTION, ORDER, SPEED = range(3)
@@ -56,6 +57,7 @@ an impact, and it does not come to rest."""
 def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) -> None:
     """Add ``n * smallest + e`` to the time, in double-double; turn the phase; note the longest."""
     clock[LONGEST] = max(clock[LONGEST], n * smallest + e)
+    clock[REMAINING] = max(clock[REMAINING] - (n * smallest + e), 0.0)
     # The smallest step is a power of two: the first product is exact.
     for part in (n * smallest, e):
         total = clock[TIME] + part
@@ -104,6 +106,15 @@ def normalise(states: Array, slot: int) -> None:
     factor = 1.5 - 0.5 * (s * s + c * c)
     states[START, 0, slot] = s * factor
     states[START, 1, slot] = c * factor
+
+
+@kernel()
+def begin_period(slot: int, states: Array, clock: Array, period: float) -> None:
+    """The phase of the start state is zero, but for rounding: now it is."""
+    clock[REMAINING] = period
+    clock[SINE], clock[COSINE] = 0.0, 1.0
+    if slot >= 0:
+        states[START, 0, slot], states[START, 1, slot] = 0.0, 1.0
 
 
 @kernel()

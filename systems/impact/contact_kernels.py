@@ -56,6 +56,7 @@ class Tables(NamedTuple):
     coupled : (guards, elements) whether an impact changes the rate of their gaps
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
         (see `PLACE` for the contact coordinate before it)
+    period : after which the state is written down where nothing impacts; 0 where stops are hit
     clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
     """
 
@@ -77,6 +78,7 @@ class Tables(NamedTuple):
     ambiguous: NDArray[np.bool_]
     coupled: NDArray[np.bool_]
     tolerance: float
+    period: float
     clock_rate: float
 
 

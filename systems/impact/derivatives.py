@@ -33,47 +33,50 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     if run.ambiguous >= 0:
         raise NoDerivative("the outcome of the next impact is a choice of law")
     free, automaton, began = oscillator._free, oscillator._automaton, 0.0
-    side = run.final.element
-    contact, stop = oscillator._contacts[side], oscillator._stops[side]
+    side, hit = run.final.element, not oscillator._strobed
     y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
     time = np.zeros(derivative.shape[1])
     times = np.append(run.switches.time, run.time).tolist()
     for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
-        guard, ends = automaton.guards[number], times[k]
+        guard, ends, last = automaton.guards[number], times[k], k == len(run.switches.guard)
         mode = automaton.modes[guard.mode]
         if ends > began:  # else what happened just now brought it about
             y, flow = _flow(mode, y, ends - began)
             derivative, began = flow @ derivative, ends
-            reached = guard
+            reached, rate = guard, mode.rate(y).ravel()
             if guard.watch.order == RELEASED and ends == times[-1]:  # by the impact that follows
                 reached = automaton.guards[automaton.guard(guard.mode, side)]
-            rate, row = mode.rate(y).ravel(), _row(reached.sum, 0)
-            later = -(row @ derivative) / float(row @ rate)
+            row = _row(reached.sum, 0)
+            # a period ends when it does
+            later = -(row @ derivative) / float(row @ rate) if hit or not last else -time
             # Time also moves the phase: it is part of the rate, through sine and cosine.
             derivative += np.outer(rate, later)
             time += later
-        if k < len(run.switches.guard):
+        if not last:
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
-    before = _row(guard.sum, 2) @ derivative
-    kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
-    derivative += reset(stop.restitution, kick.ravel(), before)
+    others: Any = slice(None)
+    law: list[Array] = []
+    if hit:
+        contact, stop = oscillator._contacts[side], oscillator._stops[side]
+        before = _row(guard.sum, 2) @ derivative
+        kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
+        derivative += reset(stop.restitution, kick.ravel(), before)
+        far = side == 1 and oscillator._faces
+        others = contact.others
+        law.append((stop.restitution if far else -stop.restitution) * before)
     if guard.mode:
         derivative = free.seen_from(mode)[:, :-1] @ derivative
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
-    position = free.forced.displacements(q, by_sine, by_cosine).T[contact.others]
-    velocity = free.forced.speeds(q, by_sine, by_cosine).T[contact.others]
-    sine, cosine = run.final._turn
-    if free.layout.table >= 0:
-        phase = cosine * by_sine - sine * by_cosine
-    else:
-        phase = oscillator.frequency * time
-        phase[-1] += 1.0
-    # On the far side of a play relative velocities count negative.
-    far = side == 1 and oscillator._faces
-    speed_by = (stop.restitution if far else -stop.restitution) * before
-    return np.vstack([position, velocity, speed_by[None], phase[None]])
+    position = free.forced.displacements(q, by_sine, by_cosine).T[others]
+    velocity = free.forced.speeds(q, by_sine, by_cosine).T[others]
+    if hit and free.layout.table >= 0:
+        sine, cosine = run.final._turn
+        law.append(cosine * by_sine - sine * by_cosine)
+    elif hit:
+        law.append(oscillator.frequency * time + np.eye(len(time))[-1])
+    return np.vstack([position, velocity, *law])
 
 
 def parameter_derivative(
@@ -88,7 +91,8 @@ def parameter_derivative(
     """
     forced = bool(oscillator._drive.harmonic.any())
     if (
-        oscillator._several
+        oscillator._strobed
+        or oscillator._several
         or not changes_alone(oscillator, name)
         or (forced and name == "frequency")
     ):
@@ -152,22 +156,25 @@ def _stop_by(
 
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
-    contact, free = oscillator._contacts[state.element], oscillator._free
-    n, others, stop = len(contact.row), contact.others, oscillator._stops[state.element]
-    sine, cosine = state._turn
-    sign = stop.sign
+    free, n = oscillator._free, oscillator.degrees_of_freedom
     x, v = np.zeros((2, 2 * n, n))
-    x[np.arange(n - 1), others] = 1.0
-    v[np.arange(n - 1) + n - 1, others] = 1.0
-    place, moving = np.zeros((2, 2 * n))
-    moving[2 * n - 2] = -sign if state.element == 1 and oscillator._faces else sign
-    # a quarter of a turn on
-    place[2 * n - 1] = stop.swing(cosine, -sine)
-    moving[2 * n - 1] = stop.velocity(oscillator.frequency, cosine, -sine)
-    contact.put(x, place)
-    contact.put(v, moving)
-    by_sine, by_cosine = np.zeros(2 * n), np.zeros(2 * n)
-    by_sine[-1], by_cosine[-1] = cosine, -sine
+    by_sine, by_cosine = np.zeros((2, 2 * n))
+    if oscillator._strobed:
+        x[:n], v[n:] = np.eye(n), np.eye(n)
+    else:
+        contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
+        sine, cosine = state._turn
+        x[np.arange(n - 1), contact.others] = 1.0
+        v[np.arange(n - 1) + n - 1, contact.others] = 1.0
+        place, moving = np.zeros((2, 2 * n))
+        far = state.element == 1 and oscillator._faces
+        moving[2 * n - 2] = -stop.sign if far else stop.sign
+        # a quarter of a turn on
+        place[2 * n - 1] = stop.swing(cosine, -sine)
+        moving[2 * n - 1] = stop.velocity(oscillator.frequency, cosine, -sine)
+        contact.put(x, place)
+        contact.put(v, moving)
+        by_sine[-1], by_cosine[-1] = cosine, -sine
     q = free.forced.coordinates(x, v, by_sine, by_cosine)
     out = free.states(q, by_sine, by_cosine)
     if free.layout.constant >= 0:

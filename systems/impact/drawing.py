@@ -44,7 +44,8 @@ def draw(
     """Draw what the stops act along, the stops and the impacts, from a phase of the table on."""
     count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
     times = np.union1d(np.linspace(0.0, end, count), impacts)
-    first, row = system._stops[0], system._contact.row
+    first = system._elements[0]
+    row = first.row(system.degrees_of_freedom)
     stops = [stop for stop in system._stops if stop.coordinate == first.coordinate]
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
     place = np.concatenate([sample(part)[0] @ row for part in parts])

@@ -103,10 +103,10 @@ class DrivenStructure(LagrangianStructure):
         """Take the table from the elements: it is their first hard stop."""
         elements = checked_elements(self.elements, self.degrees_of_freedom)
         stop = next((element for element in elements if isinstance(element, HardStop)), None)
-        if stop is None:
-            raise ValueError(f"elements must hold a HardStop; got {elements}")
-        own = {name: getattr(stop, name) for name in _OF_STOP}
-        own.update(contact=place_of(stop.row(self.degrees_of_freedom)), play=math.inf)
+        own = {entry.name: entry.default for entry in fields(self) if entry.name in OF_TABLE}
+        if stop is not None:
+            own |= {name: getattr(stop, name) for name in _OF_STOP}
+            own["contact"] = place_of(stop.row(self.degrees_of_freedom))
         for entry in (entry for entry in fields(self) if entry.name in own):
             given, taken = getattr(self, entry.name), own[entry.name]
             if given not in (entry.default, taken):
@@ -180,6 +180,11 @@ class DrivenStructure(LagrangianStructure):
         """What acts besides a table of one coordinate, in phase, and its play."""
         plain = all(isinstance(stop.coordinate, int) and not stop.phase for stop in self._stops)
         return self._soft if plain and not self._several else self._elements
+
+    @property
+    def _strobed(self) -> bool:
+        """Whether the section is where a period of the forcing begins: there is no hard stop."""
+        return not self._stops
 
     @property
     def _several(self) -> bool:

@@ -118,7 +118,8 @@ class ImpactMap(DrivenStructure, Map):
             then one, the contact coordinate on its side of zero (the start of Cusumano & Bai);
             where that is beyond a stop, or on one that moves towards it, half-way between the two,
             or one away from the only one. Where the first mode has a node at the contact
-            coordinate, only that coordinate is moved.
+            coordinate, only that coordinate is moved. With several stops the nearest positions of
+            which all gaps are one, or a half, a quarter, and so on, where there is less room.
         velocity : (N,) array_like
             Of the coordinates; by default 0.
         phase : float
@@ -204,9 +205,14 @@ class ImpactMap(DrivenStructure, Map):
         """
         states, others = abs(motion.states), self.degrees_of_freedom - 1
         scale = np.ones(self.dimension)
+        if self._strobed:
+            others += 1
         scale[:others] = states[:, :others].max(initial=0.0)
         scale[others:-2] = states[:, others:-2].max(initial=0.0)
-        scale[-2] = motion.states[-1, -2]
+        if self._strobed:
+            scale[others:] = states[:, others:].max(initial=0.0)
+        else:
+            scale[-2] = motion.states[-1, -2]
         change = size * scale * generic_direction(self.dimension)
         return self.impact_state(motion.states[-1] + change)
 
@@ -249,6 +255,8 @@ class ImpactMap(DrivenStructure, Map):
 
     def difference(self, a: Array, b: Array) -> Array:
         out = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+        if self._strobed:
+            return out
         # Symmetric in both directions, unlike the remainder operator.
         turns = np.rint(out[..., -1] / TWO_PI)
         if self._several:

@@ -6,6 +6,8 @@ to positions.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,7 @@ from dynkit.exponential.evaluation_kernels import (
     value_and_rates,
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
+from dynkit.exponential.sampling_kernels import fly
 from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.clock_kernels import (
@@ -38,12 +41,14 @@ from dynkit.systems.impact.clock_kernels import (
     LEFT_FROM,
     MOTION,
     ORDER,
+    REMAINING,
     SPEED,
     SWITCHED,
     SWITCHES,
     TIME,
     TOUCHES,
     WANTED,
+    begin_period,
     move_on,
     normalise,
     perturb,
@@ -95,6 +100,9 @@ Indices = NDArray[np.intp]
     RUN_PAUSED,
 ) = range(10)
 """Endings of a run; after the last three the call is repeated."""
+
+SECTION = 100
+"""Outcome of a search where nothing happens within the period."""
 
 PER_EVENT = 4
 """An event takes about as long as so many cells; where contact is tried, one more for each slot."""
@@ -172,7 +180,7 @@ def run(
                 at = g
                 gap = ladder_at(ladders, at)
             # Nothing drives it: then it may die out.
-            if gap.steady < 0 and died_out(gap, y, START):
+            if gap.steady < 0 and tables.period == 0.0 and died_out(gap, y, START):
                 return done, DIED_OUT
             m = ladders.integers[g, GROUP]
             changed = jumped(tables, m, left, y, band_factor)
@@ -273,6 +281,10 @@ def run(
         best = g
         e = 0.0
         rate = 0.0
+        if tables.period > 0.0:
+            outcome = SECTION
+            n = int(clock[REMAINING] / smallest)
+            e = clock[REMAINING] - n * smallest
         if waiting[WAITS] != 0:
             waiting[WAITS] = 0
             turn, outcome, n, best = waiting[TURN], waiting[OUTCOME], waiting[STEPS], waiting[BEST]
@@ -326,6 +338,21 @@ def run(
             if outcome == LIMIT:
                 return done, SEARCH_LIMIT
             return done, CONTACT_FOR_EVER if held >= 0 else NO_FURTHER_CONTACT
+        if outcome == SECTION:
+            fly(gap, n, e, y)
+            copy(y, FOUND, START)
+            move_on(clock, left, -1, n, smallest, e, tables.clock_rate)
+            begin_period(gap.steady, y, clock, tables.period)
+            clock[GUARD] = first
+            if noise is not None:
+                slots = tables.slots[m, : tables.counts[m]]
+                perturb(slots, gap.steady, y, clock, left[0], noise)
+                perturb_reached(gap.generator, slots, y, clock, noise)
+            if store:
+                note_impact(done, first, gap.steady, clock, math.nan, y, impacts)
+            done += 1
+            clock[IMPACTS] += 1.0
+            continue
         if guards > 1:
             copy(y, KEPT, FOUND)
         own = left[tables.element[best]]

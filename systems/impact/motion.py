@@ -42,7 +42,10 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
     """Impacts, contacts, releases and other switches of a run; none that its start is in."""
     parts = run.segments
     time = parts.begin + parts.rest
-    some = np.flatnonzero((time > 0.0) | (parts.kind != EventKind.SWITCH))[1:]
+    happened = (time > 0.0) | (parts.kind != EventKind.SWITCH)
+    if oscillator._strobed:  # nothing happens where a period begins
+        happened[1:] &= parts.kind[1:] != EventKind.IMPACT
+    some = np.flatnonzero(happened)[1:]
     numbers = parts.kind[some], parts.element[some], parts.mode[some]
     return Events(time[some], *numbers, *sample_run(oscillator, run, time[some]))
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from dynkit.core.validation import (
     boolean,
@@ -34,7 +35,7 @@ class ImpactOscillator(ImpactMap):
     M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency. One coordinate x_c is free to
     hit the table at x_T = amplitude sin(phase) + offset and stays on one side of it: gap
     x_c - x_T >= 0 above it, x_T - x_c >= 0 below. An impact turns the rate u- of the gap into
-    -restitution u- by an impulse on this coordinate.
+    -restitution u- by an impulse on this coordinate. `elements` are other stops, and more of them.
 
     As a `Map` its states are the 2N section coordinates: the positions but for x_c, the velocities
     but for v_c, the relative velocity u (the rate of the gap) just after the impact, and the phase.
@@ -66,11 +67,14 @@ class ImpactOscillator(ImpactMap):
         left out changes by no more than a thousand times this. The changes made, as contact begins,
         are summed up in the record's ``chatter_error``.
     elements : sequence of Element, optional
-        What acts in place of the table: one `HardStop`, on one coordinate, between two, or along
-        any row, and any number of `SoftStop`. Then restitution, amplitude, offset, contact, side
-        and play are not given, and the numbers of elements are parameters, such as
+        What acts in place of the table: any number of `HardStop` and of `SoftStop`, each on a
+        coordinate, between two, or along any row. Then restitution, amplitude, offset,
+        contact, side and play are not given, and the numbers of elements are parameters, such as
         ``"elements[1].stiffness"``. The section leaves out the coordinate with the largest part in
-        the row, of a pair (i, j) the second one.
+        the row, of a pair (i, j) the second one. With several hard stops its last coordinate is
+        the phase plus 4 pi times the number of the stop that is hit. Without a hard stop the map
+        is that over a period of the forcing, from phase 0: its states are positions and velocities,
+        and what is said of impacts is then said of these moments.
 
     Raises
     ------
@@ -83,8 +87,16 @@ class ImpactOscillator(ImpactMap):
     15.
     """
 
-    observables: ClassVar[tuple[str, ...]] = ("relative_velocity", "phase", "energy", "time")
-    """What a sweep can keep of every impact: names of arrays of the record."""
+    @property
+    def observables(self) -> Sequence[str]:
+        """What a sweep can keep of every impact: names of arrays of the record.
+
+        With several stops ``element`` is one of them; without any the coordinates, ``state[0]``.
+        """
+        if self._strobed:
+            return super().observables
+        own = "relative_velocity", "phase", "energy", "time"
+        return (*own, "element") if self._several else own
 
     # --- simulation -------------------------------------------------------------------------------
 

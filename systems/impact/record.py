@@ -132,6 +132,8 @@ class ImpactRecord(Result):
 
     def __repr__(self) -> str:
         events = f"{len(self)} impacts, {len(self.sticking)} contacts"
+        if self.system._strobed:
+            events = f"{len(self)} periods"
         return f"<ImpactRecord: {events}; {self.ending.value}>"
 
     def _facts(self) -> Facts:
@@ -151,7 +153,10 @@ class ImpactRecord(Result):
 
     @property
     def relative_velocity(self) -> Array:
-        """Rate (n,) of the gap just after the impacts; negative on the far side of a play."""
+        """Rate (n,) of the gap just after the impacts; negative on the far side of a play.
+
+        NaN without a hard stop.
+        """
         return self._run.relative_velocity
 
     @property
@@ -178,7 +183,7 @@ class ImpactRecord(Result):
         run, forced = self._run, self.system._free.forced
         q, sine, cosine = run.coordinates
         x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
-        for number in np.unique(run.log.guard).tolist():
+        for number in np.unique(run.log.guard).tolist() if self.system._stops else ():
             (here,) = np.nonzero(run.log.guard == number)
             element, closed = run.guards[number, 1], run.closed(number)
             some, turn = (x[here], v[here]), (sine[here], cosine[here])
@@ -200,6 +205,8 @@ class ImpactRecord(Result):
     @property
     def states(self) -> Array:
         """Section coordinates (n, 2N) just after the impacts."""
+        if self.system._strobed:
+            return self._without_phase
         phase = self.phase
         if self.system._several:
             phase = phase + SHEET * self._run.element
@@ -207,7 +214,9 @@ class ImpactRecord(Result):
 
     @property
     def _without_phase(self) -> Array:
-        """Section coordinates (n, 2N - 1) without the phase."""
+        """Section coordinates (n, 2N - 1) without the phase, or all where that does not change."""
+        if self.system._strobed:
+            return np.concatenate([self.position, self.velocity], axis=1)
         others = np.array([contact.others for contact in self.system._contacts])
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
@@ -245,8 +254,8 @@ class ImpactRecord(Result):
 
     @property
     def element(self) -> Any:
-        """With which stop each impact was, (n,): see `ImpactState`."""
-        return self._run.element
+        """With which stop each impact was, (n,): see `ImpactState`; -1 where there is none."""
+        return np.full(len(self), -1) if self.system._strobed else self._run.element
 
     @property
     def chatter_error(self) -> float:
@@ -361,8 +370,10 @@ class ImpactRecord(Result):
 
         end = shown_until(2.0 * math.pi / self.system.frequency, self.time, self.ending)
         stops = self.system._stops
-        along = np.array([stop.coordinate == stops[0].coordinate for stop in stops])
-        impacts = self.time[along[self.element] & (self.time <= end)]
+        along = np.array([stop.coordinate == stops[0].coordinate for stop in stops], dtype=bool)
+        impacts = np.empty(0)
+        if stops:
+            impacts = self.time[along[self.element] & (self.time <= end)]
         return draw(ax, self.system, self.sample, self.start.phase, end, impacts)
 
     def dataset(self) -> Dataset:
@@ -384,6 +395,7 @@ class ImpactRecord(Result):
             {"time": (each, self.time), "mass": ("mass", np.arange(1, n + 1))},
             {
                 "relative_velocity": (each, self.relative_velocity),
+                "element": (each, self.element),
                 "phase": (each, self.phase),
                 "energy": (each, self.energy),
                 "position": ((each, "mass"), self.position),

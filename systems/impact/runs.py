@@ -12,7 +12,7 @@ from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.elements import IMPACT
 from dynkit.systems.impact.mode import transformed
-from dynkit.systems.impact.state import ImpactState, Motion, state_of
+from dynkit.systems.impact.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
@@ -113,6 +113,8 @@ class Course:
             elements = max(len(oscillator._elements), 2)
             self._shifts = noise * random.uniform(-1.0, 1.0, (elements, 2))
         clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
+        if oscillator._strobed:
+            clock[clock_kernels.REMAINING] = (TWO_PI - start.phase) / oscillator.frequency
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
         self._clock = clock
@@ -120,7 +122,8 @@ class Course:
         self._switches: Any = None
         self._prepare(kernels.START, free.states(q, *turn)[None])
         if noise > 0.0:
-            generator, slots = oscillator._gaps[0].generator, free.layout.modes
+            generator = oscillator._automaton.guards[0].sum.generator
+            slots = free.layout.modes
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
         for element in start.closed:
             self._close(element)

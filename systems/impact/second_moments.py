@@ -107,7 +107,8 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
     for element, kick in _kicks(oscillator):
         lost += np.outer(kick, _left_out(oscillator, run, moments, element))
     lost += _clock_error(oscillator, run)
-    lost += _impact_error(oscillator, run, moments.sum(axis=0))
+    if not oscillator._strobed:
+        lost += _impact_error(oscillator, run, moments.sum(axis=0))
     if not np.isfinite(lost).all():
         raise ValueError(
             f"intervals must not need more than {_MOST_NODES} nodes of quadrature where modes merge"

@@ -37,7 +37,10 @@ def _rounding(place: float, amplitude: float, offset: float) -> float:
 
 def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
-    near, shape = oscillator._stops[0], oscillator.modal_matrix[:, 0]
+    shape = oscillator.modal_matrix[:, 0]
+    if oscillator._strobed:
+        return shape
+    near = oscillator._stops[0]
     contact, play = oscillator._contact, oscillator.play
     place = float(contact.row @ shape)
     x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)

@@ -199,7 +199,9 @@ SHEET = 2.0 * TWO_PI
 
 
 def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Section coordinates (2N,) of a state on the table."""
+    """Section coordinates (2N,) of a state on a stop; without one positions and velocities."""
+    if oscillator._strobed:
+        return np.concatenate([state.position, state.velocity])
     others = oscillator._contacts[state.element].others
     x, v = state.position[others], state.velocity[others]
     phase = state.phase + SHEET * state.element * oscillator._several
@@ -215,6 +217,8 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     """The state just after an impact with these section coordinates (2N,); ValueError for none."""
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stops
+    if oscillator._strobed:
+        return state_at(oscillator, y[:n], y[n:], np.array([0.0, 1.0]), 0.0, 0, Motion.FLIGHT)
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
         if u < 0.0:

@@ -50,8 +50,8 @@ def test_a_hard_stop_alone_is_the_default_table() -> None:
     [
         (TABLE, "elements must be a sequence of elements; got HardStop"),
         (3, "elements must be a sequence"),
+        ([], "elements must hold one element at least; got none"),
         (["table"], r"elements\[0\] must be an element like HardStop; got 'table'"),
-        ([CUSHION], "elements must hold a HardStop; got .SoftStop"),
         ([HardStop(2)], r"elements\[0\].coordinate must .*; got 2"),
         ([TABLE, SoftStop(-3, stiffness=1.0)], r"elements\[1\].coordinate must .*; got -3"),
         ([TABLE, SoftStop((0, -2), stiffness=1.0)], "must be a pair of two coordinates"),

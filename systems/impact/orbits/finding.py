@@ -23,7 +23,7 @@ from dynkit.systems.impact.orbits.impulses.guesses import (
 )
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.orbits.passages.guesses import course_of, courses
-from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
+from dynkit.systems.impact.orbits.problem import APART, ImpactProblem, has_table_alone
 from dynkit.systems.impact.state import ImpactState
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def find_orbits(
     """
     m, began = positive_integer("periods", periods), time.perf_counter()
     guesses: Iterator[tuple[ImpactProblem[Any], Array]]
+    has_table_alone(oscillator)
     if sticking:
         guesses = courses(oscillator, m)
     else:

@@ -36,6 +36,15 @@ _ARGUMENTS = ("oscillator", "names", "periods", "itinerary", "sizes")
 AnySolution = TypeVar("AnySolution", bound=Solution)
 
 
+def has_table_alone(oscillator: ImpactMap) -> None:
+    """Raise NotImplementedError where other elements than a table act."""
+    for element in oscillator._own:
+        raise NotImplementedError(
+            f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
+            "dynkit.periodic_orbit finds orbits of the map"
+        )
+
+
 class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     """Periodic orbits of an impact oscillator with a given itinerary.
 
@@ -65,11 +74,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         itinerary: Any,
         sizes: Any,
     ) -> None:
-        for element in oscillator._own:
-            raise NotImplementedError(
-                f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
-                "dynkit.periodic_orbit finds orbits of the map from impact to impact"
-            )
+        has_table_alone(oscillator)
         self.oscillator = oscillator
         self._names = names
         self.periods = periods

@@ -29,6 +29,7 @@ from dynkit.systems.impact.orbits.impulses.guesses import (
 from dynkit.systems.impact.orbits.impulses.responses import forced_motion
 from dynkit.systems.impact.orbits.impulses.terms import Terms
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.problem import has_table_alone
 from dynkit.systems.impact.state import TWO_PI
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
     began = time.perf_counter()
     n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
     solvable("impacts", n)
+    has_table_alone(oscillator)
     found = Found()
     for periods_of in range(1, m + 1):
         for problem, guess in one_impact(oscillator, periods_of):
