@@ -7,6 +7,7 @@ from .impact.attractor import ImpactAttractor as ImpactAttractor
 from .impact.ball import BouncingBall as BouncingBall
 from .impact.chain import ImpactChain as ImpactChain
 from .impact.elements import (
+    DryFriction as DryFriction,
     Element as Element,
     HardStop as HardStop,
     Regime as Regime,

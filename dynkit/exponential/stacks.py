@@ -3,43 +3,81 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
 
-def stacked(groups: Sequence[Sequence[Any]]) -> Any:
-    """The `Ladders` of groups of sums, one sum at least in each; those of a group share a state."""
-    from dynkit.exponential.stack_kernels import Ladders
+@final
+class Stack:
+    """Named arrays (k, ...) of arrays one after another, with zeros up to the largest of them.
 
-    firsts = [group[0] for group in groups]
-    sums = [(g, ladder) for g, group in enumerate(groups) for ladder in group]
-    each = [ladder for _, ladder in sums]
-    return Ladders(
-        step=_filled([ladder.step for ladder in firsts]),
-        generator=_filled([ladder.generator for ladder in firsts]),
-        links=_filled([ladder.links for ladder in firsts]),
-        link_step=_filled([ladder.link_step for ladder in firsts]),
-        smallest=np.array([ladder.smallest for ladder in firsts]),
-        sizes=np.array([(len(ladder.step), len(ladder.links)) for ladder in firsts]),
-        cell=_filled([ladder.cell for ladder in each]),
-        rows=_filled([ladder.rows for ladder in each]),
-        integers=np.array([_integers(g, ladder) for g, ladder in sums]),
-        numbers=np.array([(ladder.offset, ladder.window, ladder.swing) for ladder in each]),
-    )
+    There is room for more: what is added takes no time for what is there.
+    """
+
+    def __init__(self) -> None:
+        self._rooms: dict[str, Any] = {}
+
+    def put(self, name: str, k: int, given: Any) -> None:
+        """Make an array number k of those by this name."""
+        array = np.asarray(given)
+        if k == 0 and name not in self._rooms:
+            self._rooms[name] = array[None]  # alone it is not copied
+            return
+        self._widen(name, k + 1, array)
+        self._rooms[name][(k, *map(slice, array.shape))] = array
+
+    def _widen(self, name: str, count: int, like: Any) -> None:
+        """Room for so many, each as large as one at least."""
+        old = self._rooms.get(name, np.zeros((0, *like.shape), like.dtype))
+        shape = np.maximum(old.shape, (count, *like.shape))
+        if (shape > old.shape).any():
+            if count > len(old):
+                shape[0] = max(count, 2 * len(old))
+            self._rooms[name] = np.zeros(shape, old.dtype)
+            self._rooms[name][tuple(map(slice, old.shape))] = old
+
+    def take(self, name: str, count: int) -> Any:
+        """The first ones by this name; zeros where none was put."""
+        self._widen(name, count, self._rooms[name][0])
+        return self._rooms[name][:count]
+
+    def drop(self, name: str) -> None:
+        """Forget those by this name."""
+        self._rooms.pop(name, None)
 
 
-def _integers(group: int, ladder: Any) -> tuple[int, ...]:
-    flags = int(ladder.apart), int(ladder.grows)
-    return group, len(ladder.cell), ladder.smooth, *flags, ladder.steady
+@final
+class LadderStack:
+    """Groups of exponential sums, those of a group of one state."""
+
+    def __init__(self) -> None:
+        self._stack, self._groups, self._sums = Stack(), 0, 0
+
+    def add(self, sums: Sequence[Any]) -> None:
+        """Add a group, of one sum at least."""
+        first, g = sums[0], self._groups
+        for name in _OF_GROUPS:
+            self._stack.put(name, g, getattr(first, name))
+        self._stack.put("sizes", g, (len(first.step), len(first.links)))
+        for k, each in enumerate(sums, start=self._sums):
+            for name in _OF_SUMS:
+                self._stack.put(name, k, getattr(each, name))
+            flags = int(each.apart), int(each.grows)
+            own = g, len(each.cell), each.smooth, *flags, each.steady
+            self._stack.put("integers", k, own)
+            self._stack.put("numbers", k, (each.offset, each.window, each.swing))
+        self._groups, self._sums = g + 1, self._sums + len(sums)
+
+    @property
+    def ladders(self) -> Any:
+        """The `Ladders` of all groups."""
+        from dynkit.exponential.stack_kernels import Ladders
+
+        counts = dict.fromkeys(Ladders._fields, self._sums)
+        counts |= dict.fromkeys((*_OF_GROUPS, "sizes"), self._groups)
+        return Ladders(**{name: self._stack.take(name, count) for name, count in counts.items()})
 
 
-def _filled(arrays: Sequence[Any]) -> Any:
-    """Arrays (k, ...) one after another, filled up with zeros to the largest of them."""
-    if len(arrays) == 1:
-        return arrays[0][None]
-    shapes = [array.shape for array in arrays]
-    out = np.zeros((len(arrays), *np.max(shapes, axis=0)), dtype=arrays[0].dtype)
-    for place, array in zip(out, arrays, strict=True):
-        place[tuple(map(slice, array.shape))] = array
-    return out
+_OF_GROUPS = "step", "generator", "links", "link_step", "smallest"
+_OF_SUMS = "cell", "rows"

@@ -11,9 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.exponential.stacks import stacked
-from dynkit.systems.impact.contact import force_of, free_mode, held_mode, pushed, rides, sum_of
-from dynkit.systems.impact.elements import IMPACT, JAM, Element, EventKind, HardStop, Regime
+from dynkit.exponential.stacks import LadderStack, Stack
+from dynkit.systems.impact.contact import force_of, mode_of, moves, pushed, rides, sum_of
+from dynkit.systems.impact.elements import (
+    HALT,
+    IMPACT,
+    JAM,
+    JUMP,
+    RELEASED,
+    SWITCH,
+    Element,
+    EventKind,
+    HardStop,
+    Regime,
+    Watch,
+)
 from dynkit.systems.impact.mode import Mode, transformed
 from dynkit.systems.impact.structure import ROUNDING, Drive, Structure
 
@@ -93,6 +105,9 @@ class Automaton:
         tolerance: float,
     ) -> None:
         self._structure, self._drive, self._elements = structure, drive, tuple(elements)
+        self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
+        self._size, self._slots, self._joined = structure.size, 0, set[int]()
+        self._regimes = [element.regimes for element in self._elements]
         self._tolerance = tolerance
         self._hit = any(isinstance(element, HardStop) for element in self._elements)
         self._lock = RLock()
@@ -136,8 +151,8 @@ class Automaton:
         )
 
     def holding(self, regimes: tuple[int, ...]) -> list[int]:
-        """The elements that hold in some regimes."""
-        return [k for k, regime in enumerate(self._now(regimes)) if regime.holds]
+        """The elements that hold, or stick, in some regimes."""
+        return [k for k, regime in enumerate(self._now(regimes)) if regime.holds or regime.sticks]
 
     def enter(self, number: int) -> None:
         """Build the mode that a guard leads to, where no motion has done so."""
@@ -183,7 +198,7 @@ class Automaton:
 
     def _now(self, regimes: tuple[int, ...]) -> list[Regime]:
         """What all elements do in these regimes."""
-        return [element.regimes[k] for element, k in zip(self._elements, regimes, strict=True)]
+        return [own[k] for own, k in zip(self._regimes, regimes, strict=True)]
 
     def _build(self, regimes: tuple[int, ...]) -> None:
         number, now = len(self.modes), self._now(regimes)
@@ -201,25 +216,38 @@ class Automaton:
             for element, along in zip(self._elements, riding, strict=True)
             if isinstance(element, HardStop) and along is False
         ]
-        if held:
-            mode = held_mode(structure, drive, held, watched, hit)
-        else:
-            mode = free_mode(structure, drive, watched, hit)
+        sticking = [e for e, regime in zip(self._elements, now, strict=True) if regime.sticks]
+        mode = mode_of(structure, drive, held, sticking, watched, hit)
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
-            if regime.holds:
-                force = force_of(mode, structure, drive, held, held.index(element))
-                self.guards.append(Guard(number, k, regime.guards[0], force))
-            elif element in moving:
+            if regime.holds or regime.sticks:
+                both = [*held, *sticking]
                 for watch in regime.guards:
+                    force = force_of(mode, structure, drive, both, element, watch)
+                    self.guards.append(Guard(number, k, watch, force))
+            elif element in moving:
+                for watch in _free_of(regime.guards, riding[k]):
                     guard = Guard(number, k, watch, sum_of(mode, element, watch))
                     if watch.event == IMPACT and riding[k] is None:
                         guard.watch = replace(watch, event=JAM)
-                    elif watch.event == IMPACT and held:
-                        opened, guard.ambiguous = pushed(structure, held, element)
-                        guard.opens = self.holding(regimes)[opened] if opened >= 0 else -1
+                    elif watch.event == IMPACT:
+                        guard.opens, guard.ambiguous = self._pushed(regimes, element)
                     self.guards.append(guard)
+
+    def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
+        """What sticks, or the closed stop, that an impact moves; whether it pushes against one."""
+        structure, now = self._structure, self._now(regimes)
+        closed = [k for k, regime in enumerate(now) if regime.holds]
+        for k, regime in enumerate(now):
+            if regime.sticks:
+                own = [self._elements[j] for j in closed]
+                if moves(structure, own, hit, self._elements[k]):
+                    return k, False
+        if not closed:
+            return -1, False
+        opened, ambiguous = pushed(structure, [self._elements[k] for k in closed], hit)
+        return closed[opened] if opened >= 0 else -1, ambiguous
 
     def _join(self, guard: Guard) -> None:
         """Find what becomes of the state where a guard is zero."""
@@ -232,63 +260,79 @@ class Automaton:
         """What it is to be led to another mode."""
         if guard.watch.event == IMPACT:
             return EventKind.CONTACT
-        holds = self._now(self.regimes[guard.mode])[guard.element].holds
-        return EventKind.RELEASE if holds else EventKind.SWITCH
+        now = self._regimes[guard.element][self.regimes[guard.mode][guard.element]]
+        return EventKind.RELEASE if now.holds else EventKind.SWITCH
 
     def _stacked(self) -> Any:
         from dynkit.systems.impact.contact_kernels import Tables
 
-        modes, guards = self.modes, self.guards
-        ladders = stacked([[g.sum for g in guards if g.mode == m] for m in range(len(modes))])
+        modes, guards, stack = self.modes, self.guards, self._stack
+        for number in range(self._stacked_modes, len(modes)):
+            own = [k for k, guard in enumerate(guards) if guard.mode == number]
+            self._ladders.add([guards[k].sum for k in own])
+            layout = modes[number].layout
+            stack.put("slots", number, np.pad(layout.modes, (0, self._size - len(layout.modes))))
+            for k in own:
+                self._stack_guard(k)
+        self._stacked_modes = len(modes)
+        ladders = self._ladders.ladders
         slots = ladders.step.shape[3]
         if len(modes) > 1 and len(guards) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
             raise MemoryError(
                 f"elements must not lead to more modes than fit into 256 MB; got {len(modes)}, "
-                "one for each set of stops that were pressed at once: give fewer soft stops"
+                "one for each set of what was pressed, closed or slipping: give fewer elements"
             )
-        places = np.zeros((len(modes), self._structure.size), dtype=np.intp)
-        for place, mode in zip(places, modes, strict=True):
-            place[: len(mode.layout.modes)] = mode.layout.modes
-        kick, excursion = np.zeros((len(guards), 4, slots)), np.zeros((len(guards), 2, slots))
-        change = np.zeros((len(guards) if len(modes) > 1 else 0, 2 * slots, 2 * slots + 1))
-        coupling, restitution = np.zeros((2, len(guards)))
-        opens, coupled = np.full(len(guards), -1), np.zeros((len(guards), len(self._elements)))
+        if slots != self._slots:
+            stack.drop("change")
+            self._joined, self._slots = set(), slots
+            stack.put("change", 0, np.zeros((2 * slots, 2 * slots + 1)))
         for k, guard in enumerate(guards):
-            mode, element = modes[guard.mode], self._elements[guard.element]
-            if isinstance(element, HardStop) and guard.watch.event == IMPACT:
-                contact = mode.contact(element.row(self._structure.size))
-                own = element.sign * mode.placed(contact.kick)
-                kick[k, :, : mode.layout.seen] = own[:, : mode.layout.seen]
-                excursion[k, :, : mode.layout.slots] = mode.placed(contact.brief)
-                coupling[k], restitution[k] = contact.coupling, element.restitution
-                coupled[k] = self._coupled(guard)
-                if guard.opens >= 0:
-                    opens[k] = self.guard(guard.mode, guard.opens)
-            if guard.change is not None:
-                change[k] = _padded(guard.change, slots)
+            if guard.change is not None and k not in self._joined:
+                stack.put("change", k, _padded(guard.change, slots))
+                self._joined.add(k)
         self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
+        given = {name: stack.take(name, len(guards)) for name in _OF_GUARDS}
         return Tables(
             ladders=ladders,
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
-            slots=places,
+            slots=stack.take("slots", len(modes)),
             counts=np.array([len(mode.layout.modes) for mode in modes]),
-            element=np.array([g.element for g in guards]),
-            event=np.array([g.watch.event for g in guards]),
-            target=np.array([g.target for g in guards]),
+            element=self.table[:, 1],
+            target=self.table[:, 2],
             partner=np.array([g.partner for g in guards]),
-            order=np.array([g.watch.order for g in guards]),
-            change=change,
-            kick=kick,
-            excursion=excursion,
-            coupling=coupling,
-            restitution=restitution,
-            opens=opens,
-            ambiguous=np.array([g.ambiguous for g in guards]),
-            coupled=coupled > 0.0,
+            change=stack.take("change", len(guards) if self._joined else 0),
             tolerance=self._tolerance,
             period=0.0 if self._hit else 2.0 * np.pi / self._drive.frequency,
             clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
+            **given,
         )
+
+    def _stack_guard(self, k: int) -> None:
+        """Put what does not change of a guard into the tables."""
+        guard, put = self.guards[k], self._stack.put
+        mode, element, watch = self.modes[guard.mode], self._elements[guard.element], guard.watch
+        slots, hits = mode.layout.slots, isinstance(element, HardStop) and watch.event == IMPACT
+        kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
+        coupling = restitution = 0.0
+        coupled = [False] * len(self._elements)
+        if isinstance(element, HardStop) and hits:
+            contact = mode.contact(element.row(self._size))
+            kick[:, : mode.layout.seen] = (element.sign * mode.placed(contact.kick))[
+                :, : mode.layout.seen
+            ]
+            excursion = mode.placed(contact.brief)
+            coupling, restitution = contact.coupling, element.restitution
+            coupled = self._coupled(guard)
+        put("event", k, watch.event)
+        put("order", k, watch.order)
+        put("torn", k, _torn(watch))
+        put("kick", k, kick)
+        put("excursion", k, excursion)
+        put("coupling", k, float(coupling))
+        put("restitution", k, restitution)
+        put("opens", k, self.guard(guard.mode, guard.opens) if guard.opens >= 0 else -1)
+        put("ambiguous", k, guard.ambiguous)
+        put("coupled", k, coupled)
 
     def _coupled(self, guard: Guard) -> list[bool]:
         """Of all elements whether an impact at a guard changes the rate of their gaps."""
@@ -300,6 +344,32 @@ class Automaton:
                 row = self._elements[k].row(size)
                 out[k] = bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
         return out
+
+
+def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
+    """Guards of an element; without what others determine: that it comes to a halt and sticks."""
+    if along is not None or guards[0].event != HALT:
+        return guards
+    return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
+
+
+_OF_GUARDS = (
+    "event",
+    "order",
+    "torn",
+    "kick",
+    "excursion",
+    "coupling",
+    "restitution",
+    "opens",
+    "ambiguous",
+    "coupled",
+)
+
+
+def _torn(watch: Watch) -> int:
+    """How many Taylor coefficients vanish of what follows where a force is too large at once."""
+    return 0 if not watch.force else 2 if watch.order == RELEASED else 1
 
 
 def _padded(change: Array, slots: int) -> Array:

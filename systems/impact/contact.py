@@ -12,48 +12,55 @@ from dynkit.systems.impact.elements import Element, Watch
 from dynkit.systems.impact.forced import HIDDEN, Forced, Load
 from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.structure import ROUNDING, Drive, Held, Structure
+from dynkit.systems.impact.stuck import stuck
 
 
-def free_mode(
-    structure: Structure, drive: Drive, watched: Sequence[Array], hit: Sequence[Array]
-) -> Mode:
-    """The mode in which nothing is held: see `held_mode`."""
-    n = structure.size
-    load = Load(drive.frequency, drive.harmonic, drive.constant, np.zeros(n, complex), np.zeros(n))
-    forced = Forced(structure.free, np.arange(n), load)
-    return _mode(structure, forced, drive, watched, hit)
-
-
-def held_mode(
+def mode_of(
     structure: Structure,
     drive: Drive,
     held: Sequence[Element],
+    sticking: Sequence[Element],
     watched: Sequence[Array],
     hit: Sequence[Array],
 ) -> Mode:
-    """The mode in which elements hold what they act along.
+    """The mode in which elements hold what they act along, or its rate.
 
     Rows (N,) of all coordinates are watched, and impulses act along some of them.
     """
-    grip = _grip(structure, held)
-    pivots, others, w, s = grip.pivots, grip.others, drive.frequency, structure
+    w, s = drive.frequency, structure
+    others, pivots, ties = np.arange(s.size), None, None
     shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
-    shape[pivots] = grip.told @ [element.phasor for element in held]
-    rest[pivots] = grip.told @ [element.offset for element in held]
-    harmonic, constant = drive.harmonic, drive.constant
+    inner: Structure | None = s
+    grip = _grip(s, held) if held else None
+    if grip is not None:
+        others, pivots, ties, inner = grip.others, grip.pivots, grip.ties, grip.structure
+        shape[pivots] = grip.told @ [element.phasor for element in held]
+        rest[pivots] = grip.told @ [element.offset for element in held]
+    if sticking:
+        # Besides a constant rate they move as their surfaces do, less what those that hold do.
+        both = _grip(s, [*held, *sticking])
+        phasors = [element.phasor for element in (*held, *sticking)]
+        shape[both.pivots] = both.told @ phasors
+        rows = [element.row(s.size) for element in sticking]
+        assert inner is not None
+        inner = stuck(inner, np.array([grip.leaves(row) if grip else row for row in rows]))
     dynamic = s.stiffness + 1j * w * s.damping - w * w * s.mass
-    for p in pivots.tolist():
+    harmonic, constant = drive.harmonic, drive.constant
+    for p in np.flatnonzero(shape).tolist():
         harmonic = harmonic - dynamic[:, p] * shape[p]
+    for p in np.flatnonzero(rest).tolist():
         constant = constant - s.stiffness[:, p] * rest[p]
     turning, still = harmonic[others], constant[others]
-    if grip.ties is not None:
-        turning = turning + grip.ties.T @ harmonic[pivots]
-        still = still + grip.ties.T @ constant[pivots]
+    if ties is not None:
+        turning = turning + ties.T @ harmonic[pivots]
+        still = still + ties.T @ constant[pivots]
     load = Load(w, turning, still, shape, rest)
-    basis = None if grip.structure is None else grip.structure.free
-    forced = Forced(basis, others, load, pivots, grip.ties)
-    pulls = [row @ part for row in grip.weights for part in (s.stiffness, s.damping, s.mass)]
-    return _mode(grip.structure, forced, drive, [*pulls, *watched], hit)
+    forced = Forced(None if inner is None else inner.free, others, load, pivots, ties)
+    pulls = []
+    if held or sticking:
+        for row in _grip(s, [*held, *sticking]).weights:
+            pulls += [row @ part for part in (s.stiffness, s.damping, s.mass)]
+    return _mode(inner, forced, drive, [*pulls, *watched], hit)
 
 
 def _grip(structure: Structure, held: Sequence[Element]) -> Held:
@@ -91,7 +98,8 @@ def rides(structure: Structure, held: Sequence[Element], element: Element) -> bo
         return False
     moved = row[grip.pivots] @ grip.told @ [stop.phasor for stop in held]
     largest = max(abs(stop.phasor) for stop in (element, *held))
-    return True if abs(element.phasor - moved) <= ROUNDING * largest else None
+    rides = abs(element.phasor - moved) <= ROUNDING * largest and not element.drift
+    return True if rides else None
 
 
 def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tuple[int, bool]:
@@ -120,6 +128,17 @@ def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tup
     return (fastest if rates[fastest] > ROUNDING else -1), bool((impulse > ROUNDING).any())
 
 
+def moves(structure: Structure, closed: Sequence[Element], hit: Element, other: Element) -> bool:
+    """Whether an impact changes the rate of what another element acts along."""
+    rows = [element.row(structure.size) for element in (*closed, hit)]
+    effect = np.linalg.solve(structure.mass, np.array(rows).T)
+    inertia = np.array(rows) @ effect
+    impulse = np.linalg.solve(inertia, np.eye(len(rows))[-1])  # the closed ones stay closed
+    change = effect @ impulse
+    row = other.row(structure.size)
+    return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+
+
 def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
     """What a guard watches of an element's gap, as an exponential sum."""
     along, sign = element.row(len(mode.forced.rest)), element.sign
@@ -129,14 +148,23 @@ def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
     total, offset = watch.gap * row, watch.gap * (along @ mode.forced.rest - element.offset)
     if watch.rate:
         total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
-    return mode.sum(sign * total, sign * offset)
+        offset -= watch.rate * element.drift
+    return mode.sum(sign * total, sign * offset + watch.level)
 
 
 def force_of(
-    mode: Mode, structure: Structure, drive: Drive, held: Sequence[Element], k: int
+    mode: Mode,
+    structure: Structure,
+    drive: Drive,
+    held: Sequence[Element],
+    element: Element,
+    watch: Watch,
 ) -> Any:
-    """The force with which one of the elements holds the structure, towards its side."""
-    s, weights = structure, _grip(structure, held).weights[k]
+    """What a guard watches of the force by which an element holds the structure, or sticks to it.
+
+    Towards its side, together with others that do.
+    """
+    s, weights = structure, _grip(structure, held).weights[list(held).index(element)]
     row = mode.row(weights @ s.stiffness)
     row = row + mode.pairs.derivative_rows(mode.row(weights @ s.damping), 1)
     row = row + mode.pairs.derivative_rows(mode.row(weights @ s.mass), 2)
@@ -148,4 +176,5 @@ def force_of(
         # Accelerations of what nothing holds.
         offset += row[0, mode.layout.constant]
         row[0, mode.layout.constant] = 0.0
-    return mode.sum(held[k].sign * row, held[k].sign * float(offset))
+    sign = element.sign * watch.force
+    return mode.sum(sign * row, sign * float(offset) + watch.level)

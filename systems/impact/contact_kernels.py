@@ -43,6 +43,7 @@ class Tables(NamedTuple):
     target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
         guard of the same element there; -1 where it has not been entered
     order : (guards,) how many leading Taylor coefficients of the partner vanish after a switch
+    torn : (guards,) the same where the guard is negative at once: 1 or 2 of forces, 0 of others
     change : (guards, 2 slots, 2 slots + 1) from the state (and 1) to that in the other mode; no
         rows while there is one mode only
     kick : (guards, 4, slots) change of the state by a unit jump of the guard's rate, then the low
@@ -69,6 +70,7 @@ class Tables(NamedTuple):
     target: Indices
     partner: Indices
     order: Indices
+    torn: Indices
     change: Array
     kick: Array
     excursion: Array
@@ -155,8 +157,8 @@ def is_negative(guard: Ladder, states: Array, k: int, band_factor: float) -> boo
 
 
 @kernel()
-def in_band(guard: Ladder, states: Array, k: int, order: int, band_factor: float) -> bool:
-    """Whether rounding hides that a guard is positive, with order 1 that it has a rate."""
+def sign_of(guard: Ladder, states: Array, k: int, order: int, band_factor: float) -> int:
+    """The sign of a guard, or with order 1 of its rate; 0 where rounding hides it."""
     total = guard.offset if order == 0 else 0.0
     size = abs(total)
     for i in range(guard.rows.shape[1]):
@@ -164,7 +166,9 @@ def in_band(guard: Ladder, states: Array, k: int, order: int, band_factor: float
         b = guard.rows[2 * order + 1, i] * states[k, 1, i]
         total += a + b
         size += abs(a) + abs(b)
-    return (total if order == 0 else abs(total)) <= band_factor * EPSILON * size
+    if abs(total) <= band_factor * EPSILON * size:
+        return 0
+    return 1 if total > 0.0 else -1
 
 
 @kernel()

@@ -8,7 +8,6 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing, NoDerivative
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements import RELEASED
 from dynkit.systems.impact.mode import Mode, transformed
 from dynkit.systems.impact.orbits.impulses.terms import changes_alone
 from dynkit.systems.impact.runs import trajectory_of
@@ -44,7 +43,7 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
             y, flow = _flow(mode, y, ends - began)
             derivative, began = flow @ derivative, ends
             reached, rate = guard, mode.rate(y).ravel()
-            if guard.watch.order == RELEASED and ends == times[-1]:  # by the impact that follows
+            if hit and guard.watch.force and ends == times[-1]:  # by the impact that follows
                 reached = automaton.guards[automaton.guard(guard.mode, side)]
             row = _row(reached.sum, 0)
             # a period ends when it does
@@ -171,7 +170,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         moving[2 * n - 2] = -stop.sign if far else stop.sign
         # a quarter of a turn on
         place[2 * n - 1] = stop.swing(cosine, -sine)
-        moving[2 * n - 1] = stop.velocity(oscillator.frequency, cosine, -sine)
+        moving[2 * n - 1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
         contact.put(x, place)
         contact.put(v, moving)
         by_sine[-1], by_cosine[-1] = cosine, -sine

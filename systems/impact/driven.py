@@ -192,6 +192,12 @@ class DrivenStructure(LagrangianStructure):
         return bool(self.elements) and len(self._stops) > 1
 
     @property
+    def _holding(self) -> int:
+        """Of how many elements a state says whether they hold: of none where only a table does."""
+        sticky = any(regime.sticks for element in self._soft for regime in element.regimes)
+        return len(self._elements) if self._several or sticky else 0
+
+    @property
     def _mapped(self) -> bool:
         """Whether disturbances are followed from impact to impact, whatever happens between."""
         return bool(self._soft) or self._several

@@ -23,9 +23,10 @@ from dynkit.core.validation import (
     one_of,
 )
 
-IMPACT, SWITCH, JAM = range(3)
+IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
 """What happens where a guard is zero: the law of impacts in the same regime, another regime, or the
-end of the motion."""
+end of the motion. Another regime, too, where a rate has become zero; or only where the guard is
+negative at once, after an event."""
 
 RELEASED = 3
 """Order of the gap after contact: it, its rate and its acceleration are zero."""
@@ -34,9 +35,9 @@ RELEASED = 3
 @final
 @dataclass(frozen=True)
 class Watch:
-    """A guard: ``gap * g + rate * g'`` of the element's gap g is positive in a regime.
+    """A guard: ``gap * g + rate * g' + force * f + level`` is positive in a regime.
 
-    With both zero it is the force that holds the gap at zero.
+    Of the element's gap g, and the force f along its row where it holds or sticks.
 
     Attributes
     ----------
@@ -44,13 +45,15 @@ class Watch:
         The regime that follows; of an impact, where its chatter comes to an end.
     order : int
         How many leading Taylor coefficients of the guard of that regime vanish after a switch.
-    event : SWITCH, IMPACT or JAM
-        The last two are for hard stops.
+    event : SWITCH, IMPACT, JAM, HALT or JUMP
+        IMPACT and JAM are for hard stops, HALT and JUMP for friction.
     """
 
     to: int
     gap: float = 0.0
     rate: float = 0.0
+    force: float = 0.0
+    level: float = 0.0
     order: int = 0
     event: int = SWITCH
 
@@ -58,7 +61,9 @@ class Watch:
 @final
 @dataclass(frozen=True)
 class Regime:
-    """What an element does to its coordinate: it holds the gap at zero, or pushes by -k g - c g'.
+    """What an element does to its coordinate: it pushes by p - k g - c g', or by what it takes.
+
+    By what it takes to hold the gap at zero, or to stick: to hold its rate at zero.
 
     Attributes
     ----------
@@ -68,6 +73,8 @@ class Regime:
 
     guards: tuple[Watch, ...]
     holds: bool = False
+    sticks: bool = False
+    push: float = 0.0
     stiffness: float = 0.0
     damping: float = 0.0
 
@@ -146,13 +153,18 @@ class Element(ABC):
         """Complex amplitude of its motion: that is Im(phasor exp(i phase of the oscillator))."""
         return self.amplitude * cmath.exp(-1j * self.phase) if self.phase else self.amplitude
 
+    @property
+    def drift(self) -> float:
+        """Velocity with which it moves besides."""
+        return 0.0
+
     @final
     def swing(self, sine: Any, cosine: Any) -> Any:
         """Where it is, from the middle of its motion, by the phase of the oscillator."""
         return self.phasor.real * sine + self.phasor.imag * cosine
 
     @final
-    def velocity(self, frequency: float, sine: Any, cosine: Any) -> Any:
+    def swing_rate(self, frequency: float, sine: Any, cosine: Any) -> Any:
         """Rate of change of where it is."""
         turned = self.phasor.imag * frequency * sine
         return self.phasor.real * frequency * cosine - turned
@@ -226,7 +238,7 @@ class HardStop(Element):
 
 
 _OPEN = Regime((Watch(to=1, gap=1.0, event=IMPACT),))
-_CLOSED = Regime((Watch(to=0, order=RELEASED),), holds=True)
+_CLOSED = Regime((Watch(to=0, force=1.0, order=RELEASED),), holds=True)
 
 
 @final
@@ -284,6 +296,76 @@ class SoftStop(Element):
         left = Watch(to=0, gap=-1.0, order=1)
         pressing = Regime((lifted,), stiffness=k, damping=c)
         return Regime((touched,)), pressing, Regime((pressed, left))
+
+
+@final
+@dataclass(frozen=True)
+class DryFriction(Element):
+    """Friction against a surface, or between two coordinates, by a force that does not depend on w.
+
+    w = y' - velocity is the rate at which it slips. While it does, the force is -force sign(w) -
+    slope w; it sticks, w = 0, as long as that takes no more than the static force. An impact that
+    changes w makes it slip: friction is finite and takes no impulse.
+
+    Parameters
+    ----------
+    coordinate, amplitude, phase, name
+        As for every `Element`; where the surface moves.
+    force : float
+        While it slips; not negative.
+    static : float, optional
+        Most with which it sticks; not less than the force, which it is by default.
+    velocity : float
+        Of the surface, a belt, besides its motion.
+    slope : float
+        Of the force over the rate of slip; negative where it falls, as in brakes that squeal.
+
+    Examples
+    --------
+    A block on a belt, held by a spring: it sticks and slips.
+
+    >>> from dynkit.systems import DryFriction, ImpactChain
+    >>> block = ImpactChain(masses=1, damping=0.0, frequency=1.0, elements=[
+    ...     DryFriction(0, force=0.5, static=0.8, velocity=0.2),
+    ... ])
+    >>> block.simulate(impacts=20).events
+    <Events: 0 impacts, 0 contacts, 0 releases, 34 other switches>
+    """
+
+    _: KW_ONLY
+    force: float
+    static: float | None = None
+    velocity: float = 0.0
+    slope: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set("force", non_negative("force", self.force))
+        for name in ("velocity", "slope"):
+            self._set(name, finite_scalar(name, getattr(self, name)))
+        static = self.force if self.static is None else finite_scalar("static", self.static)
+        if static < self.force:
+            raise ValueError(f"static must not be less than the force {self.force}; got {static}")
+        self._set("static", static)
+
+    @property
+    def drift(self) -> float:
+        return self.velocity
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        """Not known at a start, slipping forward, backward; sticking."""
+        static = float(self.static or 0.0)
+        order = 2 if static == self.force else 1
+        forward, backward = (Watch(to=to, rate=r, event=JUMP) for to, r in ((1, -1.0), (2, 1.0)))
+        halts = [Watch(to=3, rate=sign, event=HALT) for sign in (1.0, -1.0)]
+        yields = Watch(to=2, force=-1.0, level=static, order=order)
+        return (
+            Regime((halts[0], forward, backward)),
+            Regime((halts[0], backward), push=-self.force, damping=self.slope),
+            Regime((halts[1], forward), push=self.force, damping=self.slope),
+            Regime((yields, replace(yields, to=1, force=1.0)), sticks=True),
+        )
 
 
 def _is_index(given: object) -> bool:

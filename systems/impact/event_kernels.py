@@ -16,14 +16,12 @@ from dynkit.systems.impact.clock_kernels import (
     SPEED,
     SWITCHED,
 )
-from dynkit.systems.impact.contact_kernels import Tables, in_band, is_negative
+from dynkit.systems.impact.contact_kernels import Tables, sign_of
 
-IMPACT, SWITCH, JAM = range(3)
+IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
 """What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
-of the motion."""
-
-RELEASED = 3
-"""Order of the gap after contact: it, its rate and its acceleration are zero."""
+of the motion. Another mode, too, where a rate has become zero; or only where the guard is negative
+at once, after an event."""
 
 
 @kernel()
@@ -57,9 +55,9 @@ def jumped(tables: Tables, m: int, left: Array, states: Array, band_factor: floa
     Those of an element that has switched are zero but for rounding, or decided.
     """
     for k in range(tables.first[m], tables.first[m + 1]):
-        if tables.event[k] != SWITCH or left[tables.element[k], MOTION] == SWITCHED:
+        if tables.event[k] not in (SWITCH, JUMP) or left[tables.element[k], MOTION] == SWITCHED:
             continue
-        if is_negative(ladder_at(tables.ladders, k), states, START, band_factor):
+        if sign_of(ladder_at(tables.ladders, k), states, START, 0, band_factor) < 0:
             return int(k)
     return -1
 
@@ -100,7 +98,7 @@ def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
     for k in range(tables.first[m], tables.first[m + 1]):
         if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
             continue
-        if in_band(ladder_at(tables.ladders, k), states, FOUND, 0, band_factor):
+        if sign_of(ladder_at(tables.ladders, k), states, FOUND, 0, band_factor) <= 0:
             return True
     return False
 
@@ -135,12 +133,12 @@ def come_to_rest(tables: Tables, m: int, left: Array, y: Array, band_factor: flo
     first, last = tables.first[m], tables.first[m + 1]
     for k in range(first, last):
         guard = ladder_at(tables.ladders, k)
-        touched = tables.event[k] == IMPACT and in_band(guard, y, START, 0, band_factor)
-        if touched and not in_band(guard, y, START, 1, band_factor):
+        touched = tables.event[k] == IMPACT and sign_of(guard, y, START, 0, band_factor) <= 0
+        if touched and sign_of(guard, y, START, 1, band_factor) != 0:
             return False
     for k in range(first, last):
         guard = ladder_at(tables.ladders, k)
-        if tables.event[k] == IMPACT and in_band(guard, y, START, 0, band_factor):
+        if tables.event[k] == IMPACT and sign_of(guard, y, START, 0, band_factor) <= 0:
             element = tables.element[k]
             left[element, MOTION] = BOUNCED
             left[element, ORDER] = 0.0

@@ -36,6 +36,7 @@ from dynkit.systems.impact.clock_kernels import (
     BUDGET,
     CELLS,
     CHATTER_ERROR,
+    FLIGHT,
     GUARD,
     IMPACTS,
     LEFT_FROM,
@@ -67,9 +68,10 @@ from dynkit.systems.impact.contact_kernels import (
     transform,
 )
 from dynkit.systems.impact.event_kernels import (
+    HALT,
     IMPACT,
     JAM,
-    RELEASED,
+    JUMP,
     SWITCH,
     add_jump,
     bounced,
@@ -194,11 +196,18 @@ def run(
                 enter(changed, at_there, clock, 0.0, 0.0, y, switches)
                 clock[LEFT_FROM] = -1.0
                 try_again(left)
-                if tables.order[changed] == RELEASED:
-                    # Torn off by a force that jumped: the gap has an acceleration at once.
+                # By a force that jumped the gap has an acceleration at once, or its rate a rate.
+                own = left[tables.element[changed]]
+                if tables.torn[changed] == 2:
                     clock[GUARD] = tables.partner[changed]
-                    left[tables.element[changed], MOTION] = BOUNCED
-                    left[tables.element[changed], SPEED] = 0.0
+                    own[MOTION] = BOUNCED
+                    own[SPEED] = 0.0
+                elif tables.torn[changed] == 1:
+                    after = ladder_at(ladders, tables.partner[changed])
+                    own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
+                    if own[SPEED] > 0.0:
+                        own[MOTION] = SWITCHED
+                        own[ORDER] = 1.0
                 continue
             k = bounced(tables, m, left)
             if k >= 0:
@@ -296,6 +305,9 @@ def run(
             if at != k:
                 at = k
                 gap = ladder_at(ladders, at)
+            if tables.event[k] == JUMP:
+                turn += 1
+                continue
             begins = k == first or tables.element[k - 1] != tables.element[k]
             own = left[tables.element[k]]
             found, steps, d, slope, cells = first_root(
@@ -356,7 +368,7 @@ def run(
         if guards > 1:
             copy(y, KEPT, FOUND)
         own = left[tables.element[best]]
-        if tables.event[best] == SWITCH:
+        if tables.event[best] in (SWITCH, HALT):
             if tables.partner[best] < 0:
                 clock[WANTED] = best
                 return done, MODE_WANTED
@@ -370,7 +382,7 @@ def run(
                 perturb_reached(after.generator, slots, y, clock, noise)
             move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
             clock[LEFT_FROM] = -1.0
-            own[MOTION] = SWITCHED
+            own[MOTION] = SWITCHED if tables.event[best] == SWITCH else FLIGHT
             own[ORDER] = tables.order[best]
             own[SPEED] = 0.0
             if tables.order[best] == 1:

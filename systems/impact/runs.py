@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.elements import IMPACT
+from dynkit.systems.impact.elements import HALT, IMPACT
 from dynkit.systems.impact.mode import transformed
 from dynkit.systems.impact.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.trajectory import Ending, Impacts, Switches, Trajectory
@@ -135,7 +135,7 @@ class Course:
         automaton, clock = self._oscillator._automaton, self._clock
         number = automaton.guard(automaton.guards[int(clock[clock_kernels.GUARD])].mode, element)
         guard = automaton.guards[number]
-        if guard.element != element or guard.watch.event != IMPACT:
+        if guard.element != element or guard.watch.event not in (IMPACT, HALT):
             return  # it stays where it is, as others hold it
         automaton.enter(number)
         self._prepare(0, self._work.states)
@@ -144,7 +144,6 @@ class Course:
         states[kernels.START] = transformed(self._tables.change[number], begin)[0]
         after = automaton.guard(guard.target, self._start.element)
         log_kernels.enter(number, after, clock, 0.0, 0.0, states, self._switches)
-        self._left[element] = clock_kernels.SWITCHED, 0, 0
 
     def _prepare(self, first: int, states: Array) -> None:
         """Tables and buffers of the modes that there are; these states are put in, from one on."""
@@ -234,8 +233,9 @@ class Course:
         closed: list[int] = []
         if mode:
             state, closed = automaton.freed(mode, state)
-        if closed and (element in closed or element >= len(oscillator._stops)):
-            speed, element, motion = 0.0, closed[0], Motion.TABLE
+        hard = [k for k in closed if k < len(oscillator._stops)]
+        if hard and (element in hard or element >= len(oscillator._stops)):
+            speed, element, motion = 0.0, hard[0], Motion.TABLE
         elif element >= len(oscillator._stops):
             element, motion = 0, Motion.FLIGHT
         closed = [k for k in closed if k != element]

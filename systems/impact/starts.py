@@ -17,6 +17,7 @@ from dynkit.systems.impact.state import (
     along,
     put_on,
     state_at,
+    sticking,
     touched,
 )
 
@@ -50,7 +51,7 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     table = float(near.swing(*turn) + near.offset)
     gap = near.sign * (float(contact.row @ x) - table)
     # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
-    rate = -near.sign * near.velocity(oscillator.frequency, *turn)
+    rate = -near.sign * near.swing_rate(oscillator.frequency, *turn)
     rounding = _rounding(place, oscillator.amplitude, near.offset)
     clear = gap > rounding or (gap >= 0.0 and rate >= 0.0)
     if clear and (gap < play - rounding or (gap <= play and rate <= 0.0)):
@@ -78,7 +79,7 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
         gaps, rounding = rows @ found - places, _LEFT * (abs(rows) @ abs(found) + sizes)
         if (gaps >= 0.5 * margin - rounding).all():
             w, on = oscillator.frequency, gaps <= rounding
-            rates = np.array([s.sign * s.velocity(w, *turn) for s in oscillator._stops])
+            rates = np.array([s.sign * s.swing_rate(w, *turn) for s in oscillator._stops])
             return np.stack([found, _nearest(rows[on], rates[on], still)])
     raise Refused("elements must leave room between their stops; there is none at this phase")
 
@@ -129,7 +130,7 @@ def start(
         row, swing, speed = (
             contact.row,
             stop.swing(*turn.tolist()),
-            stop.velocity(w, *turn.tolist()),
+            stop.swing_rate(w, *turn.tolist()),
         )
         place, moving, table = float(row @ x), float(row @ v), swing + stop.offset
         gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
@@ -149,10 +150,12 @@ def start(
             on[side] = 0.0 if u <= rounding else u
         first = first if side else abs(u)
     if not on:
-        return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT)
+        sticks = sticking(oscillator, v, turn, ())
+        return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
     # the one that is left, of those that are; the others are lain on
     element = max(on, key=lambda side: on[side] > 0.0)
     closed = tuple(side for side, u in on.items() if side != element and u == 0.0)
+    closed += sticking(oscillator, v, turn, tuple(on))
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed)
 
 
@@ -174,15 +177,17 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
             if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {place}")
-        return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT)
-    if max(start.element, *start.closed, 0) >= len(stands):
+        sticks = sticking(oscillator, v, turn, ())
+        return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
+    if start.element >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
     closed: list[int] = []
-    for k in start.closed:
+    for k in (k for k in start.closed if k < len(stands)):
         held = [stands[j] for j in (start.element, *closed)]
         if rides(oscillator._structure, held, stands[k]) is False:
             closed.append(k)
     put_on(oscillator, start.element, closed, (x, v), turn[0], turn[1], u)
     touched(oscillator, x, v, turn, start.element)
+    closed += sticking(oscillator, v, turn, (start.element, *closed))
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))

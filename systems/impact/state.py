@@ -13,6 +13,7 @@ import numpy as np
 
 from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, finite_array
+from dynkit.systems.impact.contact import rides
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.driven import DrivenStructure
@@ -49,7 +50,7 @@ class ImpactState:
         of ``elements`` the number among the hard stops.
     motion : Motion
     closed : tuple of int
-        Other stops that are in contact.
+        Other stops that are in contact, and friction that sticks.
     """
 
     speed: float
@@ -161,7 +162,7 @@ def put_on(
     speed: Any,
 ) -> None:
     """Put positions and velocities (..., N) onto a stop, and onto others that are in contact."""
-    stands = np.array([element, *closed])
+    stands = np.array([element, *(k for k in closed if k < len(oscillator._stops))])
     rates = np.zeros((*np.shape(speed), len(stands)))
     rates[..., 0] = speed
     totals = on_stop(
@@ -218,7 +219,8 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stops
     if oscillator._strobed:
-        return state_at(oscillator, y[:n], y[n:], np.array([0.0, 1.0]), 0.0, 0, Motion.FLIGHT)
+        turn, sticks = np.array([0.0, 1.0]), sticking(oscillator, y[n:], np.array([0.0, 1.0]), ())
+        return state_at(oscillator, y[:n], y[n:], turn, 0.0, 0, Motion.FLIGHT, sticks)
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
         if u < 0.0:
@@ -240,6 +242,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     x[others], v[others] = y[: n - 1], y[n - 1 : -2]
     put_on(oscillator, element, (), (x, v), turn[0], turn[1], speed)
     closed = touched(oscillator, x, v, turn, element)
+    closed += sticking(oscillator, v, turn, (element, *closed))
     return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE, closed)
 
 
@@ -268,6 +271,23 @@ def touched(
     return tuple(found)
 
 
+def sticking(
+    oscillator: DrivenStructure, v: Array, turn: Array, touched: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Elements whose friction does not slip, but for rounding, and that the stops do not hold."""
+    found, elements = [], oscillator._elements
+    held = [elements[k] for k in touched]
+    for k, element in enumerate(elements):
+        if any(regime.sticks for regime in element.regimes):
+            row = element.row(len(v))
+            speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
+            slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            still = abs(float(row @ v) - speed) <= slow
+            if still and rides(oscillator._structure, held, element) is False:
+                found.append(k)
+    return tuple(found)
+
+
 _TOUCHED = 2.0**-46
 """Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
 
@@ -283,18 +303,17 @@ def along(stop: HardStop, name: str) -> str:
 
 
 def packed(state: ImpactState) -> Array:
-    """All numbers of a state, (2N + 5,), and one for each stop where there are several."""
+    """All numbers of a state, (2N + 5,), and one for each element where more than one may hold."""
     motion = tuple(Motion).index(state.motion)
     own = [motion, state.element, state.speed, *state._turn.tolist()]
-    stops = len(state._system._stops) * state._system._several
-    closed = [k in state.closed for k in range(stops)]
+    closed = [k in state.closed for k in range(state._system._holding)]
     return np.concatenate([own, state._coordinates.ravel(), closed])
 
 
 def unpacked(oscillator: DrivenStructure, numbers: object) -> ImpactState:
     """The state that `packed` turned into numbers."""
-    n, stops = oscillator.degrees_of_freedom, len(oscillator._stops) * oscillator._several
-    array = finite_array("packed", numbers, (5 + 2 * n + stops,))
+    n = oscillator.degrees_of_freedom
+    array = finite_array("packed", numbers, (5 + 2 * n + oscillator._holding,))
     motion, element = tuple(Motion)[int(array[0])], int(array[1])
     q, turn = array[5 : 5 + 2 * n].reshape(2, n), array[3:5]
     closed = tuple(np.flatnonzero(array[5 + 2 * n :]).tolist())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, final
@@ -10,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.bases import basis_of, row_by_row
+from dynkit.systems.impact.bases import Basis, basis_of, row_by_row
 from dynkit.systems.impact.elements import Element, Regime
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
@@ -25,22 +26,30 @@ class Structure:
     mass, damping, stiffness : (N, N)
     size : int
     free : Basis
-    seen : dict
-        Modes that take part in the motion of some coordinates, filled in `contact`.
+    seen, stuck : dict
+        Modes that take part in the motion of some coordinates, filled in `contact`; structures of
+        which some coordinates stick, filled in `stuck`.
     """
 
     def __init__(self, given: Derivation) -> None:
         self.mass = given.mass.dense
         self.damping = given.damping.dense
         self.stiffness = given.stiffness.dense
-        self.free = basis_of(given)
+        self.free: Basis = basis_of(given)
         self.size = len(self.mass)
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
         self._stiffened: dict[tuple[bytes, float, float], Structure] = {}
         self._contacts: dict[bytes, Contact] = {}
         self._held: dict[bytes, Held] = {}
+        self.stuck: dict[bytes, Structure] = {}
         self.seen: dict[Any, Any] = {}
+
+    def with_basis(self, basis: Basis) -> Structure:
+        """The same in another basis."""
+        other = copy.copy(self)
+        other.free, other._contacts, other.seen = basis, {}, {}
+        return other
 
     def stiffened(self, row: Array, stiffness: float, damping: float) -> Structure:
         """The same with a spring and a dashpot more along a row (N,) of coordinates; kept."""
@@ -253,8 +262,9 @@ class Drive:
     def pulled(self, element: Element, regime: Regime) -> Drive:
         """The same with what an element, which moves, adds to the forces."""
         k, c, row = regime.stiffness, regime.damping, element.row(len(self.constant))
-        if k == c == 0.0:
+        if k == c == regime.push == 0.0:
             return self
         push = element.phasor * (k + 1j * self.frequency * c) * row
-        constant = self.constant + k * element.offset * row
+        own = k * element.offset + c * element.drift + element.sign * regime.push
+        constant = self.constant + own * row
         return replace(self, harmonic=self.harmonic + push, constant=constant)

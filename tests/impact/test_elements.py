@@ -325,10 +325,10 @@ def test_more_modes_than_fit_are_refused(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_kernels_and_elements_number_events_alike() -> None:
-    from dynkit.systems.impact import elements, kernels
+    from dynkit.systems.impact import elements, event_kernels
 
-    for name in ("IMPACT", "SWITCH", "RELEASED"):
-        assert getattr(kernels, name) == getattr(elements, name)
+    for name in ("IMPACT", "SWITCH", "JAM", "HALT", "JUMP"):
+        assert getattr(event_kernels, name) == getattr(elements, name)
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.6])

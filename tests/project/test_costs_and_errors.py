@@ -55,6 +55,7 @@ NO_RESULTS = {
     "Element": ELEMENT,
     "HardStop": ELEMENT,
     "SoftStop": ELEMENT,
+    "DryFriction": ELEMENT,
     "Regime": ELEMENT,
     "Watch": ELEMENT,
     "ImpactMap": SYSTEM,

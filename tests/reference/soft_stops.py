@@ -1,4 +1,4 @@
-"""Chains with hard and soft stops in many digits: exponentials of (x, v, sine, cosine, one)."""
+"""Chains with stops and friction in many digits: exponentials of (x, v, sine, cosine, one)."""
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations
@@ -7,75 +7,26 @@ from typing import Any
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems import Element, HardStop, ImpactChain, SoftStop
+from dynkit.systems import DryFriction, Element, HardStop, ImpactChain, SoftStop
+from tests.reference.friction import BACKWARD, FORWARD, STICK, Cushion, Gap, Rub, Table
 
 DIGITS = 40
 TINY = 10.0 ** -(DIGITS - 12)
 """Rates, impulses and forces up to this are zero."""
 
-IMPACT, RELEASE, SWITCH = range(3)
+NUDGE = 1e-12
+"""Time for which friction slips before one asks whether it stops: its rate may begin as t^2."""
 
-
-class Gap:
-    """What an element acts along: its row, its gap and the rate of it as rows of the state."""
-
-    def __init__(self, element: Element, size: int, frequency: Any) -> None:
-        self.sign = 1 if element.side == "above" else -1
-        self.row = mp.zeros(size, 1)
-        if isinstance(element.coordinate, tuple):
-            if len(element.coordinate) == 2 and isinstance(element.coordinate[0], int):
-                before, after = element.coordinate
-                self.row[before % size], self.row[after % size] = -1, 1
-            else:
-                for i, part in enumerate(element.coordinate):
-                    self.row[i] = mp.mpf(part)
-        else:
-            self.row[element.coordinate % size] = 1
-        lag, place = mp.mpf(element.phase), mp.mpf(element.offset)
-        m, b = element.amplitude * mp.cos(lag), -element.amplitude * mp.sin(lag)
-        self.gap, self.rate = mp.zeros(1, 2 * size + 3), mp.zeros(1, 2 * size + 3)
-        for i in range(size):
-            self.gap[i] = self.rate[size + i] = self.sign * self.row[i]
-        for i, number in enumerate((m, b, place)):
-            self.gap[2 * size + i] = -self.sign * number
-        self.rate[2 * size] = self.sign * frequency * b
-        self.rate[2 * size + 1] = -self.sign * frequency * m
-
-
-class Table(Gap):
-    """What a hard stop adds: its restitution, and what a unit impulse does to the state."""
-
-    def __init__(self, stop: HardStop, masses: list[Any], frequency: Any) -> None:
-        size = len(masses)
-        super().__init__(stop, size, frequency)
-        self.restitution = mp.mpf(stop.restitution)
-        self.kick = mp.zeros(2 * size + 3, 1)
-        for i, mass in enumerate(masses):
-            self.kick[size + i] = self.sign * self.row[i] / mass
-
-
-class Cushion(Gap):
-    """What a soft stop adds: its force as a row of the state, or two."""
-
-    def __init__(self, stop: SoftStop, size: int, frequency: Any) -> None:
-        super().__init__(stop, size, frequency)
-        # on the structure, along its row
-        self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
-        self.push = self.sign * self.force
-        # of each regime what is positive in it, and what follows
-        self.watched = [
-            [(self.gap, 1)],
-            [(self.force, 2 if stop.damping else 0)],
-            [(-self.force, 1), (-self.gap, 0)],
-        ]
+IMPACT, RELEASE, SWITCH, SLIP, HALT = range(5)
 
 
 class SoftStopReference:
-    """The motion of a chain with hard stops, and soft ones; the mass matrix is diagonal.
+    """The motion of a chain with stops, hard and soft, and friction; the mass matrix is diagonal.
 
-    Hard stops are numbered in their order among the elements. Chatter is not completed: its
-    impacts go on. Of each impact ``which`` is the stop, ``coupled`` whether a closed stop got an
-    impulse, too, and ``held`` the stops that are closed just after it.
+    Hard stops are numbered in their order among the elements, and so is friction. Chatter is not
+    completed: its impacts go on. Of each impact ``which`` is the stop, ``coupled`` whether a closed
+    stop got an impulse, too, and ``held`` the stops that are closed just after it. ``switches`` are
+    changes of friction: the time, its number, and the regime: 0 forward, 1 backward, 2 it sticks.
     """
 
     def __init__(
@@ -83,9 +34,10 @@ class SoftStopReference:
     ) -> None:
         self.step, self.size, w = mp.mpf(step), chain.degrees_of_freedom, mp.mpf(chain.frequency)
         n, elements = self.size, chain.elements if elements is None else elements
-        self.masses = [mp.mpf(m) for m in chain.mass.diagonal().tolist()]
+        self.frequency, self.masses = w, [mp.mpf(m) for m in chain.mass.diagonal().tolist()]
         self.tables = [Table(e, self.masses, w) for e in elements if isinstance(e, HardStop)]
-        self.cushions = [Cushion(e, n, w) for e in elements if isinstance(e, SoftStop)]
+        self.cushions = [Cushion(e, self.masses, w) for e in elements if isinstance(e, SoftStop)]
+        self.rubs = [Rub(e, self.masses, w) for e in elements if isinstance(e, DryFriction)]
         k, c = (mp.matrix(part.tolist()) for part in (chain.stiffness, chain.damping_matrix))
         self.free = mp.zeros(2 * n + 3)
         for i, mass in enumerate(self.masses):
@@ -100,114 +52,218 @@ class SoftStopReference:
                 self.free[n + i, 2 * n + 2] = chain.constant_forces[i] / mass
         self.free[2 * n, 2 * n + 1], self.free[2 * n + 1, 2 * n] = w, -w
         self.known: dict[Any, Any] = {}
+        self.steps: dict[Any, Any] = {}
+        self.regimes: list[int] = []
+        self.ways: list[int] = []
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what happened in another motion."""
         self.which: list[int] = []
         self.coupled: list[bool] = []
         self.held: list[tuple[int, ...]] = []
+        self.switches: list[tuple[Any, int, int]] = []
         self.switches_in_contact = 0
 
-    def inertia(self, stops: Sequence[int]) -> list[list[Any]]:
-        """What unit impulses of these stops change in the rates of their gaps."""
-        tables = [self.tables[k] for k in stops]
-        return [[(a.rate * b.kick)[0] for b in tables] for a in tables]
-
-    def flow(self, regimes: list[int], held: tuple[int, ...]) -> tuple[Any, Any, dict[int, Any]]:
-        """The generator of the motion, that of one step, and rows of the forces that hold stops."""
-        pressed = tuple(regime == 1 for regime in regimes)
-        if (pressed, held) not in self.known:
-            n, flow = self.size, self.free.copy()
+    def flow(self, held: tuple[int, ...]) -> tuple[Any, list[Any], list[Any]]:
+        """The generator of the motion, and rows of forces: that hold stops, by which it sticks."""
+        pressed = tuple(regime == 1 for regime in self.regimes)
+        key = pressed, tuple(self.ways), held
+        if key not in self.known:
+            flow = self.free.copy()
             for cushion, pushes in zip(self.cushions, pressed, strict=True):
-                for i in range(n if pushes else 0):
-                    flow[n + i, :] += cushion.row[i] / self.masses[i] * cushion.push
-            forces = {}
-            if held:
-                inertia = mp.matrix(self.inertia(held))
-                if dependent(inertia):
-                    raise RuntimeError(f"rows of stops that are held depend: {held}")
-                inverse = mp.inverse(inertia)
-                free = [self.tables[k].rate * flow for k in held]
-                for i, k in enumerate(held):
-                    forces[k] = -sum((inverse[i, j] * a for j, a in enumerate(free)), 0 * free[0])
-            for k, force in forces.items():
-                flow += self.tables[k].kick * force
-            self.known[pressed, held] = flow, mp.expm(flow * self.step), forces
-        found: tuple[Any, Any, dict[int, Any]] = self.known[pressed, held]
+                flow += cushion.kick * cushion.force * int(pushes)
+            for rub, way in zip(self.rubs, self.ways, strict=True):
+                flow += mp.zeros(flow.rows) if way == STICK else rub.kick * rub.forces[way]
+            fixed = [*(self.tables[k] for k in held), *self.stuck()]
+            rates, forces = [part.rate * flow for part in fixed], []
+            if fixed:
+                matrix = mp.matrix(inertia(fixed, fixed))
+                if dependent(matrix):
+                    raise RuntimeError(f"rows of what holds or sticks depend: {held}, {self.ways}")
+                inverse = (-mp.inverse(matrix)).tolist()
+                forces = [combined(numbers, rates) for numbers in inverse]
+            for part, force in zip(fixed, forces, strict=True):
+                flow += part.kick * force
+            m = len(held)
+            self.known[key] = flow, forces[:m], forces[m:]
+        found: tuple[Any, list[Any], list[Any]] = self.known[key]
         return found
 
-    def settled(self, z: Any, regimes: list[int]) -> None:
-        """Regimes of which nothing watched is negative; modified in place."""
-        for k, cushion in enumerate(self.cushions):
-            while left := [to for row, to in cushion.watched[regimes[k]] if (row * z)[0] < 0]:
-                regimes[k] = left[0]
+    def stepped(self, z: Any, held: tuple[int, ...]) -> Any:
+        """The state a step later, where nothing happens."""
+        key = tuple(regime == 1 for regime in self.regimes), tuple(self.ways), held
+        if key not in self.steps:
+            self.steps[key] = mp.expm(self.flow(held)[0] * self.step)
+        return self.steps[key] * z
 
-    def staying(self, z: Any, regimes: list[int], touching: Iterable[int]) -> tuple[int, ...]:
+    def way(self, rub: Rub, z: Any) -> int:
+        """The regime of friction by the sign of its rate."""
+        rate = (rub.rate * z)[0]
+        return STICK if abs(rate) <= TINY else FORWARD if rate > 0 else BACKWARD
+
+    def stuck(self) -> list[Rub]:
+        """Friction that sticks."""
+        return [rub for rub, way in zip(self.rubs, self.ways, strict=True) if way == STICK]
+
+    def settle(self, z: Any) -> None:
+        """Regimes of soft stops of which nothing watched is negative."""
+        for k, cushion in enumerate(self.cushions):
+            watched = cushion.watched
+            while left := [to for row, to in watched[self.regimes[k]] if (row * z)[0] < 0]:
+                self.regimes[k] = left[0]
+
+    def staying(self, z: Any, touching: Iterable[int]) -> tuple[int, ...]:
         """Stops that stay closed: forces and accelerations of the gaps are complementary."""
         stops = tuple(sorted(touching))
-        flow = self.flow(regimes, ())[0]
-        free = [(self.tables[k].rate * flow * z)[0] for k in stops]
-        _, apart = complementary(self.inertia(stops), free)
+        if not stops:
+            return ()
+        tables, flow = [self.tables[k] for k in stops], self.flow(())[0]
+        free = [(table.rate * flow * z)[0] for table in tables]
+        _, apart = complementary(inertia(tables, tables, self.stuck()), free)
         return tuple(k for k, a in zip(stops, apart, strict=True) if a <= TINY)
+
+    def decide(self, z: Any, touching: Iterable[int], halted: int = -1) -> tuple[int, ...]:
+        """Decide which friction slips, and which way; return the stops that stay closed.
+
+        What sticks by too much slips: first what has halted, then what exceeds its most by most.
+        What would slip against its acceleration sticks.
+        """
+        for _ in range(30):
+            held = self.staying(z, touching)
+            flow, _, forces = self.flow(held)
+            sticking = [k for k, way in enumerate(self.ways) if way == STICK]
+            force = {k: (row * z)[0] for k, row in zip(sticking, forces, strict=True)}
+            excess = {k: abs(by) - self.rubs[k].static for k, by in force.items()}
+            if torn := [k for k in sticking if excess[k] > TINY]:
+                first = halted if halted in torn else max(torn, key=lambda k: excess[k])
+                self.ways[first] = BACKWARD if force[first] > 0 else FORWARD
+                continue
+            for k, rub in enumerate(self.rubs):
+                way = 1 if self.ways[k] == FORWARD else -1
+                if (
+                    k not in sticking
+                    and self.way(rub, z) == STICK
+                    and (rub.rate * flow * z)[0] * way < -TINY
+                ):
+                    self.ways[k] = STICK
+                    break
+            else:
+                return held
+        raise RuntimeError(f"friction finds no regimes: {self.ways}")
+
+    def halt(self, z: Any, which: int, touching: list[int]) -> tuple[int, ...]:
+        """Stick, or slip on the other way, as it must where what holds moves it."""
+        fixed = [*(self.tables[k] for k in touching), *self.stuck(), self.rubs[which]]
+        moved = dependent(mp.matrix(inertia(fixed, fixed)))
+        self.ways[which] = BACKWARD - self.ways[which] if moved else STICK
+        return self.decide(z, touching, which)
 
     def struck(self, z: Any, hit: int, held: tuple[int, ...]) -> tuple[Any, list[int], bool]:
         """The state after an impact, the stops that touch then, and whether others got impulses."""
         table, stops = self.tables[hit], (hit, *held)
-        u = (table.rate * z)[0]
+        tables, u = [self.tables[k] for k in stops], (table.rate * z)[0]
         before = [(1 + table.restitution) * u] + [mp.mpf(0)] * len(held)
-        impulses, after = complementary(self.inertia(stops), before)
+        impulses, after = complementary(inertia(tables, tables), before)
         after[0] -= table.restitution * u
-        for k, impulse in zip(stops, impulses, strict=True):
-            z = z + impulse * self.tables[k].kick
+        old = z
+        for part, impulse in zip(tables, impulses, strict=True):
+            z = z + impulse * part.kick
+        for k, rub in enumerate(self.rubs):
+            if abs((rub.rate * (z - old))[0]) > TINY:
+                self.ways[k] = self.way(rub, z)
         touching = [k for k, rate in zip(stops, after, strict=True) if rate <= TINY]
         return z, touching, any(impulse > TINY for impulse in impulses[1:])
 
-    def events(self, regimes: list[int], held: tuple[int, ...]) -> list[tuple[Any, int, int, int]]:
+    def events(self, held: tuple[int, ...]) -> list[tuple[Any, int, int, int]]:
         """What is positive until something happens: the row, which part, its kind, what follows."""
-        forces = self.flow(regimes, held)[2]
-        found = [(forces[k], RELEASE, k, 0) for k in held]
+        _, holding, sticking = self.flow(held)
+        found = [(row, RELEASE, k, 0) for k, row in zip(held, holding, strict=True)]
         found += [(t.gap, IMPACT, k, 0) for k, t in enumerate(self.tables) if k not in held]
         for k, cushion in enumerate(self.cushions):
-            found += [(row, SWITCH, k, to) for row, to in cushion.watched[regimes[k]]]
+            found += [(row, SWITCH, k, to) for row, to in cushion.watched[self.regimes[k]]]
+        left = iter(sticking)
+        for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
+            if way == STICK:
+                force = next(left)
+                found += [
+                    (rub.most - force, SLIP, k, BACKWARD),
+                    (rub.most + force, SLIP, k, FORWARD),
+                ]
+            else:
+                found.append((rub.rate if way == FORWARD else -rub.rate, HALT, k, STICK))
         return found
 
     def impacts(
         self, start: Array, count: int, closed: tuple[int, ...] = ()
     ) -> list[tuple[Any, Any]]:
         """Times of so many impacts, and states just after; some stops may be closed at first."""
+        return self.motion(start, count, closed, mp.inf)
+
+    def periods(self, start: Array, count: int) -> list[tuple[Any, Any]]:
+        """The end of so many periods of what drives a chain without hard stops, and states then."""
+        return self.motion(start, count, (), 2 * mp.pi / self.frequency)
+
+    def motion(
+        self, start: Array, count: int, closed: tuple[int, ...], period: Any
+    ) -> list[tuple[Any, Any]]:
+        """Times of so many impacts, or periods, and states just after them."""
         z, time = mp.matrix([*start.tolist(), 0, 1, 1]), mp.mpf(0)
-        regimes = [0] * len(self.cushions)
-        self.settled(z, regimes)
-        held = self.staying(z, regimes, closed)
-        self.which, self.coupled, self.held, self.switches_in_contact = [], [], [], 0
+        self.clear()
+        self.regimes, self.ways = [0] * len(self.cushions), [self.way(rub, z) for rub in self.rubs]
+        self.settle(z)
+        held, before = self.decide(z, closed), [STICK] * len(self.rubs)
         found: list[tuple[Any, Any]] = []
         while len(found) < count:
-            flow, stepped, _ = self.flow(regimes, held)
-            there = stepped * z
-            ahead = [event for event in self.events(regimes, held) if (event[0] * there)[0] < 0]
+            flow = self.flow(held)[0]
+            if any(way not in (STICK, old) for way, old in zip(self.ways, before, strict=True)):
+                z, time = after(series(flow, z, NUDGE), NUDGE), time + NUDGE
+            before, due = list(self.ways), (len(found) + 1) * period
+            step = min(self.step, due - time)
+            whole = step == self.step
+            there = self.stepped(z, held) if whole else after(series(flow, z, step), step)
+            ahead = [event for event in self.events(held) if (event[0] * there)[0] < 0]
             if not ahead:
-                z, time = there, time + self.step
+                z, time = there, time + step
+                if not whole:
+                    found.append((due, z.copy()))
                 continue
-            terms = series(flow, z, self.step)
-            hits = sorted((root(row, terms, self.step), *event) for row, *event in ahead)
+            terms = series(flow, z, step)
+            hits = sorted((root(row, terms, step), *event) for row, *event in ahead)
             if [hit[1] for hit in hits[:2]] == [IMPACT] * 2 and hits[1][0] - hits[0][0] < 1e-20:
                 raise RuntimeError(f"two stops are hit at once, at {time + hits[0][0]}")
             wait, kind, which, to = hits[0]
-            z, time = sum((term * wait**k for k, term in enumerate(terms)), 0 * z), time + wait
+            z, time = after(terms, wait), time + wait
             touching = [k for k in held if kind != RELEASE or k != which]
             if kind == SWITCH:
-                regimes[which] = to
+                self.regimes[which] = to
                 self.switches_in_contact += bool(held)
+            elif kind == SLIP:
+                self.ways[which] = to
             elif kind == IMPACT:
                 z, touching, coupled = self.struck(z, which, held)
-                self.settled(z, regimes)  # forces of dashpots have jumped
+                self.settle(z)  # forces of dashpots have jumped
             # a dashpot that is touched may tear a mass off a table
-            held = self.staying(z, regimes, touching)
+            held = self.halt(z, which, touching) if kind == HALT else self.decide(z, touching)
+            changed = zip(before, self.ways, strict=True)
+            self.switches += [(time, k, way) for k, (old, way) in enumerate(changed) if way != old]
             if kind == IMPACT:
                 found.append((time, z.copy()))
                 self.which.append(which)
                 self.coupled.append(coupled)
                 self.held.append(held)
             # past the event by nothing that counts: the next step begins on the other side
-            z += mp.mpf(10) ** -(DIGITS - 8) * (self.flow(regimes, held)[0] * z)
+            z += mp.mpf(10) ** -(DIGITS - 8) * (self.flow(held)[0] * z)
         return found
+
+
+def inertia(parts: Sequence[Gap], others: Sequence[Gap], stuck: Sequence[Gap] = ()) -> list[Any]:
+    """What unit forces of others change in the accelerations of parts, while some are stuck."""
+    found = mp.matrix([[(a.rate * b.kick)[0] for b in others] for a in parts])
+    if stuck:
+        taken = mp.lu_solve(mp.matrix(inertia(stuck, stuck)), mp.matrix(inertia(stuck, others)))
+        found -= mp.matrix(inertia(parts, stuck)) * taken
+    return [[mp.chop(number, TINY) for number in row] for row in found.tolist()]
 
 
 def complementary(matrix: list[list[Any]], offset: list[Any]) -> tuple[list[Any], list[Any]]:
@@ -240,7 +296,7 @@ def root(row: Any, terms: Any, step: Any) -> Any:
     """Where a row of the state, given by its Taylor series, becomes negative within a step."""
     polynomial = [(row * term)[0] for term in reversed(terms)]
     low, high = mp.mpf(0), step
-    for _ in range(12):
+    for _ in range(30):
         middle = (low + high) / 2
         positive = mp.polyval(polynomial, middle) > 0
         low, high = (middle, high) if positive else (low, middle)
@@ -254,6 +310,16 @@ def root(row: Any, terms: Any, step: Any) -> Any:
 def series(flow: Any, z: Any, step: Any) -> list[Any]:
     """Taylor's series of the motion, as long as it counts within a step."""
     terms = [z]
-    while mp.norm(terms[-1], mp.inf) * step ** (len(terms) - 1) > mp.mpf(10) ** -DIGITS:
+    while mp.norm(terms[-1], mp.inf) * abs(step) ** (len(terms) - 1) > mp.mpf(10) ** -DIGITS:
         terms.append(flow * terms[-1] / len(terms))
     return terms
+
+
+def combined(numbers: Sequence[Any], rows: Sequence[Any]) -> Any:
+    """A sum of rows, or states, times numbers."""
+    return sum((a * row for a, row in zip(numbers, rows, strict=True)), 0 * rows[0])
+
+
+def after(terms: list[Any], time: Any) -> Any:
+    """The state after some time, by the series of the motion."""
+    return combined([time**k for k in range(len(terms))], terms)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.contact import free_mode
+from dynkit.systems.impact.contact import mode_of
 from dynkit.systems.impact.mode import Mode, Transitions
 from dynkit.systems.impact.structure import Contact, Drive
 
@@ -42,9 +42,11 @@ class FreeMotion:
     def __init__(self, contact: Contact, constant: Array | None = None) -> None:
         n = len(contact.row)
         forces = np.zeros(n) if constant is None else constant
-        self.mode: Mode = free_mode(
+        self.mode: Mode = mode_of(
             contact.structure,
             Drive(1.0, np.zeros(n, dtype=complex), forces, turns=False),
+            (),
+            (),
             [contact.row],
             [contact.row],
         )

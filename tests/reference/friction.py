@@ -1,0 +1,76 @@
+"""What stops and friction do to a chain, in many digits, as rows of (x, v, sine, cosine, one)."""
+
+from typing import Any
+
+from mpmath import mp
+
+from dynkit.systems import DryFriction, Element, HardStop, SoftStop
+
+FORWARD, BACKWARD, STICK = range(3)
+
+
+class Gap:
+    """What an element acts along, and what a unit impulse or force along it does to the state.
+
+    Its gap and the rate of it are rows of the state.
+    """
+
+    def __init__(self, element: Element, masses: list[Any], frequency: Any) -> None:
+        size, sign = len(masses), 1 if element.side == "above" else -1
+        row = mp.zeros(size, 1)
+        if isinstance(element.coordinate, tuple):
+            if len(element.coordinate) == 2 and isinstance(element.coordinate[0], int):
+                before, after = element.coordinate
+                row[before % size], row[after % size] = -1, 1
+            else:
+                for i, part in enumerate(element.coordinate):
+                    row[i] = mp.mpf(part)
+        else:
+            row[element.coordinate % size] = 1
+        lag, place = mp.mpf(element.phase), mp.mpf(element.offset)
+        m, b = element.amplitude * mp.cos(lag), -element.amplitude * mp.sin(lag)
+        self.gap, self.rate = mp.zeros(1, 2 * size + 3), mp.zeros(1, 2 * size + 3)
+        self.kick = mp.zeros(2 * size + 3, 1)
+        for i, mass in enumerate(masses):
+            self.gap[i] = self.rate[size + i] = sign * row[i]
+            self.kick[size + i] = sign * row[i] / mass
+        for i, number in enumerate((m, b, place)):
+            self.gap[2 * size + i] = -sign * number
+        self.rate[2 * size] = sign * frequency * b
+        self.rate[2 * size + 1] = -sign * frequency * m
+
+
+class Table(Gap):
+    """What a hard stop adds: its restitution."""
+
+    def __init__(self, stop: HardStop, masses: list[Any], frequency: Any) -> None:
+        super().__init__(stop, masses, frequency)
+        self.restitution = mp.mpf(stop.restitution)
+
+
+class Cushion(Gap):
+    """What a soft stop adds: its force as a row of the state."""
+
+    def __init__(self, stop: SoftStop, masses: list[Any], frequency: Any) -> None:
+        super().__init__(stop, masses, frequency)
+        self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
+        # of each regime what is positive in it, and what follows
+        self.watched = [
+            [(self.gap, 1)],
+            [(self.force, 2 if stop.damping else 0)],
+            [(-self.force, 1), (-self.gap, 0)],
+        ]
+
+
+class Rub(Gap):
+    """What friction adds: forces as rows of the state, of which its rate is that of slip."""
+
+    def __init__(self, friction: DryFriction, masses: list[Any], frequency: Any) -> None:
+        super().__init__(friction, masses, frequency)
+        one = mp.zeros(1, self.rate.cols)
+        one[-1] = 1
+        self.rate -= (1 if friction.side == "above" else -1) * mp.mpf(friction.velocity) * one
+        self.static = mp.mpf(friction.static or 0)
+        self.most = self.static * one
+        way, along = mp.mpf(friction.force) * one, mp.mpf(friction.slope) * self.rate
+        self.forces = [-way - along, way - along]
