@@ -50,7 +50,7 @@ class Guard:
     change : (2 slots, 2 slots + 1), of both modes, or None
         What becomes of the state, and one.
     opens : int
-        The closed stop from which an impact pulls away, -1 for none.
+        The closed stop from which an impact pulls away, or what sticks and it moves; -1 for none.
     ambiguous : bool
         Whether an impact pushes against a closed stop.
     """
@@ -208,7 +208,17 @@ class Automaton:
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
             drive = drive.pulled(element, regime)
         held = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
-        riding = [rides(structure, held, element) for element in self._elements]
+        sticking = [e for e, regime in zip(self._elements, now, strict=True) if regime.sticks]
+        riding = [
+            rides(structure, [*held, *sticking] if regime.halts else held, element)
+            for element, regime in zip(self._elements, now, strict=True)
+        ]
+        for k, regime in enumerate(now):
+            if regime.halts and riding[k]:
+                raise NotImplementedError(
+                    f"friction must not act along what others hold as it would, which leaves its "
+                    f"force open; got {self._elements[k]!r}"
+                )
         moving = [e for e, along in zip(self._elements, riding, strict=True) if not along]
         watched = [element.row(structure.size) for element in moving]
         hit = [
@@ -216,7 +226,6 @@ class Automaton:
             for element, along in zip(self._elements, riding, strict=True)
             if isinstance(element, HardStop) and along is False
         ]
-        sticking = [e for e, regime in zip(self._elements, now, strict=True) if regime.sticks]
         mode = mode_of(structure, drive, held, sticking, watched, hit)
         self.modes.append(mode)
         self.regimes.append(regimes)
@@ -297,8 +306,8 @@ class Automaton:
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
             slots=stack.take("slots", len(modes)),
             counts=np.array([len(mode.layout.modes) for mode in modes]),
-            element=self.table[:, 1],
-            target=self.table[:, 2],
+            element=self.table[:, 1].copy(),
+            target=self.table[:, 2].copy(),
             partner=np.array([g.partner for g in guards]),
             change=stack.take("change", len(guards) if self._joined else 0),
             tolerance=self._tolerance,
@@ -311,15 +320,14 @@ class Automaton:
         """Put what does not change of a guard into the tables."""
         guard, put = self.guards[k], self._stack.put
         mode, element, watch = self.modes[guard.mode], self._elements[guard.element], guard.watch
-        slots, hits = mode.layout.slots, isinstance(element, HardStop) and watch.event == IMPACT
+        slots = mode.layout.slots
         kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
         coupling = restitution = 0.0
         coupled = [False] * len(self._elements)
-        if isinstance(element, HardStop) and hits:
+        if isinstance(element, HardStop) and watch.event == IMPACT:
             contact = mode.contact(element.row(self._size))
-            kick[:, : mode.layout.seen] = (element.sign * mode.placed(contact.kick))[
-                :, : mode.layout.seen
-            ]
+            seen = mode.layout.seen
+            kick[:, :seen] = element.sign * mode.placed(contact.kick)[:, :seen]
             excursion = mode.placed(contact.brief)
             coupling, restitution = contact.coupling, element.restitution
             coupled = self._coupled(guard)

@@ -44,10 +44,10 @@ def mode_of(
         rows = [element.row(s.size) for element in sticking]
         assert inner is not None
         inner = stuck(inner, np.array([grip.leaves(row) if grip else row for row in rows]))
-    dynamic = s.stiffness + 1j * w * s.damping - w * w * s.mass
     harmonic, constant = drive.harmonic, drive.constant
     for p in np.flatnonzero(shape).tolist():
-        harmonic = harmonic - dynamic[:, p] * shape[p]
+        dynamic = s.stiffness[:, p] + 1j * w * s.damping[:, p] - w * w * s.mass[:, p]
+        harmonic = harmonic - dynamic * shape[p]
     for p in np.flatnonzero(rest).tolist():
         constant = constant - s.stiffness[:, p] * rest[p]
     turning, still = harmonic[others], constant[others]
@@ -96,10 +96,14 @@ def rides(structure: Structure, held: Sequence[Element], element: Element) -> bo
     row = element.row(structure.size)
     if not held or (grip := _grip(structure, held)).leaves(row).any():
         return False
-    moved = row[grip.pivots] @ grip.told @ [stop.phasor for stop in held]
-    largest = max(abs(stop.phasor) for stop in (element, *held))
-    rides = abs(element.phasor - moved) <= ROUNDING * largest and not element.drift
-    return True if rides else None
+    shares = row[grip.pivots] @ grip.told
+    for own, told in (
+        (element.phasor, [other.phasor for other in held]),
+        (element.drift, [other.drift for other in held]),
+    ):
+        if abs(own - shares @ told) > ROUNDING * max(abs(own), *map(abs, told)):
+            return None
+    return True
 
 
 def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tuple[int, bool]:

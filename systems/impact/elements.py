@@ -78,6 +78,11 @@ class Regime:
     stiffness: float = 0.0
     damping: float = 0.0
 
+    @property
+    def halts(self) -> bool:
+        """Whether it slips, and may come to a halt."""
+        return self.guards[0].event == HALT
+
 
 class EventKind(IntEnum):
     """What happened: an impact, the begin of contact, its end, or another regime of an element."""
@@ -318,7 +323,8 @@ class DryFriction(Element):
     velocity : float
         Of the surface, a belt, besides its motion.
     slope : float
-        Of the force over the rate of slip; negative where it falls, as in brakes that squeal.
+        Of the force over the rate of slip; negative where it falls, as far as dashpots of the
+        structure make up for it.
 
     Examples
     --------

@@ -49,12 +49,16 @@ def copy(states: Array, k: int, to: int) -> None:
 
 
 @kernel()
-def jumped(tables: Tables, m: int, left: Array, states: Array, band_factor: float) -> int:
-    """A guard that is negative at a start, or after an event; -1 if none.
+def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> int:
+    """A guard that is negative at a start, or after an event at guard `g`; -1 if none.
 
-    Those of an element that has switched are zero but for rounding, or decided.
+    Those of an element that has switched are zero but for rounding, or decided. What has just come
+    to a halt is looked at first: where it slips on, others may stick that would not if it stuck.
     """
-    for k in range(tables.first[m], tables.first[m + 1]):
+    m = tables.ladders.integers[g, GROUP]
+    first, guards = tables.first[m], tables.first[m + 1] - tables.first[m]
+    for turn in range(guards):
+        k = first + (g - first + turn) % guards
         if tables.event[k] not in (SWITCH, JUMP) or left[tables.element[k], MOTION] == SWITCHED:
             continue
         if sign_of(ladder_at(tables.ladders, k), states, START, 0, band_factor) < 0:
@@ -120,11 +124,23 @@ def push(tables: Tables, g: int, left: Array, states: Array) -> None:
 
 
 @kernel()
-def try_again(left: Array) -> None:
-    """In another mode those that did not come to rest may do so."""
+def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
+    """In another mode, that of guard `g`, those that did not come to rest may do so.
+
+    And what slips from a halt does so at another rate, or not at all.
+    """
     for element in range(left.shape[0]):
         if left[element, MOTION] == BOUNCES:
             left[element, MOTION] = BOUNCED
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        own = left[tables.element[k]]
+        if tables.event[k] == HALT and own[MOTION] == SWITCHED and own[ORDER] == 1.0:
+            guard = ladder_at(tables.ladders, k)
+            own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
+            if own[SPEED] <= 0.0:
+                own[MOTION] = FLIGHT
+                own[ORDER] = 0.0
 
 
 @kernel()

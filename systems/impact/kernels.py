@@ -185,17 +185,17 @@ def run(
             if gap.steady < 0 and tables.period == 0.0 and died_out(gap, y, START):
                 return done, DIED_OUT
             m = ladders.integers[g, GROUP]
-            changed = jumped(tables, m, left, y, band_factor)
+            changed = jumped(tables, g, left, y, band_factor)
             if changed >= 0:
                 if tables.partner[changed] < 0:
                     clock[WANTED] = changed
                     return done, MODE_WANTED
                 transform(tables.change[changed], y, START, 0)
                 copy(y, 0, START)
-                at_there = guard_of(tables, tables.target[changed], tables.element[g])
-                enter(changed, at_there, clock, 0.0, 0.0, y, switches)
+                there = guard_of(tables, tables.target[changed], tables.element[g])
+                enter(changed, there, clock, 0.0, 0.0, y, switches)
                 clock[LEFT_FROM] = -1.0
-                try_again(left)
+                try_again(tables, there, left, y)
                 # By a force that jumped the gap has an acceleration at once, or its rate a rate.
                 own = left[tables.element[changed]]
                 if tables.torn[changed] == 2:
@@ -268,7 +268,7 @@ def run(
                     copy(y, START, LEFT)
                     clock[LEFT_FROM] = k
                     copy(y, 0, START)
-                    try_again(left)
+                    try_again(tables, held, left, y)
                     own[MOTION] = SWITCHED
                     own[ORDER] = 0.0
                     enter(k, held, clock, rest, u, y, switches)

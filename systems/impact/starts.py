@@ -76,6 +76,7 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
         return np.stack([x, still])
     for margin in (*(0.5 ** np.arange(_HALVINGS)), 0.0):
         found = _nearest(rows, places + margin, x)
+        found[abs(found) < _LEFT * abs(x).max()] = 0.0
         gaps, rounding = rows @ found - places, _LEFT * (abs(rows) @ abs(found) + sizes)
         if (gaps >= 0.5 * margin - rounding).all():
             w, on = oscillator.frequency, gaps <= rounding

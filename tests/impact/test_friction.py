@@ -5,10 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpmath import mp
 
 import dynkit
 from dynkit.analysis import LyapunovSpectrum
+from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
+from tests.reference.soft_stops import DIGITS, SoftStopReference
 
 
 def block(frequency: float = 1.0, drive: float = 0.0, **numbers: Any) -> ImpactChain:
@@ -278,3 +281,84 @@ def test_many_sliders() -> None:
 def test_numbers_that_are_none_are_refused(numbers: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         DryFriction(0, **numbers)
+
+
+def test_friction_whose_share_is_open_is_refused() -> None:
+    twice = [DryFriction(0, force=0.1), DryFriction(0, force=0.2)]
+    held = [HardStop(0, offset=-0.1, restitution=0.0), DryFriction(0, force=0.1)]
+    for elements in (twice, held):
+        chain = ImpactChain(masses=2, frequency=0.7, harmonic_forces=[0.0, 1.0], elements=elements)
+        with pytest.raises(NotImplementedError, match="leaves its force open; got DryFriction"):
+            chain.simulate(impacts=50)
+    falling = block(1.0, force=0.5, velocity=0.5, slope=-0.05)
+    with pytest.raises(ValueError, match="damping must be positive semidefinite"):
+        falling.simulate(impacts=5)
+
+
+# --- against many digits -------------------------------------------------------------------------
+
+
+def random_machine(seed: int, *, hit: bool) -> tuple[ImpactChain, Array, Array]:
+    """Two or three masses with friction, soft stops, and a hard one or none; where it starts."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(2, 4))
+    rows: list[Any] = [*range(n - 1), *((i, i + 1) for i in range(n - 1))]
+    chosen = random.permutation(len(rows))[: int(random.integers(1, n))]
+    elements: list[Any] = []
+    for k in chosen:
+        force = random.uniform(0.05, 0.6)
+        elements.append(
+            DryFriction(
+                rows[k],
+                force=force,
+                static=random.choice([force, force * random.uniform(1.0, 1.8)]),
+                velocity=random.choice([0.0, random.uniform(-0.5, 0.5)]),
+                slope=random.choice([0.0, random.uniform(0.0, 0.3)]),
+                amplitude=random.choice([0.0, random.uniform(0.0, 0.4)]),
+                phase=random.uniform(-3.0, 3.0),
+                side=str(random.choice(["above", "below"])),
+            )
+        )
+    if random.random() < 0.5:
+        dashpot = random.choice([0.0, 0.3])
+        elements.append(
+            SoftStop(0, offset=-0.2, stiffness=random.uniform(0.5, 9.0), damping=dashpot)
+        )
+    if hit:
+        r = random.choice([0.0, random.uniform(0.3, 0.9)])
+        elements.append(HardStop(n - 1, offset=-0.2, amplitude=0.2, restitution=r))
+    chain = ImpactChain(
+        masses=tuple(random.uniform(0.5, 2.0, n).tolist()),
+        damping=random.choice([0.0, 0.1]),
+        frequency=random.uniform(0.4, 1.6),
+        harmonic_forces=random.normal(size=n),
+        constant_forces=0.3 * random.normal(size=n) - [*[0.0] * (n - 1), 0.5 * hit],
+        elements=[elements[k] for k in random.permutation(len(elements))],
+    )
+    place = random.normal(size=n)
+    place[-1] = 0.3 + abs(place[-1])
+    return chain, place, random.normal(size=n)
+
+
+@pytest.mark.parametrize("hit", [False, True])
+@pytest.mark.parametrize("seed", range(16))
+def test_random_machines_with_friction_move_as_in_many_digits(seed: int, hit: bool) -> None:
+    chain, place, velocity = random_machine(seed, hit=hit)
+    record = chain.simulate(impacts=5, start=chain.state(place, velocity))
+    run = record._run
+    cut = run.switches.before[run.switches.speed > 0.0]  # the reference does not end chatter
+    count = min([len(record), *cut.tolist()])
+    assert count >= 1
+    start = np.concatenate([place, velocity])
+    with mp.workdps(DIGITS):
+        reference = SoftStopReference(chain, 0.003)
+        found = (reference.impacts if hit else reference.periods)(start, count)
+        states = np.array([[float(number) for number in z] for _, z in found])
+        times = record.time[:count].tolist()
+        late = [abs(float(t - mp.mpf(o))) for (t, _), o in zip(found, times, strict=True)]
+    assert len(reference.switches) >= 1
+    motion = np.concatenate([record.position, record.velocity], axis=1)[:count]
+    apart = abs(motion - states[:, : chain.dimension]).max(axis=1)
+    assert (apart <= record.error[:count]).all()
+    assert (np.array(late) * chain.frequency <= record.error[:count] + 2.0**-48).all()
+    assert apart.max() < 1e-10

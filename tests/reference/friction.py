@@ -68,7 +68,7 @@ class Rub(Gap):
     def __init__(self, friction: DryFriction, masses: list[Any], frequency: Any) -> None:
         super().__init__(friction, masses, frequency)
         one = mp.zeros(1, self.rate.cols)
-        one[-1] = 1
+        one[one.cols - 1] = 1
         self.rate -= (1 if friction.side == "above" else -1) * mp.mpf(friction.velocity) * one
         self.static = mp.mpf(friction.static or 0)
         self.most = self.static * one
