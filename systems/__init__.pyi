@@ -7,13 +7,13 @@ from .impact.attractor import ImpactAttractor as ImpactAttractor
 from .impact.ball import BouncingBall as BouncingBall
 from .impact.chain import ImpactChain as ImpactChain
 from .impact.elements import (
-    DryFriction as DryFriction,
     Element as Element,
     HardStop as HardStop,
     Regime as Regime,
     SoftStop as SoftStop,
     Watch as Watch,
 )
+from .impact.friction import DryFriction as DryFriction
 from .impact.matrices import MatrixOscillator as MatrixOscillator
 from .impact.orbits.orbit import ImpactOrbit as ImpactOrbit
 from .impact.oscillator import ImpactOscillator as ImpactOscillator
