@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
+from dynkit.exponential.modes import LARGEST
 from dynkit.exponential.stacks import LadderStack, Stack
 from dynkit.systems.impact.contact import force_of, mode_of, moves, pushed, rides, sum_of
 from dynkit.systems.impact.elements import (
@@ -108,6 +109,8 @@ class Automaton:
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
         self._size, self._slots, self._joined = structure.size, 0, set[int]()
         self._regimes = [element.regimes for element in self._elements]
+        for k, element in enumerate(self._elements):
+            _bounded(k, element, self._regimes[k], structure)
         self._tolerance = tolerance
         self._hit = any(isinstance(element, HardStop) for element in self._elements)
         self._lock = RLock()
@@ -352,6 +355,18 @@ class Automaton:
                 row = self._elements[k].row(size)
                 out[k] = bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
         return out
+
+
+def _bounded(k: int, element: Element, regimes: Sequence[Regime], structure: Structure) -> None:
+    """ValueError where springs or dashpots are too much for the masses that they act on."""
+    row = element.row(structure.size)
+    for name in ("stiffness", "damping"):
+        given = max(getattr(regime, name) for regime in regimes)
+        if given > 0.0 and not given * (row @ np.linalg.solve(structure.mass, row)) <= LARGEST:
+            raise ValueError(
+                f"elements[{k}].{name}, over the mass that it acts on, must not exceed "
+                f"{LARGEST:g}; got {given:g}"
+            )
 
 
 def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:

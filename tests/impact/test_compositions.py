@@ -85,6 +85,15 @@ def test_numbers_that_are_none_are_refused(kind: Any, numbers: Any, message: str
         kind(0, **numbers)
 
 
+@pytest.mark.parametrize("numbers", [{"stiffness": 1e150}, {"stiffness": 1.0, "damping": 1e300}])
+def test_stops_too_stiff_for_their_masses_are_refused(numbers: Any) -> None:
+    pair = ImpactChain(masses=2, frequency=0.9, elements=[TABLE, SoftStop(0, **numbers)])
+    name = list(numbers)[-1]
+    message = rf"elements\[1\].{name}, over the mass that it acts on, must not exceed 1e\+60"
+    with pytest.raises(ValueError, match=message):
+        pair.simulate(impacts=1)
+
+
 @pytest.mark.parametrize("coordinate", ["a", 1.5, True, None, [], (0, 0.5, nan)])
 def test_coordinates_that_are_none_are_refused(coordinate: Any) -> None:
     with pytest.raises(ValueError, match=r"coordinate(\[2\])? must"):
