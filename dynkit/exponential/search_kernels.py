@@ -164,8 +164,11 @@ def first_root(
     Parameters
     ----------
     order
-        How many leading Taylor coefficients of f are known to vanish: 0 (f > 0), 1 (then `rate` is
-        f'(0) > 0), 2 or 3 (f''(0) or f^(3)(0) > 0 follows from the state).
+        How many leading Taylor coefficients of f are known to vanish: 0 (f > 0), 1, 2 or 3 (f''(0)
+        or f^(3)(0) > 0 follows from the state).
+    rate
+        With order 1 f'(0) > 0; with order 0 f(0) where that is known to more digits than the state
+        has, else zero.
     band_factor
         Rounding band in units of the amplitude sum.
     touches
@@ -223,6 +226,9 @@ def first_root(
     elif order == 0:
         value, slope, second = value_and_rates(rows, offset, states, START)
         j = 0
+        if rate > 0.0:
+            value = carried = rate
+            carried_to = 0
     elif order == 1:
         j = _first_rung(rate, second, third, fourth, smallest, top, band_factor)
         if j >= 0:

@@ -19,6 +19,7 @@ from dynkit.systems.impact.elements import (
     IMPACT,
     JAM,
     JUMP,
+    LAIN,
     RELEASED,
     SWITCH,
     Element,
@@ -28,7 +29,7 @@ from dynkit.systems.impact.elements import (
     Watch,
 )
 from dynkit.systems.impact.mode import Mode, transformed
-from dynkit.systems.impact.structure import ROUNDING, Drive, Structure
+from dynkit.systems.impact.structure import ROUNDING, Contact, Drive, Structure
 
 MOST_NUMBERS = 1 << 25
 """Of the changes of bases between all modes: 256 MB."""
@@ -120,6 +121,7 @@ class Automaton:
         self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []
         self._grips: dict[int, Grip] = {}
+        self._rides: dict[tuple[tuple[int, ...], int], bool | None] = {}
         self._number((0,) * len(self._elements))
 
     def mode(self, regimes: tuple[int, ...]) -> Mode:
@@ -138,7 +140,7 @@ class Automaton:
     def held(self, element: int) -> Grip:
         """Contact with one element, the others in their first regime."""
         if element not in self._grips:
-            regimes = tuple(int(k == element) for k in range(len(self._elements)))
+            regimes = self._settled([int(k == element) for k in range(len(self._elements))])
             mode, free = self.mode(regimes), self.modes[0]
             force, stop = self.gap(regimes, element), self._elements[element]
             there, back = mode.seen_from(free, stop), free.seen_from(mode)
@@ -154,8 +156,10 @@ class Automaton:
         )
 
     def holding(self, regimes: tuple[int, ...]) -> list[int]:
-        """The elements that hold, or stick, in some regimes."""
-        return [k for k, regime in enumerate(self._now(regimes)) if regime.holds or regime.sticks]
+        """The elements that hold, or stick, or lie still at a stop, in some regimes."""
+        held, sticking = self._grips_of(regimes)
+        lain = [k for k, regime in enumerate(regimes) if self._lies(k, regime)]
+        return sorted([*held, *sticking, *lain])
 
     def enter(self, number: int) -> None:
         """Build the mode that a guard leads to, where no motion has done so."""
@@ -196,10 +200,48 @@ class Automaton:
     def _after(self, guard: Guard) -> tuple[int, ...]:
         """The regimes that a guard leads to."""
         regimes = list(self.regimes[guard.mode])
-        regimes[guard.element] = guard.watch.to
+        released = self._now(regimes)[guard.element].holds
+        regimes[guard.element] = LAIN if released else guard.watch.to
+        return self._settled(regimes)
+
+    def _settled(self, given: Sequence[int]) -> tuple[int, ...]:
+        """Regimes that go together.
+
+        Friction along what stops hold rests: how they share the force is open, and it takes none.
+        Where they let go, it sticks, and what does not move lies at the stop.
+        """
+        regimes = list(given)
+        held = tuple(k for k, regime in enumerate(self._now(regimes)) if regime.holds)
+        for k, own in enumerate(self._regimes):
+            for stuck in (j for j, regime in enumerate(own) if regime.sticks):
+                along = self._along(held, k)
+                if along or (along is None and regimes[k] == stuck):
+                    regimes[k] = stuck if along else 0
+        held, sticking = self._grips_of(regimes)
+        for k, regime in enumerate(regimes):
+            if self._lies(k, regime) and not self._along(held + sticking, k):
+                regimes[k] = 0
         return tuple(regimes)
 
-    def _now(self, regimes: tuple[int, ...]) -> list[Regime]:
+    def _lies(self, element: int, regime: int) -> bool:
+        return regime == LAIN and isinstance(self._elements[element], HardStop)
+
+    def _grips_of(self, regimes: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The elements that hold, and those that stick where no others hold what they act along."""
+        now = self._now(regimes)
+        held = tuple(k for k, regime in enumerate(now) if regime.holds)
+        sticking = [k for k, regime in enumerate(now) if regime.sticks]
+        return held, tuple(k for k in sticking if self._along(held, k) is False)
+
+    def _along(self, others: tuple[int, ...], element: int) -> bool | None:
+        """`rides` of an element with others."""
+        if (others, element) not in self._rides:
+            held = [self._elements[k] for k in others]
+            found = rides(self._structure, held, self._elements[element])
+            self._rides[others, element] = found
+        return self._rides[others, element]
+
+    def _now(self, regimes: Sequence[int]) -> list[Regime]:
         """What all elements do in these regimes."""
         return [own[k] for own, k in zip(self._regimes, regimes, strict=True)]
 
@@ -210,35 +252,35 @@ class Automaton:
             row = element.row(structure.size)
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
             drive = drive.pulled(element, regime)
-        held = [e for e, regime in zip(self._elements, now, strict=True) if regime.holds]
-        sticking = [e for e, regime in zip(self._elements, now, strict=True) if regime.sticks]
-        riding = [
-            rides(structure, [*held, *sticking] if regime.halts else held, element)
-            for element, regime in zip(self._elements, now, strict=True)
-        ]
+        grips = self._grips_of(regimes)
+        held, sticking = ([self._elements[k] for k in part] for part in grips)
+        places = range(len(now))
+        both = grips[0] + grips[1]
+        riding = [self._along(both if now[k].halts else grips[0], k) for k in places]
         for k, regime in enumerate(now):
             if regime.halts and riding[k]:
                 raise NotImplementedError(
-                    f"friction must not act along what others hold as it would, which leaves its "
+                    f"friction must not act along what other friction holds, which leaves its "
                     f"force open; got {self._elements[k]!r}"
                 )
-        moving = [e for e, along in zip(self._elements, riding, strict=True) if not along]
-        watched = [element.row(structure.size) for element in moving]
+            if isinstance(self._elements[k], HardStop) and riding[k] is False:
+                riding[k] = self._along(both, k) or False  # what does not move reaches no stop
+        moving = [k for k in places if not riding[k]]
+        watched = [self._elements[k].row(structure.size) for k in moving]
         hit = [
-            element.row(structure.size)
-            for element, along in zip(self._elements, riding, strict=True)
-            if isinstance(element, HardStop) and along is False
+            self._elements[k].row(structure.size)
+            for k in moving
+            if isinstance(self._elements[k], HardStop) and riding[k] is False
         ]
         mode = mode_of(structure, drive, held, sticking, watched, hit)
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
-            if regime.holds or regime.sticks:
-                both = [*held, *sticking]
+            if k in both:
                 for watch in regime.guards:
-                    force = force_of(mode, structure, drive, both, element, watch)
+                    force = force_of(mode, structure, drive, [*held, *sticking], element, watch)
                     self.guards.append(Guard(number, k, watch, force))
-            elif element in moving:
+            elif k in moving:
                 for watch in _free_of(regime.guards, riding[k]):
                     guard = Guard(number, k, watch, sum_of(mode, element, watch))
                     if watch.event == IMPACT and riding[k] is None:
@@ -249,16 +291,14 @@ class Automaton:
 
     def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
         """What sticks, or the closed stop, that an impact moves; whether it pushes against one."""
-        structure, now = self._structure, self._now(regimes)
-        closed = [k for k, regime in enumerate(now) if regime.holds]
-        for k, regime in enumerate(now):
-            if regime.sticks:
-                own = [self._elements[j] for j in closed]
-                if moves(structure, own, hit, self._elements[k]):
-                    return k, False
+        structure, (closed, sticking) = self._structure, self._grips_of(regimes)
+        own = [self._elements[k] for k in closed]
+        for k in sticking:
+            if moves(structure, own, hit, self._elements[k]):
+                return k, False
         if not closed:
             return -1, False
-        opened, ambiguous = pushed(structure, [self._elements[k] for k in closed], hit)
+        opened, ambiguous = pushed(structure, own, hit)
         return closed[opened] if opened >= 0 else -1, ambiguous
 
     def _join(self, guard: Guard) -> None:
@@ -284,6 +324,8 @@ class Automaton:
             self._ladders.add([guards[k].sum for k in own])
             layout = modes[number].layout
             stack.put("slots", number, np.pad(layout.modes, (0, self._size - len(layout.modes))))
+            lain = [self._lies(*regime) for regime in enumerate(self.regimes[number])]
+            stack.put("lain", number, lain)
             for k in own:
                 self._stack_guard(k)
         self._stacked_modes = len(modes)
@@ -308,6 +350,7 @@ class Automaton:
             ladders=ladders,
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
             slots=stack.take("slots", len(modes)),
+            lain=stack.take("lain", len(modes)),
             counts=np.array([len(mode.layout.modes) for mode in modes]),
             element=self.table[:, 1].copy(),
             target=self.table[:, 2].copy(),
@@ -325,7 +368,7 @@ class Automaton:
         mode, element, watch = self.modes[guard.mode], self._elements[guard.element], guard.watch
         slots = mode.layout.slots
         kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
-        coupling = restitution = 0.0
+        coupling = restitution = drop = hold = 0.0
         coupled = [False] * len(self._elements)
         if isinstance(element, HardStop) and watch.event == IMPACT:
             contact = mode.contact(element.row(self._size))
@@ -334,6 +377,7 @@ class Automaton:
             excursion = mode.placed(contact.brief)
             coupling, restitution = contact.coupling, element.restitution
             coupled = self._coupled(guard)
+            drop, hold = self._rubbed(guard, contact)
         put("event", k, watch.event)
         put("order", k, watch.order)
         put("torn", k, _torn(watch))
@@ -341,9 +385,28 @@ class Automaton:
         put("excursion", k, excursion)
         put("coupling", k, float(coupling))
         put("restitution", k, restitution)
+        put("drop", k, drop)
+        put("hold", k, hold)
         put("opens", k, self.guard(guard.mode, guard.opens) if guard.opens >= 0 else -1)
         put("ambiguous", k, guard.ambiguous)
         put("coupled", k, coupled)
+
+    def _rubbed(self, guard: Guard, contact: Contact) -> tuple[float, float]:
+        """By how much the gap's acceleration falls where its rate does, as friction turns.
+
+        Of friction that rests where this stop is closed; and which acceleration it can hold.
+        """
+        regimes, drop, hold = self.regimes[guard.mode], 0.0, 0.0
+        held = self._grips_of(regimes)[0]
+        row = self._elements[guard.element].row(self._size)
+        change = self.modes[guard.mode].pushed(row)
+        for k, own in enumerate(self._regimes):
+            for stuck in (regime for regime in own if regime.sticks):
+                if self._along(held, k) is False and self._along((*held, guard.element), k):
+                    share = abs(self._elements[k].row(self._size) @ change) / contact.inertia
+                    drop += 2.0 * share * max(abs(regime.push) for regime in own)
+                    hold += share * stuck.guards[0].level
+        return drop, hold
 
     def _coupled(self, guard: Guard) -> list[bool]:
         """Of all elements whether an impact at a guard changes the rate of their gaps."""
@@ -384,6 +447,8 @@ _OF_GUARDS = (
     "excursion",
     "coupling",
     "restitution",
+    "drop",
+    "hold",
     "opens",
     "ambiguous",
     "coupled",

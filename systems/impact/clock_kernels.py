@@ -44,9 +44,10 @@ Indices = NDArray[np.intp]
 CLOCK = 18
 """Numbers of a clock; above, the places of them."""
 
-MOTION, ORDER, SPEED = range(3)
+MOTION, ORDER, SPEED, GAP = range(4)
 """Of each element, how it begins the flight: see `FLIGHT`; how many leading Taylor coefficients of
-its first guard vanish; and the rate of its gap where that is one."""
+its first guard vanish; the rate of its gap where that is one; and its gap, where that is known to
+more digits than the state has, else zero."""
 
 FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
 """Gap open; just after an impact (u >= 0), which may come to rest; just after a switch; just after
@@ -132,7 +133,7 @@ def perturb(
 ) -> None:
     """Change all numbers by noise * xi of themselves, xi pseudo-random in [-1, 1].
 
-    Among them the rate of a gap, which is in a row (3,) of `left`.
+    Among them the rate of a gap, which is in a row (4,) of `left`.
     """
     for m in range(slots.shape[0]):
         for row in range(2):

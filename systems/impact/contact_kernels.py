@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,7 @@ class Tables(NamedTuple):
     ladders : the guards; a group of them is a mode
     first : (modes + 1,) the first guard of each mode
     slots, counts : (modes, N) and (modes,) slots of the coordinates of each mode, and their number
+    lain : (modes, elements) the stops at which friction holds what they stop
     element : (guards,) what it belongs to
     event : (guards,) what happens, IMPACT, SWITCH or JAM
     target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
@@ -52,6 +54,8 @@ class Tables(NamedTuple):
         coordinate, over its time integral
     coupling : (guards,) largest such change of a position or velocity
     restitution : (guards,) coefficient of restitution
+    drop, hold : (guards,) by how much the gap's acceleration falls where its rate becomes negative,
+        as friction turns, and which acceleration this friction can hold
     opens : (guards,) guard of a closed stop from which an impact pulls away; -1 where there is none
     ambiguous : (guards,) whether an impact pushes against a closed stop
     coupled : (guards, elements) whether an impact changes the rate of their gaps
@@ -65,6 +69,7 @@ class Tables(NamedTuple):
     first: Indices
     slots: Indices
     counts: Indices
+    lain: NDArray[np.bool_]
     element: Indices
     event: Indices
     target: Indices
@@ -76,6 +81,8 @@ class Tables(NamedTuple):
     excursion: Array
     coupling: Array
     restitution: Array
+    drop: Array
+    hold: Array
     opens: Indices
     ambiguous: NDArray[np.bool_]
     coupled: NDArray[np.bool_]
@@ -96,10 +103,22 @@ def transform(matrix: Array, states: Array, k: int, to: int) -> None:
 
 
 @kernel()
+def falling(restitution: float, second: float, drop: float) -> tuple[float, float]:
+    """Restitution and acceleration of bounces without friction that last as long, to leading order.
+
+    As parabolas: friction slows what rises by a_up, and what falls is accelerated by a_up - drop.
+    """
+    s = math.sqrt(max(1.0 + drop / second, 0.0))
+    return restitution * s, -second * (2.0 * s / (1.0 + s))
+
+
+@kernel()
 def chatter_completes(
     gap: Ladder,
     kick: Array,
     restitution: float,
+    drop: float,
+    hold: float,
     tolerance: float,
     u: float,
     second: float,
@@ -111,18 +130,23 @@ def chatter_completes(
 
     With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 -
     r)/4 over 2T. The bound of f^(4) holds for the time `gap.window`. And whether they may be
-    left out.
+    left out. Friction must not hold in the air what it stops.
     """
-    r = restitution
-    a = -second
-    if a <= 0.0 or r >= 1.0 or error > tolerance:
+    least = -second - drop
+    if least <= 0.0 or restitution >= 1.0 or error > tolerance:
         return False
     if tolerance == 0.0 and u > SMALLEST:
         return False  # under constant forces the error is zero, too
+    r, a = falling(restitution, second, drop)
     rest = 4.0 * u / (a * (1.0 - r))
     if rest > gap.window:
         return False
-    if (abs(third) + 0.5 * fourth * rest) * rest > 0.25 * (1.0 - r) * a:
+    change = (abs(third) + 0.5 * fourth * rest) * rest
+    if drop > 0.0 or hold > 0.0:
+        change += abs(_drag(gap, kick)) * drop * rest
+        if change > least + 0.5 * drop - hold:
+            return False
+    if change > 0.25 * (1.0 - r) * least:
         return False
     most = PLACE * tolerance
     return most == 0.0 or _place_error(gap, kick, u, rest, second, third) <= most
@@ -196,22 +220,34 @@ def _place_error(
 
 @kernel()
 def chatter_rest(
-    gap: Ladder, kick: Array, restitution: float, u: float, second: float, third: float
+    gap: Ladder, kick: Array, restitution: float, drop: float, u: float, second: float, third: float
 ) -> float:
     """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`.
 
-    In flight the gap obeys D'' = -a - b s - c D' + ...
+    In flight the gap obeys D'' = -a - b t - c D' where it rises, and where it falls with s^2 a in
+    place of a. A bounce takes (1 + 1/s)/a u + p u^2 + q u t, and the next one begins with r s u (1
+    + v u + w t); sums over all of them.
     """
     c = _drag(gap, kick)
     a = -second - c * u
-    first = 2.0 * u / (a * (1.0 - restitution))
-    return first * (1.0 - (1.5 * c * a - third) * first / (3.0 * a))
+    b = c * a - third
+    s = math.sqrt(1.0 - drop / a)
+    once = (1.0 + 1.0 / s) / a
+    c, b = c / a, b / (a * a)
+    p = (c * (1.0 / (6.0 * s * s) - 0.5 - 1.0 / (3.0 * s))) / a
+    p -= b * (1.0 / (6.0 * s**4) + 0.5 + 0.5 / s**3 + 1.0 / (6.0 * s)) / a
+    q = -b * (1.0 + 0.5 / s**3 + 0.5 / s)
+    v = (b * (1.0 / (3.0 * s * s) + 0.5 / s - s / 6.0) - c * (1.0 + s) / 3.0) / s
+    w = 0.5 * a * b * (1.0 / s - s) / s
+    r = restitution * s
+    more = p + r / (1.0 - r) * once * (v + q) + w * (once * r / (1.0 - r)) ** 2
+    return once * u / (1.0 - r) + u * u * more / (1.0 - r * r)
 
 
 @kernel()
-def lifted(restitution: float, u: float, second: float) -> float:
+def lifted(restitution: float, drop: float, u: float, second: float) -> float:
     """Time integral of the gap over the bounces from relative velocity `u` on: parabolas."""
-    r = restitution
-    if u < SMALLEST:
+    if u < SMALLEST or second + drop >= 0.0:
         return 0.0
-    return (2.0 / 3.0) * u * u * u / (second * second * (1.0 - r * r * r))
+    r, a = falling(restitution, second, drop)
+    return (2.0 / 3.0) * u * u * u / (-second * a * (1.0 - r * r * r))

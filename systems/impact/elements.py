@@ -31,6 +31,9 @@ negative at once, after an event."""
 RELEASED = 3
 """Order of the gap after contact: it, its rate and its acceleration are zero."""
 
+LAIN = 2
+"""Regime of a hard stop that is open, and at which friction holds what it stops."""
+
 
 @final
 @dataclass(frozen=True)
@@ -239,7 +242,7 @@ class HardStop(Element):
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
-        return _OPEN, _CLOSED
+        return _OPEN, _CLOSED, _OPEN
 
 
 _OPEN = Regime((Watch(to=1, gap=1.0, event=IMPACT),))

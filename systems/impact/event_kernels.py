@@ -5,12 +5,21 @@ from __future__ import annotations
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.double_double_kernels import two_product
-from dynkit.exponential.evaluation_kernels import FOUND, START, value_and_rates
+from dynkit.exponential.evaluation_kernels import (
+    FOUND,
+    START,
+    Workspace,
+    expand,
+    expand_apart,
+    value_and_rates,
+)
+from dynkit.exponential.polynomial_kernels import polynomial
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.clock_kernels import (
     BOUNCED,
     BOUNCES,
     FLIGHT,
+    GAP,
     MOTION,
     ORDER,
     SPEED,
@@ -76,6 +85,48 @@ def bounced(tables: Tables, m: int, left: Array) -> int:
 
 
 @kernel()
+def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
+    """Whether stops are no longer lain at in mode `m`: then their gaps are zero, and at rest."""
+    found = False
+    for k in range(tables.first[m], tables.first[m + 1]):
+        element = tables.element[k]
+        if tables.event[k] == IMPACT and tables.lain[before, element] > tables.lain[m, element]:
+            found = True
+            left[element, MOTION] = BOUNCED
+            left[element, ORDER] = 0.0
+            left[element, SPEED] = 0.0
+    return found
+
+
+@kernel()
+def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Workspace) -> None:
+    """Gaps after a flight that guard `g` ends, of stops that were left shortly before it.
+
+    The state would have their absolute rounding, which for low bounces is too much.
+    """
+    m, c = tables.ladders.integers[g, GROUP], work.coefficients
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] not in (IMPACT, JAM):
+            continue
+        own = left[tables.element[k]]
+        order = int(own[ORDER])
+        if k == g or n > 0 or tables.event[k] == JAM or (order == 0 and own[GAP] == 0.0):
+            own[GAP] = 0.0
+            continue
+        gap = ladder_at(tables.ladders, k)
+        if gap.apart:
+            expand_apart(gap, work.states, START, c)
+        else:
+            expand(gap.generator, gap.rows, gap.offset, work.states, START, c)
+        if order < 2:
+            c[order] = own[SPEED] if order == 1 else own[GAP]
+        value = polynomial(c, order, e)[0]
+        for _ in range(order):
+            value *= e
+        own[GAP] = max(value, 0.0)
+
+
+@kernel()
 def guard_of(tables: Tables, mode: int, element: int) -> int:
     """The first guard of an element in a mode; where it has none, that of the mode."""
     for k in range(tables.first[mode], tables.first[mode + 1]):
@@ -108,8 +159,9 @@ def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
 
 
 @kernel()
-def push(tables: Tables, g: int, left: Array, states: Array) -> None:
-    """Rates of the gaps that are zero and that the impact at guard `g` has changed."""
+def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
+    """Rates of gaps that are zero and that the impact at guard `g` changed; if one closes."""
+    closes = False
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
         if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
@@ -118,9 +170,11 @@ def push(tables: Tables, g: int, left: Array, states: Array) -> None:
         if own[MOTION] != FLIGHT:
             other = ladder_at(tables.ladders, k)
             rate = value_and_rates(other.rows, other.offset, states, START)[1]
+            closes = closes or rate < 0.0
             own[MOTION] = FLIGHT if rate < 0.0 else BOUNCED
             own[ORDER] = 0.0
             own[SPEED] = max(rate, 0.0)
+    return closes
 
 
 @kernel()

@@ -37,6 +37,7 @@ from dynkit.systems.impact.clock_kernels import (
     CELLS,
     CHATTER_ERROR,
     FLIGHT,
+    GAP,
     GUARD,
     IMPACTS,
     LEFT_FROM,
@@ -74,11 +75,13 @@ from dynkit.systems.impact.event_kernels import (
     JUMP,
     SWITCH,
     add_jump,
+    appear,
     bounced,
     come_to_rest,
     copy,
     guard_of,
     jumped,
+    know_gaps,
     lets_go,
     push,
     together,
@@ -142,7 +145,7 @@ def run(
     Parameters
     ----------
     left
-        (elements, 3) how each of them begins the flight, modified in place.
+        (elements, 4) how each of them begins the flight, modified in place.
     limit
         Largest number of cells of one search.
     pause
@@ -195,6 +198,7 @@ def run(
                 there = guard_of(tables, tables.target[changed], tables.element[g])
                 enter(changed, there, clock, 0.0, 0.0, y, switches)
                 clock[LEFT_FROM] = -1.0
+                appear(tables, m, tables.target[changed], left)
                 try_again(tables, there, left, y)
                 # By a force that jumped the gap has an acceleration at once, or its rate a rate.
                 own = left[tables.element[changed]]
@@ -217,15 +221,17 @@ def run(
                 own = left[tables.element[k]]
                 u = own[SPEED]
                 second, third, fourth, _ = start_sums(gap.rows, y, START)
-                r = tables.restitution[k]
+                r, drop = tables.restitution[k], tables.drop[k]
                 # Largest change of a position or velocity by the rest of a chatter, at first order.
-                error = tables.coupling[k] * lifted(r, u, second)
+                error = tables.coupling[k] * lifted(r, drop, u, second)
                 if u > 0.0:
                     order = 1
                     sticks = chatter_completes(
                         gap,
                         tables.kick[k],
                         r,
+                        drop,
+                        tables.hold[k],
                         tables.tolerance,
                         u,
                         second,
@@ -259,15 +265,16 @@ def run(
                 if sticks:
                     rest = 0.0
                     if u > 0.0:
-                        rest = chatter_rest(gap, tables.kick[k], r, u, second, third)
+                        rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
                         clock[CHATTER_ERROR] += error
                         if noise is not None:
-                            lost = lifted(r, u, second)
+                            lost = lifted(r, drop, u, second)
                             perturb_cut(tables.excursion[k], lost, y, clock)
                             transform(tables.change[k], y, START, 0)
                     copy(y, START, LEFT)
                     clock[LEFT_FROM] = k
                     copy(y, 0, START)
+                    appear(tables, m, tables.target[k], left)
                     try_again(tables, held, left, y)
                     own[MOTION] = SWITCHED
                     own[ORDER] = 0.0
@@ -310,10 +317,11 @@ def run(
                 continue
             begins = k == first or tables.element[k - 1] != tables.element[k]
             own = left[tables.element[k]]
+            order = int(own[ORDER]) if begins else 0
             found, steps, d, slope, cells = first_root(
                 gap,
-                int(own[ORDER]) if begins else 0,
-                own[SPEED],
+                order,
+                own[SPEED] if order > 0 else own[GAP],
                 band_factor,
                 tables.event[k] == IMPACT,
                 budget,
@@ -350,6 +358,8 @@ def run(
             if outcome == LIMIT:
                 return done, SEARCH_LIMIT
             return done, CONTACT_FOR_EVER if held >= 0 else NO_FURTHER_CONTACT
+        if left.shape[0] > 1:
+            know_gaps(tables, best, n, e, left, work)
         if outcome == SECTION:
             fly(gap, n, e, y)
             copy(y, FOUND, START)
@@ -387,6 +397,7 @@ def run(
             own[SPEED] = 0.0
             if tables.order[best] == 1:
                 own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
+            appear(tables, m, target, left)
             enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
             continue
         if tables.event[best] == JAM:
@@ -411,14 +422,17 @@ def run(
         )
         if ambiguous and clock[AMBIGUOUS] < 0.0:
             clock[AMBIGUOUS] = clock[IMPACTS]
+        appeared = False
         while tables.opens[best] >= 0:  # a closed stop from which the impact pulls away
             open_ = tables.opens[best]
+            before = ladders.integers[open_, GROUP]
             at = best = guard_of(tables, tables.target[open_], tables.element[best])
             gap = ladder_at(ladders, at)
             transform(tables.change[open_], y, FOUND, START)
             normalise(y, gap.steady)
             copy(y, START, FOUND)
             left[tables.element[open_], MOTION] = BOUNCED
+            appeared = appear(tables, before, tables.target[open_], left) or appeared
             clock[LEFT_FROM] = -1.0
             enter(open_, best, clock, 0.0, 0.0, y, switches)
         m = ladders.integers[best, GROUP]
@@ -426,7 +440,9 @@ def run(
         r = tables.restitution[best]
         add_jump(tables.kick[best], -(1.0 + r) * rate, y)
         normalise(y, gap.steady)
-        push(tables, best, left, y)
+        # What friction held at a stop is pushed against it.
+        if push(tables, best, left, y) and appeared and clock[AMBIGUOUS] < 0.0:
+            clock[AMBIGUOUS] = clock[IMPACTS]
         if (n * smallest + e) > EPSILON * clock[TIME]:
             clock[AT_ONCE] = 0.0
         elif clock[GUARD] != best:

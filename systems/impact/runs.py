@@ -96,9 +96,9 @@ class Course:
         clock[clock_kernels.LEFT_FROM] = clock[clock_kernels.AMBIGUOUS] = -1
         clock[clock_kernels.SEED] = seed
         clock[clock_kernels.LONGEST] = longest
-        self._left = np.zeros((len(oscillator._elements), 3))
+        self._left = np.zeros((len(oscillator._elements), 4))
         order = 3 if start.motion is Motion.RELEASE else 0
-        self._left[start.element] = _MOTIONS.index(start.motion), order, start.speed
+        self._left[start.element, :3] = _MOTIONS.index(start.motion), order, start.speed
         self._shifts: Array | None = None
         if noise > 0.0:
             random, n = np.random.default_rng(seed), oscillator.degrees_of_freedom
@@ -228,7 +228,7 @@ class Course:
         free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
         state, automaton = self._work.states[kernels.START], oscillator._automaton
         mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
-        kind, _, speed = self._left[element].tolist()
+        kind, _, speed, _ = self._left[element].tolist()
         motion = _MOTIONS[int(kind)]
         closed: list[int] = []
         if mode:

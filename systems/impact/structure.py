@@ -167,8 +167,16 @@ class Contact:
     @cached_property
     def kick_velocity(self) -> Array:
         """Velocity changes (N,) of an impulse that changes the rate of the row by one."""
-        response = np.linalg.solve(self.structure.mass, self.row)
-        return np.asarray(response / (self.row @ response))
+        return np.asarray(self._response / (self.row @ self._response))
+
+    @cached_property
+    def inertia(self) -> float:
+        """Impulse along the row that changes its rate by one."""
+        return float(1.0 / (self.row @ self._response))
+
+    @cached_property
+    def _response(self) -> Array:
+        return np.linalg.solve(self.structure.mass, self.row)
 
     @cached_property
     def kick(self) -> Array:
