@@ -370,6 +370,7 @@ class Automaton:
         kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
         coupling = restitution = drop = hold = 0.0
         coupled = [False] * len(self._elements)
+        rubbed = coupled
         if isinstance(element, HardStop) and watch.event == IMPACT:
             contact = mode.contact(element.row(self._size))
             seen = mode.layout.seen
@@ -377,7 +378,8 @@ class Automaton:
             excursion = mode.placed(contact.brief)
             coupling, restitution = contact.coupling, element.restitution
             coupled = self._coupled(guard)
-            drop, hold = self._rubbed(guard, contact)
+            rubbed = self._rubbed(guard)
+            drop, hold = self._turns(guard, rubbed, contact)
         put("event", k, watch.event)
         put("order", k, watch.order)
         put("torn", k, _torn(watch))
@@ -390,22 +392,30 @@ class Automaton:
         put("opens", k, self.guard(guard.mode, guard.opens) if guard.opens >= 0 else -1)
         put("ambiguous", k, guard.ambiguous)
         put("coupled", k, coupled)
+        put("rubbed", k, rubbed)
 
-    def _rubbed(self, guard: Guard, contact: Contact) -> tuple[float, float]:
+    def _rubbed(self, guard: Guard) -> list[bool]:
+        """Of all elements whether they slip, and rest where the stop of a guard is closed, too."""
+        held = self._grips_of(self.regimes[guard.mode])[0]
+        return [
+            any(regime.sticks for regime in own)
+            and self._along(held, k) is False
+            and self._along((*held, guard.element), k) is True
+            for k, own in enumerate(self._regimes)
+        ]
+
+    def _turns(self, guard: Guard, rubbed: Sequence[bool], contact: Contact) -> tuple[float, float]:
         """By how much the gap's acceleration falls where its rate does, as friction turns.
 
-        Of friction that rests where this stop is closed; and which acceleration it can hold.
+        And which acceleration this friction can hold.
         """
-        regimes, drop, hold = self.regimes[guard.mode], 0.0, 0.0
-        held = self._grips_of(regimes)[0]
+        drop = hold = 0.0
         row = self._elements[guard.element].row(self._size)
         change = self.modes[guard.mode].pushed(row)
-        for k, own in enumerate(self._regimes):
-            for stuck in (regime for regime in own if regime.sticks):
-                if self._along(held, k) is False and self._along((*held, guard.element), k):
-                    share = abs(self._elements[k].row(self._size) @ change) / contact.inertia
-                    drop += 2.0 * share * max(abs(regime.push) for regime in own)
-                    hold += share * stuck.guards[0].level
+        for k in np.flatnonzero(rubbed).tolist():
+            share = abs(self._elements[k].row(self._size) @ change) / contact.inertia
+            drop += 2.0 * share * max(abs(regime.push) for regime in self._regimes[k])
+            hold += share * max(r.guards[0].level for r in self._regimes[k] if r.sticks)
         return drop, hold
 
     def _coupled(self, guard: Guard) -> list[bool]:
@@ -452,6 +462,7 @@ _OF_GUARDS = (
     "opens",
     "ambiguous",
     "coupled",
+    "rubbed",
 )
 
 

@@ -59,6 +59,7 @@ class Tables(NamedTuple):
     opens : (guards,) guard of a closed stop from which an impact pulls away; -1 where there is none
     ambiguous : (guards,) whether an impact pushes against a closed stop
     coupled : (guards, elements) whether an impact changes the rate of their gaps
+    rubbed : (guards, elements) whether they are friction that rests where this stop is closed
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
         (see `PLACE` for the contact coordinate before it)
     period : after which the state is written down where nothing impacts; 0 where stops are hit
@@ -86,6 +87,7 @@ class Tables(NamedTuple):
     opens: Indices
     ambiguous: NDArray[np.bool_]
     coupled: NDArray[np.bool_]
+    rubbed: NDArray[np.bool_]
     tolerance: float
     period: float
     clock_rate: float

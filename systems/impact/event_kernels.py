@@ -99,6 +99,15 @@ def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
 
 
 @kernel()
+def undecided(tables: Tables, g: int, left: Array) -> bool:
+    """Whether friction that rests where the stop of guard `g` is closed may slip, or stick."""
+    for element in range(left.shape[0]):
+        if tables.rubbed[g, element] and left[element, MOTION] != SWITCHED:
+            return True
+    return False
+
+
+@kernel()
 def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Workspace) -> None:
     """Gaps after a flight that guard `g` ends, of stops that were left shortly before it.
 

@@ -86,6 +86,7 @@ from dynkit.systems.impact.event_kernels import (
     push,
     together,
     try_again,
+    undecided,
 )
 from dynkit.systems.impact.log_kernels import Impacts, Switches, enter, note_impact
 
@@ -239,8 +240,11 @@ def run(
                         fourth,
                         error,
                     )
+                    loose = False
                 else:
-                    order = order_at_rest(gap.rows, y, band_factor)
+                    # Friction decides only what contact leaves to it.
+                    loose = undecided(tables, k, left)
+                    order = 0 if loose else order_at_rest(gap.rows, y, band_factor)
                     if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
                         # It would never leave the table by more: all that moves is rounding.
                         order = 0
@@ -252,7 +256,7 @@ def run(
                         return done, MODE_WANTED
                     spent += y.shape[2]
                     transform(tables.change[k], y, START, 0)
-                    if is_negative(ladder_at(ladders, held), y, 0, band_factor):
+                    if not loose and is_negative(ladder_at(ladders, held), y, 0, band_factor):
                         # What rounding hid in flight is clear on the table: it does not hold the
                         # mass.
                         if u == 0.0:
@@ -276,7 +280,7 @@ def run(
                     copy(y, 0, START)
                     appear(tables, m, tables.target[k], left)
                     try_again(tables, held, left, y)
-                    own[MOTION] = SWITCHED
+                    own[MOTION] = FLIGHT if loose else SWITCHED
                     own[ORDER] = 0.0
                     enter(k, held, clock, rest, u, y, switches)
                     g = held

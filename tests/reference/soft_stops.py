@@ -19,6 +19,9 @@ NUDGE = 1e-12
 
 IMPACT, RELEASE, SWITCH, SLIP, HALT = range(5)
 
+REST = -1
+"""Of friction that takes no force."""
+
 
 class SoftStopReference:
     """The motion of a chain with stops, hard and soft, and friction; the mass matrix is diagonal.
@@ -74,8 +77,9 @@ class SoftStopReference:
             for cushion, pushes in zip(self.cushions, pressed, strict=True):
                 flow += cushion.kick * cushion.force * int(pushes)
             for rub, way in zip(self.rubs, self.ways, strict=True):
-                flow += mp.zeros(flow.rows) if way == STICK else rub.kick * rub.forces[way]
-            fixed = [*(self.tables[k] for k in held), *self.stuck()]
+                slips = way in (FORWARD, BACKWARD)
+                flow += rub.kick * rub.forces[way] if slips else mp.zeros(flow.rows)
+            fixed = [*(self.tables[k] for k in held), *self.stuck(held)]
             rates, forces = [part.rate * flow for part in fixed], []
             if fixed:
                 matrix = mp.matrix(inertia(fixed, fixed))
@@ -102,9 +106,25 @@ class SoftStopReference:
         rate = (rub.rate * z)[0]
         return STICK if abs(rate) <= TINY else FORWARD if rate > 0 else BACKWARD
 
-    def stuck(self) -> list[Rub]:
-        """Friction that sticks."""
-        return [rub for rub, way in zip(self.rubs, self.ways, strict=True) if way == STICK]
+    def sticking(self, held: Sequence[int] = ()) -> list[int]:
+        """Friction that sticks, but for that which rests, as closed stops hold what it acts on."""
+        tables = [self.tables[k] for k in held]
+        return [
+            k
+            for k, rub in enumerate(self.rubs)
+            if self.ways[k] == STICK
+            and not (held and dependent(mp.matrix(inertia([*tables, rub], [*tables, rub]))))
+        ]
+
+    def stuck(self, held: Sequence[int] = ()) -> list[Rub]:
+        """The friction that `sticking` numbers."""
+        return [self.rubs[k] for k in self.sticking(held)]
+
+    def lain(self, z: Any, held: Sequence[int]) -> list[int]:
+        """Stops that are closed, or at which friction holds what they stop."""
+        tables = enumerate(self.tables)
+        still = [k for k, t in tables if abs((t.gap * z)[0]) + abs((t.rate * z)[0]) <= TINY]
+        return sorted({*held, *(still if self.stuck() else ())})
 
     def settle(self, z: Any) -> None:
         """Regimes of soft stops of which nothing watched is negative."""
@@ -118,9 +138,12 @@ class SoftStopReference:
         stops = tuple(sorted(touching))
         if not stops:
             return ()
-        tables, flow = [self.tables[k] for k in stops], self.flow(())[0]
-        free = [(table.rate * flow * z)[0] for table in tables]
+        tables, ways, sticking = [self.tables[k] for k in stops], self.ways, self.sticking(stops)
+        # what rests while they are closed takes no share
+        self.ways = [way if k in sticking or way != STICK else REST for k, way in enumerate(ways)]
+        free = [(table.rate * self.flow(())[0] * z)[0] for table in tables]
         _, apart = complementary(inertia(tables, tables, self.stuck()), free)
+        self.ways = ways
         return tuple(k for k, a in zip(stops, apart, strict=True) if a <= TINY)
 
     def decide(self, z: Any, touching: Iterable[int], halted: int = -1) -> tuple[int, ...]:
@@ -132,7 +155,7 @@ class SoftStopReference:
         for _ in range(30):
             held = self.staying(z, touching)
             flow, _, forces = self.flow(held)
-            sticking = [k for k, way in enumerate(self.ways) if way == STICK]
+            sticking = self.sticking(held)
             force = {k: (row * z)[0] for k, row in zip(sticking, forces, strict=True)}
             excess = {k: abs(by) - self.rubs[k].static for k, by in force.items()}
             if torn := [k for k in sticking if excess[k] > TINY]:
@@ -142,7 +165,7 @@ class SoftStopReference:
             for k, rub in enumerate(self.rubs):
                 way = 1 if self.ways[k] == FORWARD else -1
                 if (
-                    k not in sticking
+                    self.ways[k] != STICK
                     and self.way(rub, z) == STICK
                     and (rub.rate * flow * z)[0] * way < -TINY
                 ):
@@ -154,7 +177,7 @@ class SoftStopReference:
 
     def halt(self, z: Any, which: int, touching: list[int]) -> tuple[int, ...]:
         """Stick, or slip on the other way, as it must where what holds moves it."""
-        fixed = [*(self.tables[k] for k in touching), *self.stuck(), self.rubs[which]]
+        fixed = [*(self.tables[k] for k in touching), *self.stuck(touching), self.rubs[which]]
         moved = dependent(mp.matrix(inertia(fixed, fixed)))
         self.ways[which] = BACKWARD - self.ways[which] if moved else STICK
         return self.decide(z, touching, which)
@@ -175,22 +198,26 @@ class SoftStopReference:
         touching = [k for k, rate in zip(stops, after, strict=True) if rate <= TINY]
         return z, touching, any(impulse > TINY for impulse in impulses[1:])
 
-    def events(self, held: tuple[int, ...]) -> list[tuple[Any, int, int, int]]:
+    def events(self, z: Any, held: tuple[int, ...]) -> list[tuple[Any, int, int, int]]:
         """What is positive until something happens: the row, which part, its kind, what follows."""
         _, holding, sticking = self.flow(held)
         found = [(row, RELEASE, k, 0) for k, row in zip(held, holding, strict=True)]
-        found += [(t.gap, IMPACT, k, 0) for k, t in enumerate(self.tables) if k not in held]
+        still = self.lain(z, held)
+        for k, table in enumerate(self.tables):
+            fixed = [*(self.tables[j] for j in held), *self.stuck(held), table]
+            if k not in still or not dependent(mp.matrix(inertia(fixed, fixed))):
+                found.append((table.gap, IMPACT, k, 0))
         for k, cushion in enumerate(self.cushions):
             found += [(row, SWITCH, k, to) for row, to in cushion.watched[self.regimes[k]]]
-        left = iter(sticking)
+        left = dict(zip(self.sticking(held), sticking, strict=True))
         for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
-            if way == STICK:
-                force = next(left)
+            if k in left:
+                force = left[k]
                 found += [
                     (rub.most - force, SLIP, k, BACKWARD),
                     (rub.most + force, SLIP, k, FORWARD),
                 ]
-            else:
+            elif way != STICK:
                 found.append((rub.rate if way == FORWARD else -rub.rate, HALT, k, STICK))
         return found
 
@@ -222,7 +249,7 @@ class SoftStopReference:
             step = min(self.step, due - time)
             whole = step == self.step
             there = self.stepped(z, held) if whole else after(series(flow, z, step), step)
-            ahead = [event for event in self.events(held) if (event[0] * there)[0] < 0]
+            ahead = [event for event in self.events(z, held) if (event[0] * there)[0] < 0]
             if not ahead:
                 z, time = there, time + step
                 if not whole:
@@ -234,7 +261,9 @@ class SoftStopReference:
                 raise RuntimeError(f"two stops are hit at once, at {time + hits[0][0]}")
             wait, kind, which, to = hits[0]
             z, time = after(terms, wait), time + wait
-            touching = [k for k in held if kind != RELEASE or k != which]
+            touching = self.lain(z, held)
+            if kind == RELEASE:
+                touching.remove(which)
             if kind == SWITCH:
                 self.regimes[which] = to
                 self.switches_in_contact += bool(held)
