@@ -116,6 +116,14 @@ class SoftStopReference:
             and not (held and dependent(mp.matrix(inertia([*tables, rub], [*tables, rub]))))
         ]
 
+    def rest(self, z: Any, held: Sequence[int]) -> None:
+        """Friction that closed stops keep from slipping does not slip."""
+        for k, rub in enumerate(self.rubs):
+            fixed = [*(self.tables[j] for j in held), rub]
+            if held and self.way(rub, z) == STICK and dependent(mp.matrix(inertia(fixed, fixed))):
+                if abs((rub.rate * self.flow(held)[0] * z)[0]) <= TINY:
+                    self.ways[k] = STICK
+
     def stuck(self, held: Sequence[int] = ()) -> list[Rub]:
         """The friction that `sticking` numbers."""
         return [self.rubs[k] for k in self.sticking(held)]
@@ -154,6 +162,7 @@ class SoftStopReference:
         """
         for _ in range(30):
             held = self.staying(z, touching)
+            self.rest(z, held)
             flow, _, forces = self.flow(held)
             sticking = self.sticking(held)
             force = {k: (row * z)[0] for k, row in zip(sticking, forces, strict=True)}
@@ -290,7 +299,7 @@ def inertia(parts: Sequence[Gap], others: Sequence[Gap], stuck: Sequence[Gap] = 
     """What unit forces of others change in the accelerations of parts, while some are stuck."""
     found = mp.matrix([[(a.rate * b.kick)[0] for b in others] for a in parts])
     if stuck:
-        taken = mp.lu_solve(mp.matrix(inertia(stuck, stuck)), mp.matrix(inertia(stuck, others)))
+        taken = mp.inverse(mp.matrix(inertia(stuck, stuck))) * mp.matrix(inertia(stuck, others))
         found -= mp.matrix(inertia(parts, stuck)) * taken
     return [[mp.chop(number, TINY) for number in row] for row in found.tolist()]
 
