@@ -362,8 +362,6 @@ def run(
             if outcome == LIMIT:
                 return done, SEARCH_LIMIT
             return done, CONTACT_FOR_EVER if held >= 0 else NO_FURTHER_CONTACT
-        if left.shape[0] > 1:
-            know_gaps(tables, best, n, e, left, work)
         if outcome == SECTION:
             fly(gap, n, e, y)
             copy(y, FOUND, START)
@@ -386,6 +384,7 @@ def run(
             if tables.partner[best] < 0:
                 clock[WANTED] = best
                 return done, MODE_WANTED
+            know_gaps(tables, best, n, e, left, work)
             after = ladder_at(ladders, tables.partner[best])
             target = tables.target[best]
             slots = tables.slots[target, : tables.counts[target]]
@@ -420,6 +419,8 @@ def run(
             if noise is not None:
                 rate = perturb_touch(gap, band_factor, y, clock)
         rate = min(rate, 0.0)
+        if left.shape[0] > 1:
+            know_gaps(tables, best, n, e, left, work)
         move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
         ambiguous = tables.ambiguous[best] or (
             guards > 1 and together(tables, best, y, band_factor)
