@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.exponential.modes import LARGEST
 from dynkit.exponential.stacks import LadderStack, Stack
-from dynkit.systems.impact.contact import force_of, mode_of, moves, pushed, rides, sum_of
+from dynkit.systems.impact.contact import force_of, mode_of, moves, pushed, sum_of
 from dynkit.systems.impact.elements import (
     HALT,
     IMPACT,
@@ -25,11 +24,11 @@ from dynkit.systems.impact.elements import (
     Element,
     EventKind,
     HardStop,
-    Regime,
     Watch,
 )
 from dynkit.systems.impact.mode import Mode, transformed
-from dynkit.systems.impact.structure import ROUNDING, Contact, Drive, Structure
+from dynkit.systems.impact.regimes import Parts
+from dynkit.systems.impact.structure import ROUNDING, Drive, Structure
 
 MOST_NUMBERS = 1 << 25
 """Of the changes of bases between all modes: 256 MB."""
@@ -93,6 +92,8 @@ class Automaton:
     modes : list of Mode
     regimes : list of tuple
         Of each mode, those of all elements.
+    parts : Parts
+        What these are.
     guards : list of Guard
         In the order of their modes.
     table : (guards, 4)
@@ -109,9 +110,7 @@ class Automaton:
         self._structure, self._drive, self._elements = structure, drive, tuple(elements)
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
         self._size, self._slots, self._joined = structure.size, 0, set[int]()
-        self._regimes = [element.regimes for element in self._elements]
-        for k, element in enumerate(self._elements):
-            _bounded(k, element, self._regimes[k], structure)
+        self.parts = Parts(self._elements, structure)
         self._tolerance = tolerance
         self._hit = any(isinstance(element, HardStop) for element in self._elements)
         self._lock = RLock()
@@ -121,7 +120,6 @@ class Automaton:
         self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []
         self._grips: dict[int, Grip] = {}
-        self._rides: dict[tuple[tuple[int, ...], int], bool | None] = {}
         self._number((0,) * len(self._elements))
 
     def mode(self, regimes: tuple[int, ...]) -> Mode:
@@ -140,7 +138,7 @@ class Automaton:
     def held(self, element: int) -> Grip:
         """Contact with one element, the others in their first regime."""
         if element not in self._grips:
-            regimes = self._settled([int(k == element) for k in range(len(self._elements))])
+            regimes = self.parts.settled([int(k == element) for k in range(len(self._elements))])
             mode, free = self.mode(regimes), self.modes[0]
             force, stop = self.gap(regimes, element), self._elements[element]
             there, back = mode.seen_from(free, stop), free.seen_from(mode)
@@ -151,15 +149,9 @@ class Automaton:
         """A state (2, slots) of a mode as one of the first mode, and the elements that held it."""
         mode = self.modes[number]
         states = state[None, :, : mode.layout.slots]
-        return transformed(self.modes[0].seen_from(mode), states)[0], self.holding(
+        return transformed(self.modes[0].seen_from(mode), states)[0], self.parts.holding(
             self.regimes[number]
         )
-
-    def holding(self, regimes: tuple[int, ...]) -> list[int]:
-        """The elements that hold, or stick, or lie still at a stop, in some regimes."""
-        held, sticking = self._grips_of(regimes)
-        lain = [k for k, regime in enumerate(regimes) if self._lies(k, regime)]
-        return sorted([*held, *sticking, *lain])
 
     def enter(self, number: int) -> None:
         """Build the mode that a guard leads to, where no motion has done so."""
@@ -200,63 +192,22 @@ class Automaton:
     def _after(self, guard: Guard) -> tuple[int, ...]:
         """The regimes that a guard leads to."""
         regimes = list(self.regimes[guard.mode])
-        released = self._now(regimes)[guard.element].holds
+        released = self.parts.now(regimes)[guard.element].holds
         regimes[guard.element] = LAIN if released else guard.watch.to
-        return self._settled(regimes)
-
-    def _settled(self, given: Sequence[int]) -> tuple[int, ...]:
-        """Regimes that go together.
-
-        Friction along what stops hold rests: how they share the force is open, and it takes none.
-        Where they let go, it sticks, and what does not move lies at the stop.
-        """
-        regimes = list(given)
-        held = tuple(k for k, regime in enumerate(self._now(regimes)) if regime.holds)
-        for k, own in enumerate(self._regimes):
-            for stuck in (j for j, regime in enumerate(own) if regime.sticks):
-                along = self._along(held, k)
-                if along or (along is None and regimes[k] == stuck):
-                    regimes[k] = stuck if along else 0
-        held, sticking = self._grips_of(regimes)
-        for k, regime in enumerate(regimes):
-            if self._lies(k, regime) and not self._along(held + sticking, k):
-                regimes[k] = 0
-        return tuple(regimes)
-
-    def _lies(self, element: int, regime: int) -> bool:
-        return regime == LAIN and isinstance(self._elements[element], HardStop)
-
-    def _grips_of(self, regimes: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """The elements that hold, and those that stick where no others hold what they act along."""
-        now = self._now(regimes)
-        held = tuple(k for k, regime in enumerate(now) if regime.holds)
-        sticking = [k for k, regime in enumerate(now) if regime.sticks]
-        return held, tuple(k for k in sticking if self._along(held, k) is False)
-
-    def _along(self, others: tuple[int, ...], element: int) -> bool | None:
-        """`rides` of an element with others."""
-        if (others, element) not in self._rides:
-            held = [self._elements[k] for k in others]
-            found = rides(self._structure, held, self._elements[element])
-            self._rides[others, element] = found
-        return self._rides[others, element]
-
-    def _now(self, regimes: Sequence[int]) -> list[Regime]:
-        """What all elements do in these regimes."""
-        return [own[k] for own, k in zip(self._regimes, regimes, strict=True)]
+        return self.parts.settled(regimes)
 
     def _build(self, regimes: tuple[int, ...]) -> None:
-        number, now = len(self.modes), self._now(regimes)
+        number, now = len(self.modes), self.parts.now(regimes)
         structure, drive = self._structure, self._drive
         for element, regime in zip(self._elements, now, strict=True):
             row = element.row(structure.size)
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
             drive = drive.pulled(element, regime)
-        grips = self._grips_of(regimes)
+        grips = self.parts.grips(regimes)
         held, sticking = ([self._elements[k] for k in part] for part in grips)
         places = range(len(now))
         both = grips[0] + grips[1]
-        riding = [self._along(both if now[k].halts else grips[0], k) for k in places]
+        riding = [self.parts.along(both if now[k].halts else grips[0], k) for k in places]
         for k, regime in enumerate(now):
             if regime.halts and riding[k]:
                 raise NotImplementedError(
@@ -264,7 +215,7 @@ class Automaton:
                     f"force open; got {self._elements[k]!r}"
                 )
             if isinstance(self._elements[k], HardStop) and riding[k] is False:
-                riding[k] = self._along(both, k) or False  # what does not move reaches no stop
+                riding[k] = self.parts.along(both, k) or False  # what does not move reaches no stop
         moving = [k for k in places if not riding[k]]
         watched = [self._elements[k].row(structure.size) for k in moving]
         hit = [
@@ -291,7 +242,7 @@ class Automaton:
 
     def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
         """What sticks, or the closed stop, that an impact moves; whether it pushes against one."""
-        structure, (closed, sticking) = self._structure, self._grips_of(regimes)
+        structure, (closed, sticking) = self._structure, self.parts.grips(regimes)
         own = [self._elements[k] for k in closed]
         for k in sticking:
             if moves(structure, own, hit, self._elements[k]):
@@ -312,7 +263,7 @@ class Automaton:
         """What it is to be led to another mode."""
         if guard.watch.event == IMPACT:
             return EventKind.CONTACT
-        now = self._regimes[guard.element][self.regimes[guard.mode][guard.element]]
+        now = self.parts.now(self.regimes[guard.mode])[guard.element]
         return EventKind.RELEASE if now.holds else EventKind.SWITCH
 
     def _stacked(self) -> Any:
@@ -324,8 +275,7 @@ class Automaton:
             self._ladders.add([guards[k].sum for k in own])
             layout = modes[number].layout
             stack.put("slots", number, np.pad(layout.modes, (0, self._size - len(layout.modes))))
-            lain = [self._lies(*regime) for regime in enumerate(self.regimes[number])]
-            stack.put("lain", number, lain)
+            stack.put("lain", number, self.parts.lain(self.regimes[number]))
             for k in own:
                 self._stack_guard(k)
         self._stacked_modes = len(modes)
@@ -378,8 +328,8 @@ class Automaton:
             excursion = mode.placed(contact.brief)
             coupling, restitution = contact.coupling, element.restitution
             coupled = self._coupled(guard)
-            rubbed = self._rubbed(guard)
-            drop, hold = self._turns(guard, rubbed, contact)
+            rubbed = self.parts.rubbed(self.regimes[guard.mode], guard.element)
+            drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
         put("event", k, watch.event)
         put("order", k, watch.order)
         put("torn", k, _torn(watch))
@@ -394,30 +344,6 @@ class Automaton:
         put("coupled", k, coupled)
         put("rubbed", k, rubbed)
 
-    def _rubbed(self, guard: Guard) -> list[bool]:
-        """Of all elements whether they slip, and rest where the stop of a guard is closed, too."""
-        held = self._grips_of(self.regimes[guard.mode])[0]
-        return [
-            any(regime.sticks for regime in own)
-            and self._along(held, k) is False
-            and self._along((*held, guard.element), k) is True
-            for k, own in enumerate(self._regimes)
-        ]
-
-    def _turns(self, guard: Guard, rubbed: Sequence[bool], contact: Contact) -> tuple[float, float]:
-        """By how much the gap's acceleration falls where its rate does, as friction turns.
-
-        And which acceleration this friction can hold.
-        """
-        drop = hold = 0.0
-        row = self._elements[guard.element].row(self._size)
-        change = self.modes[guard.mode].pushed(row)
-        for k in np.flatnonzero(rubbed).tolist():
-            share = abs(self._elements[k].row(self._size) @ change) / contact.inertia
-            drop += 2.0 * share * max(abs(regime.push) for regime in self._regimes[k])
-            hold += share * max(r.guards[0].level for r in self._regimes[k] if r.sticks)
-        return drop, hold
-
     def _coupled(self, guard: Guard) -> list[bool]:
         """Of all elements whether an impact at a guard changes the rate of their gaps."""
         size, out = self._structure.size, [False] * len(self._elements)
@@ -428,18 +354,6 @@ class Automaton:
                 row = self._elements[k].row(size)
                 out[k] = bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
         return out
-
-
-def _bounded(k: int, element: Element, regimes: Sequence[Regime], structure: Structure) -> None:
-    """ValueError where springs or dashpots are too much for the masses that they act on."""
-    row = element.row(structure.size)
-    for name in ("stiffness", "damping"):
-        given = max(getattr(regime, name) for regime in regimes)
-        if given > 0.0 and not given * (row @ np.linalg.solve(structure.mass, row)) <= LARGEST:
-            raise ValueError(
-                f"elements[{k}].{name}, over the mass that it acts on, must not exceed "
-                f"{LARGEST:g}; got {given:g}"
-            )
 
 
 def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:

@@ -110,6 +110,8 @@ def falling(restitution: float, second: float, drop: float) -> tuple[float, floa
 
     As parabolas: friction slows what rises by a_up, and what falls is accelerated by a_up - drop.
     """
+    if drop == 0.0:
+        return restitution, -second
     s = math.sqrt(max(1.0 + drop / second, 0.0))
     return restitution * s, -second * (2.0 * s / (1.0 + s))
 

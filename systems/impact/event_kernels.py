@@ -111,7 +111,7 @@ def undecided(tables: Tables, g: int, left: Array) -> bool:
 def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Workspace) -> None:
     """Gaps after a flight that guard `g` ends, of stops that were left shortly before it.
 
-    The state would have their absolute rounding, which for low bounces is too much.
+    Where friction turns in the middle of low bounces, the state would have their absolute rounding.
     """
     m, c = tables.ladders.integers[g, GROUP], work.coefficients
     for k in range(tables.first[m], tables.first[m + 1]):
@@ -119,7 +119,8 @@ def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Works
             continue
         own = left[tables.element[k]]
         order = int(own[ORDER])
-        if k == g or n > 0 or tables.event[k] == JAM or (order == 0 and own[GAP] == 0.0):
+        rubbed = tables.drop[k] + tables.hold[k] > 0.0
+        if k == g or n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
             own[GAP] = 0.0
             continue
         gap = ladder_at(tables.ladders, k)

@@ -167,16 +167,12 @@ class Contact:
     @cached_property
     def kick_velocity(self) -> Array:
         """Velocity changes (N,) of an impulse that changes the rate of the row by one."""
-        return np.asarray(self._response / (self.row @ self._response))
+        return np.asarray(self.response / (self.row @ self.response))
 
     @cached_property
-    def inertia(self) -> float:
-        """Impulse along the row that changes its rate by one."""
-        return float(1.0 / (self.row @ self._response))
-
-    @cached_property
-    def _response(self) -> Array:
-        return np.linalg.solve(self.structure.mass, self.row)
+    def response(self) -> Array:
+        """Velocity changes (N,) of a unit impulse along the row."""
+        return np.asarray(np.linalg.solve(self.structure.mass, self.row), dtype=float)
 
     @cached_property
     def kick(self) -> Array:

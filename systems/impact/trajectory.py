@@ -325,7 +325,7 @@ class Trajectory:
     def closed(self, guard: int) -> list[int]:
         """The stops that are in contact in the mode of a guard."""
         automaton = self.start._system._automaton
-        return automaton.holding(self.regimes[self.guards[guard, 0]])
+        return automaton.parts.holding(self.regimes[self.guards[guard, 0]])
 
     def gap(self, number: int) -> tuple[Any, Mode]:
         """The gap that guard number `number` of this motion watches, and the mode of that."""

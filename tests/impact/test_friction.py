@@ -284,13 +284,7 @@ def test_numbers_that_are_none_are_refused(numbers: dict[str, Any], message: str
         DryFriction(0, **numbers)
 
 
-def test_friction_whose_share_is_open_is_refused() -> None:
-    twice = [DryFriction(0, force=0.1), DryFriction(0, force=0.2)]
-    held = [HardStop(0, offset=-0.1, restitution=0.0), DryFriction(0, force=0.1)]
-    for elements in (twice, held):
-        chain = ImpactChain(masses=2, frequency=0.7, harmonic_forces=[0.0, 1.0], elements=elements)
-        with pytest.raises(NotImplementedError, match="leaves its force open; got DryFriction"):
-            chain.simulate(impacts=50)
+def test_slopes_that_nothing_makes_up_for_are_refused() -> None:
     falling = block(1.0, force=0.5, velocity=0.5, slope=-0.05)
     with pytest.raises(ValueError, match="damping must be positive semidefinite"):
         falling.simulate(impacts=5)

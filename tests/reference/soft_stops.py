@@ -116,13 +116,14 @@ class SoftStopReference:
             and not (held and dependent(mp.matrix(inertia([*tables, rub], [*tables, rub]))))
         ]
 
-    def rest(self, z: Any, held: Sequence[int]) -> None:
+    def rest(self, z: Any, held: tuple[int, ...]) -> None:
         """Friction that closed stops keep from slipping does not slip."""
         for k, rub in enumerate(self.rubs):
             fixed = [*(self.tables[j] for j in held), rub]
-            if held and self.way(rub, z) == STICK and dependent(mp.matrix(inertia(fixed, fixed))):
-                if abs((rub.rate * self.flow(held)[0] * z)[0]) <= TINY:
-                    self.ways[k] = STICK
+            rides = bool(held) and dependent(mp.matrix(inertia(fixed, fixed)))
+            rates = [rub.rate, rub.rate * self.flow(held)[0]]
+            if rides and all(abs((rate * z)[0]) <= TINY for rate in rates):
+                self.ways[k] = STICK
 
     def stuck(self, held: Sequence[int] = ()) -> list[Rub]:
         """The friction that `sticking` numbers."""
