@@ -69,8 +69,8 @@ class OrbitLabel:
         period.
     seconds : float
         Wall-clock time of the decision; the states that were kept before are not in it.
-    count_harmonics : callable, optional
-        What `harmonics` asks, once.
+    count_harmonics, count_events : callable, optional
+        What `harmonics` and `counts` ask, once.
 
     Examples
     --------
@@ -110,6 +110,9 @@ class OrbitLabel:
     rotation_error: float = field(default=np.nan, repr=False, compare=False)
     curves: int = 0
     count_harmonics: Callable[[], int] | None = field(default=None, repr=False, compare=False)
+    count_events: Callable[[], dict[str, float] | None] | None = field(
+        default=None, repr=False, compare=False
+    )
 
     @property
     def error(self) -> float:
@@ -154,6 +157,17 @@ class OrbitLabel:
         for what is not periodic, and for maps.
         """
         return None if self.count_harmonics is None else self.count_harmonics()
+
+    @cached_property
+    def counts(self) -> dict[str, float] | None:
+        """What happens in one period, by the elements of a machine.
+
+        Of an impact oscillator on P(n,m) or P(inf,m), under names like those of its parameters:
+        ``table.impacts``, infinite where they accumulate, and ``table.contacts`` of hard stops,
+        ``presses`` of soft ones and ``sticks`` of friction: how often each begins, so that what always
+        sticks counts zero. Counted when first asked for. None for what is not periodic, and maps.
+        """
+        return None if self.count_events is None else self.count_events()
 
     @property
     def name(self) -> str:

@@ -19,6 +19,7 @@ from dynkit.labels.label import OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
 from dynkit.orbits.harmonics import harmonics_needed
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, displacement, draw_points
+from dynkit.systems.impact.event_counts import event_counts
 from dynkit.systems.impact.record import ImpactRecord, batch_size, twin_errors
 from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import ImpactState
@@ -287,8 +288,12 @@ class _ImpactOrbit:
         """Return the label of what was looked at so far: can count harmonics, has a multiplier."""
         if label.periods is None:
             return label
-        count = partial(_harmonics, self.system, self.record.final, label.periods)
-        label = replace(label, count_harmonics=count)
+        here = self.system, self.record.final, label.periods
+        label = replace(
+            label,
+            count_harmonics=partial(_harmonics, *here),
+            count_events=partial(event_counts, *here),
+        )
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label

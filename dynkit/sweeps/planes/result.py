@@ -245,7 +245,10 @@ class ParameterMap(Swept):
         def harmonics() -> int:
             return self.attractor(i, j).label.harmonics or 0
 
-        return dataclasses.replace(label, count_harmonics=harmonics)
+        def events() -> dict[str, float] | None:
+            return self.attractor(i, j).label.counts
+
+        return dataclasses.replace(label, count_harmonics=harmonics, count_events=events)
 
     def attractor(self, i: int, j: int) -> Attractor:
         """Return the attractor at one pair: simulated again, the same bits.
