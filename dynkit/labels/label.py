@@ -164,8 +164,9 @@ class OrbitLabel:
 
         Of an impact oscillator on P(n,m) or P(inf,m), under names like those of its parameters:
         ``table.impacts``, infinite where they accumulate, and ``table.contacts`` of hard stops,
-        ``presses`` of soft ones and ``sticks`` of friction: how often each begins, so that what always
-        sticks counts zero. Counted when first asked for. None for what is not periodic, and maps.
+        ``presses`` of soft ones and ``sticks`` of friction: how often each begins, so
+        that what always sticks counts zero. Counted when first asked for. None for what is not
+        periodic, and maps.
         """
         return None if self.count_events is None else self.count_events()
 
