@@ -121,7 +121,14 @@ def _run(arguments: argparse.Namespace, unknown: list[str]) -> int:
         return _say(command, f"error: {_with_notes(refusal)}", _BAD_INPUT)
     except KeyboardInterrupt:
         return _say(command, "interrupted", _INTERRUPTED)
-    except (NoConvergence, NoMotion, OSError, MemoryError, WorkerLost) as failure:
+    except (
+        NoConvergence,
+        NoMotion,
+        NotImplementedError,
+        OSError,
+        MemoryError,
+        WorkerLost,
+    ) as failure:
         return _say(command, f"failed: {_with_notes(failure)}", _FAILED)
     return _OK
 

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.cli.options import SYSTEM, Asked, Option, options_of, parameter_of
+from dynkit.cli.options import SYSTEM, Asked, Option, options_of
 from dynkit.cli.output import OUT, aligned, files_of, plotted, print_summary, write
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.core.reprs import costing, span, written
@@ -69,7 +69,7 @@ def run(asked: Asked) -> None:
     ValueError
         When an option is refused; nothing was written then.
     """
-    parameter = parameter_of(asked.get("parameter", "frequency"))
+    parameter = asked.parameter(asked.get("parameter", "frequency"))
     for name in ("from", "to"):
         if name not in asked:
             raise ValueError(f"{name} must be given")

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, Option, options_of, parameter_of
+from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, Option, options_of
 from dynkit.cli.output import OUT, counted, files_of, plotted, print_summary, write
 from dynkit.core.reprs import costing, span
 from dynkit.core.validation import finite_scalar, positive_integer
@@ -89,7 +89,7 @@ def _axis(asked: Asked, name: str) -> tuple[str, Array]:
     given = asked.get(name)
     if not isinstance(given, list | tuple) or len(given) != 4 or not isinstance(given[0], str):
         raise ValueError(f"{name} must be NAME,FROM,TO,COUNT; got {given!r}")
-    parameter = parameter_of(given[0], name)
+    parameter = asked.parameter(given[0], name)
     first, last = (finite_scalar(name, value) for value in given[1:3])
     count = positive_integer(f"COUNT of {name}", given[3])
     if count > MOST_POINTS:

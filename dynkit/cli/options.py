@@ -6,7 +6,7 @@ import inspect
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -14,6 +14,8 @@ import numpy as np
 
 from dynkit.core.validation import finite_array, finite_scalar, one_of
 from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.elements import Element, HardStop, SoftStop
+from dynkit.systems.impact.friction import DryFriction
 from dynkit.systems.impact.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 # More values than this were not meant.
 _MOST_VALUES = 1_000_000
 _NUMBERS = "X1,X2,..."
+_ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction)}
 _RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 
 
@@ -139,7 +142,8 @@ class Asked(dict[str, Any]):
             text is none.
         """
         by_name = {option.name: option for option in known}
-        options = {} if file is None else _read(Path(file), list(by_name))
+        options = {} if file is None else _read(Path(file), [*by_name, "elements"])
+        elements = {"elements": _elements(options.pop("elements"))} if "elements" in options else {}
         direct = {
             name: option.parsed(given[name])
             for name, option in by_name.items()
@@ -149,7 +153,8 @@ class Asked(dict[str, Any]):
             options = {name: value for name, value in options.items() if name not in _RANGE}
         if any(name in direct for name in _RANGE):
             options.pop("values", None)
-        return cls((name, by_name[name].checked(x)) for name, x in {**options, **direct}.items())
+        checked = {name: by_name[name].checked(x) for name, x in {**options, **direct}.items()}
+        return cls(checked | elements)
 
     def only(self, *names: str) -> dict[str, Any]:
         """Return those of some options that were asked for; the others keep their defaults."""
@@ -168,10 +173,18 @@ class Asked(dict[str, Any]):
 
     def chain(self, **swept: float) -> ImpactChain:
         """Return the chain; ValueError when the frequency is missing or a value is refused."""
-        arguments = {**self.only(*(option.name for option in options_of(ImpactChain))), **swept}
+        of_elements = {name: value for name, value in swept.items() if "." in name}
+        known = (*(option.name for option in options_of(ImpactChain)), "elements")
+        arguments = {**self.only(*known), **swept}
         if "frequency" not in arguments:
             raise ValueError("frequency must be given")
-        return ImpactChain(**arguments)
+        own = {name: value for name, value in arguments.items() if name not in of_elements}
+        return ImpactChain(**own).replace(**of_elements)
+
+    def parameter(self, value: object, name: str = "parameter") -> str:
+        """Return the name of a parameter of the chain; ValueError when it has none of this name."""
+        some = ImpactChain(**{"frequency": 1.0, **self.only("masses", "elements")})
+        return one_of(name, value, some.parameters)
 
     def start(self, chain: ImpactChain) -> ImpactState | None:
         """Return the state to start from, None for the chain's own; ValueError when refused."""
@@ -205,9 +218,26 @@ def _read(file: Path, names: list[str]) -> dict[str, Any]:
     return found
 
 
-def parameter_of(value: object, name: str = "parameter") -> str:
-    """Return the name of a parameter of chains; ValueError when they have none of this name."""
-    return one_of(name, value, ImpactChain(frequency=1.0).parameters)
+def _elements(given: object) -> tuple[Element, ...]:
+    """Return the elements of a file, whose tables say their kind; ValueError for what is none."""
+    if not (isinstance(given, list) and given):
+        raise ValueError(f"elements must be tables [[elements]]; got {given!r}")
+    found = []
+    for k, table in enumerate(given):
+        name = f"elements[{k}]"
+        numbers = dict(table) if isinstance(table, dict) else {}
+        kind = _ELEMENTS[one_of(f"{name}.kind", numbers.pop("kind", None), _ELEMENTS)]
+        fields = kind.__dataclass_fields__
+        for key in numbers:
+            one_of(f"a key of {name}", key, [key for key in fields if key != "_"])
+        for key in ("coordinate", "stiffness", "force"):
+            if key in fields and key not in numbers and fields[key].default is MISSING:
+                raise ValueError(f"{name}.{key} must be given")
+        try:
+            found.append(kind(**numbers))
+        except ValueError as refusal:
+            raise ValueError(f"{name}: {refusal}") from refusal
+    return tuple(found)
 
 
 def values_of(options: Mapping[str, Any]) -> Array:

@@ -17,6 +17,11 @@ motion.toml may hold:
   damping = 0.1
   frequency = 0.87
   impacts = 200
+and in place of the table stops and friction, as HardStop, SoftStop, DryFriction:
+  [[elements]]
+  kind = "HardStop"
+  coordinate = 9
+  restitution = 0.7
 """
 
 from __future__ import annotations

@@ -34,7 +34,6 @@ from dynkit.cli.options import (
     Asked,
     Option,
     options_of,
-    parameter_of,
     values_of,
 )  # fmt: skip
 from dynkit.cli.output import (
@@ -79,7 +78,7 @@ def run(asked: Asked) -> None:
         When an option is refused; nothing was written then.
     """
     values = values_of(asked)
-    parameter = parameter_of(asked.get("parameter", "frequency"))
+    parameter = asked.parameter(asked.get("parameter", "frequency"))
     asked.refuse([parameter], "when it is swept")
     chain = asked.chain(**{parameter: float(values[0])})
     names = asked.names("observable", chain.observables[:1], chain.observables)

@@ -177,6 +177,7 @@ class ImpactAttractor(Attractor):
         NoConvergence
             When its motion is still too far from it.
         """
+        from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
 
         n, m = self.label.iterates, self.label.periods
@@ -186,6 +187,8 @@ class ImpactAttractor(Attractor):
             return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
+        if self._system._own:
+            return map_orbit(self._system, record.states)
         return orbit_of_motion(record, n, m)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:

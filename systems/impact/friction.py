@@ -25,7 +25,8 @@ class DryFriction(Element):
     force : float
         While it slips; not negative.
     static : float, optional
-        Most with which it sticks; not less than the force, which it is by default.
+        Most with which it sticks; not less than the force. By default it is the force, and follows
+        it where that is changed.
     velocity : float
         Of the surface, a belt, besides its motion.
     slope : float
@@ -55,10 +56,17 @@ class DryFriction(Element):
         self._set("force", non_negative("force", self.force))
         for name in ("velocity", "slope"):
             self._set(name, finite_scalar(name, getattr(self, name)))
-        static = self.force if self.static is None else finite_scalar("static", self.static)
-        if static < self.force:
-            raise ValueError(f"static must not be less than the force {self.force}; got {static}")
-        self._set("static", static)
+        if self.static is not None:
+            self._set("static", finite_scalar("static", self.static))
+        if self.most < self.force:
+            raise ValueError(
+                f"static must not be less than the force {self.force}; got {self.static}"
+            )
+
+    @property
+    def most(self) -> float:
+        """The force with which it sticks at most."""
+        return self.force if self.static is None else self.static
 
     @property
     def drift(self) -> float:
@@ -67,11 +75,10 @@ class DryFriction(Element):
     @property
     def regimes(self) -> tuple[Regime, ...]:
         """Not known at a start, slipping forward, backward; sticking."""
-        static = float(self.static or 0.0)
-        order = 2 if static == self.force else 1
+        order = 2 if self.most == self.force else 1
         forward, backward = (Watch(to=to, rate=r, event=JUMP) for to, r in ((1, -1.0), (2, 1.0)))
         halts = [Watch(to=3, rate=sign, event=HALT) for sign in (1.0, -1.0)]
-        yields = Watch(to=2, force=-1.0, level=static, order=order)
+        yields = Watch(to=2, force=-1.0, level=self.most, order=order)
         return (
             Regime((halts[0], forward, backward)),
             Regime((halts[0], backward), push=-self.force, damping=self.slope),

@@ -284,6 +284,15 @@ def test_numbers_that_are_none_are_refused(numbers: dict[str, Any], message: str
         DryFriction(0, **numbers)
 
 
+def test_the_static_force_follows_the_force_where_it_is_not_given() -> None:
+    both = block(1.0, force=0.5, velocity=0.5)
+    assert "elements[0].static" not in both.parameters
+    more = both.replace(**{"elements[0].force": 0.9})
+    assert more.elements[0].most == 0.9
+    with pytest.raises(ValueError, match=r"static must not be less than the force 0.9; got 0.6"):
+        block(1.0, force=0.5, static=0.6).replace(**{"elements[0].force": 0.9})
+
+
 def test_slopes_that_nothing_makes_up_for_are_refused() -> None:
     falling = block(1.0, force=0.5, velocity=0.5, slope=-0.05)
     with pytest.raises(ValueError, match="damping must be positive semidefinite"):

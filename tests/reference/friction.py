@@ -70,7 +70,7 @@ class Rub(Gap):
         one = mp.zeros(1, self.rate.cols)
         one[one.cols - 1] = 1
         self.rate -= (1 if friction.side == "above" else -1) * mp.mpf(friction.velocity) * one
-        self.static = mp.mpf(friction.static or 0)
+        self.static = mp.mpf(friction.most)
         self.most = self.static * one
         way, along = mp.mpf(friction.force) * one, mp.mpf(friction.slope) * self.rate
         self.forces = [-way - along, way - along]

@@ -1,0 +1,105 @@
+"""Elements of a machine in the file of a command."""
+
+from pathlib import Path
+
+import pytest
+
+from dynkit.cli import main
+from dynkit.systems import DryFriction, HardStop, ImpactChain
+
+MACHINE = """
+masses = 2
+frequency = 0.9
+harmonic_forces = [0.0, 0.5]
+
+[[elements]]
+kind = "HardStop"
+coordinate = 1
+offset = -0.2
+restitution = 0.7
+
+[[elements]]
+kind = "DryFriction"
+coordinate = [0, 1]
+force = 0.05
+name = "joint"
+"""
+CHAIN = ImpactChain(
+    masses=2,
+    frequency=0.9,
+    harmonic_forces=[0.0, 0.5],
+    elements=[
+        HardStop(1, offset=-0.2, restitution=0.7),
+        DryFriction((0, 1), force=0.05, name="joint"),
+    ],
+)
+
+
+@pytest.fixture(autouse=True)
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "machine.toml").write_text(MACHINE)
+    return tmp_path / "machine.toml"
+
+
+def test_a_file_describes_elements(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "machine.toml"]) == 0
+    label = CHAIN.attractor().label
+    assert f"label              {label} " in capsys.readouterr().out
+
+
+def test_their_numbers_are_swept_and_mapped(capsys: pytest.CaptureFixture[str]) -> None:
+    values = ["--parameter", "joint.force", "--values", "0.05,0.06", "--keep", "20"]
+    assert main(["sweep", "machine.toml", *values]) == 0
+    assert "joint.force        0.05 to 0.06, 2 values" in capsys.readouterr().out
+    axes = ["--x", "joint.force,0.05,0.06,2", "--y", "elements[0].restitution,0.6,0.7,2"]
+    assert main(["map", "machine.toml", *axes, "--keep", "20"]) == 0
+    assert "elements[0].restitution" in capsys.readouterr().out
+
+
+def test_an_orbit_of_the_machine_is_followed(capsys: pytest.CaptureFixture[str]) -> None:
+    bounds = ["--parameter", "joint.force", "--from", "0.049", "--to", "0.051"]
+    assert main(["continue", "machine.toml", *bounds]) == 0
+    shown = capsys.readouterr().out
+    assert "stable" in shown
+    orbit = CHAIN.attractor().periodic_orbit()
+    assert f"started from  {orbit.label}, stable" in shown
+
+
+def test_what_has_no_orbits_yet_takes_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    bounds = ["--from", "0.85", "--to", "0.95", "--impacts", "1"]
+    assert main(["continue", "machine.toml", *bounds]) == 1
+    shown = capsys.readouterr().err
+    assert shown.startswith("dynkit continue: failed: these orbits are those of a table")
+    assert shown.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("elements = 3", "elements must be tables [[elements]]; got 3"),
+        ("elements = []", "elements must be tables [[elements]]; got []"),
+        ('[elements]\nkind = "HardStop"', "elements must be tables [[elements]]; got {"),
+        ('[[elements]]\nkind = "Stop"', "elements[0].kind must be one of: HardStop, SoftStop"),
+        ("[[elements]]\ncoordinate = 0", "elements[0].kind must be one of"),
+        ('[[elements]]\nkind = "HardStop"', "elements[0].coordinate must be given"),
+        ('[[elements]]\nkind = "SoftStop"\ncoordinate = 0', "elements[0].stiffness must be given"),
+        ('[[elements]]\nkind = "HardStop"\ncoordinate = 7', "elements[0].coordinate must lie in"),
+        (
+            '[[elements]]\nkind = "HardStop"\ncoordinate = 0\nrestitution = 2',
+            "elements[0]: restitution must lie in [0, 1]; got 2",
+        ),
+        (
+            '[[elements]]\nkind = "DryFriction"\ncoordinate = 0\nforce = 1\nmass = 2',
+            "a key of elements[0] must be one of: coordinate, offset",
+        ),
+    ],
+)
+def test_elements_that_are_none_are_refused(
+    file: Path, text: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file.write_text(f"masses = 2\nfrequency = 0.9\n{text}\n")
+    assert main(["simulate", "machine.toml"]) == 2
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert shown.count("\n") == 1
