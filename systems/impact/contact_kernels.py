@@ -153,7 +153,10 @@ def chatter_completes(
     if change > 0.25 * (1.0 - r) * least:
         return False
     most = PLACE * tolerance
-    return most == 0.0 or _place_error(gap, kick, u, rest, second, third) <= most
+    place = _place_error(gap, kick, u, rest, second, third)
+    if drop > 0.0:
+        place += 0.5 * u * u / least  # they are drawn as if friction did not turn
+    return most == 0.0 or place <= most
 
 
 @kernel()
