@@ -24,6 +24,7 @@ from dynkit.systems.impact.trajectory import Ending, Events, Trajectory
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from dynkit.systems.impact.energy_balance import EnergyBalance
     from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.second_moments import SecondMoments
 
@@ -420,6 +421,30 @@ class ImpactRecord(Result):
         So measures of attractors take records. Whether the motion has settled, its `label` says.
         """
         return self.system._attractor_of(self)
+
+    def energy_balance(self) -> EnergyBalance:
+        """Work done on the structure and energy dissipated, by forces, dashpots and each element.
+
+        From the start to the last impact. It closes but for rounding: a check of the motion.
+
+        Raises
+        ------
+        ValueError
+            When there is no impact, no time passes, or modes are so fast that it would take more
+            than some millions of nodes of quadrature.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> balance = ImpactChain(masses=3, frequency=0.9).simulate(impacts=100).energy_balance()
+        >>> sorted(balance.dissipated), balance.error < 1e-12
+        (['damping', 'table'], True)
+        """
+        from dynkit.systems.impact.energy_balance import energy_balance
+
+        if not (len(self) and self.time[-1] > 0.0):
+            raise ValueError(f"record must hold an impact after its start; got {self!r}")
+        return energy_balance(self.system, self._run)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:
         """Time averages of positions and of their products, in closed form.

@@ -39,7 +39,7 @@ _NODES, _REACH = 16, 8.0
 # Products of two coordinates at which a call of the kernel ends: some ten milliseconds.
 _PRODUCTS_OF_A_CALL = 1 << 20
 
-_CHUNK, _MOST_NODES = 1 << 16, 1 << 25
+_CHUNK, MOST_NODES = 1 << 16, 1 << 25
 
 
 @final
@@ -77,7 +77,7 @@ class SecondMoments:
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Intervals:
+class Intervals:
     """Successive intervals in one mode: states at their begins, durations, numbers of impacts."""
 
     mode: Mode
@@ -94,7 +94,7 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
     moments = np.zeros((batches, n + 1, n + 1))
     lost = np.zeros((n + 1, n + 1))
     nodes = 0
-    for part in _intervals(run):
+    for part in intervals(run):
         inner, own_lost = _closed_form(part, edges)
         largest = inner[:, :n, :n].sum(axis=0).max(initial=0.0)
         if not own_lost[:n, :n].max(initial=0.0) <= _LOST * largest:
@@ -111,7 +111,7 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
         lost += _impact_error(oscillator, run, moments.sum(axis=0))
     if not np.isfinite(lost).all():
         raise ValueError(
-            f"intervals must not need more than {_MOST_NODES} nodes of quadrature where modes merge"
+            f"intervals must not need more than {MOST_NODES} nodes of quadrature where modes merge"
         )
     total = float(moments[:, n, n].sum())
     return SecondMoments(
@@ -124,7 +124,7 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
     )
 
 
-def _intervals(run: Trajectory) -> Iterator[_Intervals]:
+def intervals(run: Trajectory) -> Iterator[Intervals]:
     """What lies before the last impact, by the mode."""
     parts = run.segments
     last = int(np.searchsorted(parts.point, run.impacts))
@@ -134,10 +134,10 @@ def _intervals(run: Trajectory) -> Iterator[_Intervals]:
         now = np.flatnonzero((parts.kind[:last] != EventKind.IMPACT) == after)
         for mode, here in run.modes(parts.mode[now]):
             some = now[here]
-            yield _Intervals(mode, parts.of(mode, some), durations[some], parts.point[some])
+            yield Intervals(mode, parts.of(mode, some), durations[some], parts.point[some])
 
 
-def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
     """Moments (b, N + 1, N + 1), the number one last, and a bound of the errors of their sum."""
     from dynkit.systems.impact import moment_kernels
 
@@ -208,43 +208,64 @@ def _closed_form(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Arra
     return out, lost
 
 
-def _quadrature(part: _Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
-    """The same, and the number of nodes, by Gauss-Legendre quadrature of the exact motion."""
-    mode = part.mode
-    n = len(mode.forced.rest)
-    out = np.zeros((len(edges) - 1, n + 1, n + 1))
-    fastest = 2.0 * float(mode.pairs.rates[0].max(initial=0.0))
-    panels = np.maximum(np.ceil(part.durations * fastest / _REACH), 1.0)
-    if panels.sum() * _NODES > _MOST_NODES:
-        return out, np.full(out.shape[1:], np.inf), 0
+def quadrature(part: Intervals) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+    """Nodes of Gauss-Legendre quadrature over intervals: of which, their weights, and states there.
+
+    (k,), (k,) and (k, 2, slots), in batches; fine enough for products of two sums.
+    """
+    panels = _panels(part)
     repeats = panels.astype(np.intp)
     which = np.repeat(np.arange(len(repeats)), repeats)
     place = np.arange(len(which)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
     length = (part.durations / panels)[which]
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    batch = np.searchsorted(edges, part.impact, side="right") - 1
     size = _CHUNK // _NODES
     for low in range(0, len(which), size):
         now = slice(low, low + size)
         at = (place[now, None] + 0.5 * (nodes + 1.0)) * length[now, None]
         weight = 0.5 * weights * length[now, None]
         row = np.repeat(which[now], _NODES)
-        states = mode.after(part.starts, row, at.ravel())
+        yield row, weight.ravel(), part.mode.after(part.starts, row, at.ravel())
+
+
+def nodes_needed(part: Intervals) -> int | None:
+    """How many nodes these are; None for too many."""
+    count = _panels(part).sum() * _NODES
+    return int(count) if count <= MOST_NODES else None
+
+
+def _panels(part: Intervals) -> Array:
+    return np.maximum(np.ceil(part.durations * _fastest(part) / _REACH), 1.0)
+
+
+def _fastest(part: Intervals) -> float:
+    return 2.0 * float(part.mode.pairs.rates[0].max(initial=0.0))
+
+
+def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
+    """As `_closed_form`, and the number of nodes, by `quadrature` of the exact motion."""
+    mode = part.mode
+    n, count = len(mode.forced.rest), nodes_needed(part)
+    out = np.zeros((len(edges) - 1, n + 1, n + 1))
+    if count is None:
+        return out, np.full(out.shape[1:], np.inf), 0
+    batch = np.searchsorted(edges, part.impact, side="right") - 1
+    for row, weights, states in quadrature(part):
         x = np.ones((len(row), n + 1))
         x[:, :n] = mode.forced.positions(*mode.parts(states))
-        weighted = x * weight.ravel()[:, None]
-        for b in np.unique(batch[which[now]]).tolist():
+        weighted = x * weights[:, None]
+        for b in np.unique(batch[row]).tolist():
             own = batch[row] == b
             out[b] += weighted[own].T @ x[own]
     root = np.sqrt(np.diagonal(out.sum(axis=0)))
     # Positions are rounded as the terms are of which they are sums.
     terms = np.sqrt(part.durations @ _terms(part) ** 2)
-    phases = fastest * float(part.durations.max(initial=0.0))
+    phases = _fastest(part) * float(part.durations.max(initial=0.0))
     lost = 0.5 * _EPS * (8.0 + 2.0 * n + phases) * (np.outer(terms, root) + np.outer(root, terms))
-    return out, lost, len(which) * _NODES
+    return out, lost, count
 
 
-def _terms(part: _Intervals) -> Array:
+def _terms(part: Intervals) -> Array:
     """Bounds (k, N + 1) of the sums of absolute terms of positions in each interval, and one."""
     mode, rest = part.mode, part.mode.forced.rest_terms
     rows = np.stack([mode.row(unit) for unit in np.eye(len(rest))])
