@@ -166,7 +166,6 @@ def test_numbers_of_elements_are_swept_and_stored(tmp_path: Path) -> None:
 def test_orbits_with_soft_stops_are_those_of_the_map() -> None:
     attractor = PAIR.attractor(transient=300, impacts=60)
     for call in (
-        attractor.periodic_orbit,
         lambda: PAIR.find_orbits(impacts=1, periods=1),
         lambda: PAIR.periodic_orbits(impacts=1, periods=1),
     ):
@@ -174,9 +173,12 @@ def test_orbits_with_soft_stops_are_those_of_the_map() -> None:
             NotImplementedError, match="table of one coordinate, alone; got SoftStop"
         ):
             call()
-    orbit = dynkit.periodic_orbit(PAIR, attractor.states[-1], period=attractor.label.iterates)
-    assert orbit.stable
-    assert abs(orbit.states - attractor.states[-len(orbit.states) :]).max() < 1e-6
+    guess = attractor.states[-1]
+    given = dynkit.periodic_orbit(PAIR, guess, period=attractor.label.iterates)
+    for orbit in (given, attractor.periodic_orbit()):
+        assert orbit.stable
+        assert len(orbit.states) == attractor.label.iterates
+        assert abs(orbit.states - attractor.states[-len(orbit.states) :]).max() < 1e-6
 
 
 def test_a_bilinear_oscillator_has_the_period_of_two_halves() -> None:
