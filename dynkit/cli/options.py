@@ -230,8 +230,8 @@ def _elements(given: object) -> tuple[Element, ...]:
         fields = kind.__dataclass_fields__
         for key in numbers:
             one_of(f"a key of {name}", key, [key for key in fields if key != "_"])
-        for key in ("coordinate", "stiffness", "force"):
-            if key in fields and key not in numbers and fields[key].default is MISSING:
+        for key in fields:
+            if key != "_" and key not in numbers and fields[key].default is MISSING:
                 raise ValueError(f"{name}.{key} must be given")
         try:
             found.append(kind(**numbers))

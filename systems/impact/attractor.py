@@ -169,6 +169,7 @@ class ImpactAttractor(Attractor):
         Returns
         -------
         ImpactOrbit
+            Or, of a machine with elements, a `MapOrbit`.
 
         Raises
         ------

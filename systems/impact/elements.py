@@ -82,6 +82,11 @@ class Regime:
     damping: float = 0.0
 
     @property
+    def acts(self) -> bool:
+        """Whether it pushes."""
+        return bool(self.push or self.stiffness or self.damping)
+
+    @property
     def halts(self) -> bool:
         """Whether it slips, and may come to a halt."""
         return self.guards[0].event == HALT
@@ -332,22 +337,27 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
     return tuple(element.of(size, f"elements[{k}]") for k, element in enumerate(elements))
 
 
+def names_of(elements: tuple[Element, ...]) -> list[str]:
+    """Their names, or ``elements[k]``."""
+    return [element.name or f"elements[{k}]" for k, element in enumerate(elements)]
+
+
 def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
     """The parameters of elements by their names."""
     found = {}
-    for k, element in enumerate(elements):
+    for name, element in zip(names_of(elements), elements, strict=True):
         for entry in dataclasses.fields(element):
             value = getattr(element, entry.name)
             if isinstance(value, float):
-                found[f"{element.name or f'elements[{k}]'}.{entry.name}"] = value
+                found[f"{name}.{entry.name}"] = value
     return found
 
 
 def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tuple[Element, ...]:
     """The elements with other values of some of the parameters that `numbers_of` names."""
     found = list(elements)
-    for k, element in enumerate(elements):
-        start = f"{element.name or f'elements[{k}]'}."
+    for k, name in enumerate(names_of(elements)):
+        start = f"{name}."
         own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
-        found[k] = replace(element, **own)
+        found[k] = replace(elements[k], **own)
     return tuple(found)

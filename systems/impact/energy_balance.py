@@ -72,41 +72,37 @@ class _Sums:
 def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
     """The balance of a run from its start to its last impact, which must be later."""
     began = time.perf_counter()
-    sums, automaton, nodes = _Sums(element_names(system)), system._automaton, 0
+    names, parts = element_names(system), system._automaton.parts
+    sums, nodes, modes = _Sums(names), 0, system._automaton.modes
     for part in intervals(run):
-        regimes = automaton.parts.now(run.regimes[automaton.modes.index(part.mode)])
+        regimes = parts.now(run.regimes[modes.index(part.mode)])
         count = nodes_needed(part)
         if count is None:
             raise ValueError(f"record must not need more than {MOST_NODES} nodes of quadrature")
         for _, weights, states in quadrature(part):
-            _flights(system, part.mode, regimes, weights, states, sums)
+            _flights(
+                system, part.mode, dict(zip(names, regimes, strict=True)), weights, states, sums
+            )
         nodes += count
-    events = _impacts(system, run, sums)
+    events = _impacts(system, run, names, sums)
     s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
-    energies = [_energy(system, run, i) for i in (0, last)]
-    # Springs may be pressed as the motion begins, and as it ends.
-    begun = min(int(np.searchsorted(s.begin, 0.0, side="right")) - 1, last)
-    for i, sign in ((begun, 1.0), (last, -1.0)):
+    first = min(int(np.searchsorted(s.begin, 0.0, side="right")) - 1, last)
+    energies = []
+    for i, sign in ((first, 1.0), (last, -1.0)):
         (mode, _) = next(run.modes(s.mode[[i]]))
-        regimes = automaton.parts.now(run.regimes[int(s.mode[i])])
-        for name, element, regime in zip(
-            element_names(system), system._elements, regimes, strict=True
-        ):
-            gap = _gap(system, mode, element, s.of(mode, [i]))[0]
-            sums.dissipated[name] += sign * 0.5 * regime.stiffness * float(gap[0]) ** 2
+        x, v = mode.motion(s.of(mode, [i]))
+        energies.append(0.5 * float(v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]))
+        # Springs of elements may be pressed as the motion begins, and as it ends.
+        regimes = parts.now(run.regimes[int(s.mode[i])])
+        for name, element, regime in zip(names, system._elements, regimes, strict=True):
+            gap = float(_gap(system, mode, element, s.of(mode, [i]))[0][0])
+            sums.dissipated[name] += sign * 0.5 * regime.stiffness * gap**2
     change = energies[1] - energies[0]
     rounding = 2.0**-50 * (sums.size + sum(energies))
     missed = abs(change - sum(sums.work.values()))
     cost = Cost(time.perf_counter() - began, {"events": events, "nodes": nodes})
     return EnergyBalance(change, sums.work, sums.dissipated, max(missed, rounding), cost)
-
-
-def _energy(system: ImpactMap, run: Trajectory, i: int) -> float:
-    """Of the structure, as a segment begins."""
-    (mode, _) = next(run.modes(run.segments.mode[[i]]))
-    x, v = mode.motion(run.segments.of(mode, [i]))
-    return 0.5 * float(v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0])
 
 
 def _gap(
@@ -124,12 +120,12 @@ def _gap(
 def _flights(
     system: ImpactMap,
     mode: Mode,
-    regimes: list[Regime],
+    regimes: dict[str, Regime],
     weights: Array,
     states: Array,
     sums: _Sums,
 ) -> None:
-    """Work in one mode, at nodes of quadrature with these weights (k,)."""
+    """Work in one mode, where elements are in these regimes, at nodes with these weights (k,)."""
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
     drive, c = system._drive, system.damping_matrix
@@ -139,15 +135,16 @@ def _flights(
     lost = weights * ((v @ c) * v).sum(axis=1)
     sums.add("damping", -lost, lost)
     left = _accelerations(mode, states) @ system.mass + v @ c + x @ system.stiffness - applied
-    names, held = element_names(system), []
-    for name, element, regime in zip(names, system._elements, regimes, strict=True):
+    held = []
+    for element, (name, regime) in zip(system._elements, regimes.items(), strict=True):
         gap, rate, own = _gap(system, mode, element, states)
+        row = element.sign * element.row(x.shape[1])
         if regime.holds or regime.sticks:
-            held.append((name, element.sign * element.row(x.shape[1]), own))
-        elif regime.push or regime.stiffness or regime.damping:
+            held.append((name, row, own))
+        elif regime.acts:
             force = regime.push - regime.stiffness * gap - regime.damping * rate
             sums.add(name, weights * force * (rate + own), -weights * force * rate)
-            left -= np.outer(force, element.sign * element.row(x.shape[1]))
+            left -= np.outer(force, row)
     if held:
         rows = np.array([row for _, row, _ in held])
         for (name, _, own), force in zip(held, np.linalg.lstsq(rows.T, left.T)[0], strict=True):
@@ -160,36 +157,28 @@ def _accelerations(mode: Mode, states: Array) -> Array:
     return mode.motion(rates)[1] - mode.motion(0.0 * rates)[1]
 
 
-def _impacts(system: ImpactMap, run: Trajectory, sums: _Sums) -> int:
+def _impacts(system: ImpactMap, run: Trajectory, names: list[str], sums: _Sums) -> int:
     """Work of impacts, and of the bounces that are left out; how many there are."""
-    s, names = run.segments, element_names(system)
+    s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
-    before = np.zeros((last + 1, system.degrees_of_freedom))
-    after = np.zeros_like(before)
-    turn = np.zeros((2, last + 1))
+    before, after = np.zeros((2, last, system.degrees_of_freedom))
+    turn = np.zeros((2, last))
     durations = np.diff(s.begin)[:last]
     for mode, here in run.modes(s.mode[:last]):
         (some,) = np.nonzero(here)
         ends = mode.after(s.of(mode, some), np.arange(len(some)), durations[some])
-        before[some + 1] = mode.motion(ends)[1]
-    for mode, here in run.modes(s.mode[: last + 1]):
+        before[some] = mode.motion(ends)[1]
+    for mode, here in run.modes(s.mode[1 : last + 1]):
         (some,) = np.nonzero(here)
-        states = s.of(mode, some)
+        states = s.of(mode, some + 1)
         after[some], turn[:, some] = mode.motion(states)[1], mode.parts(states)[1:]
-    kinds = s.kind[: last + 1]
+    kinds = s.kind[1 : last + 1]
     hits = (kinds == EventKind.CONTACT) | ((kinds == EventKind.IMPACT) & (not system._strobed))
-    hits[0] = False
-    for number, element in set(zip(s.mode[:-1].tolist(), s.element[1:].tolist(), strict=True)):
-        here = (
-            np.flatnonzero(
-                hits[1:] & (s.mode[:last] == number) & (s.element[1 : last + 1] == element)
-            )
-            + 1
-        )
-        if not len(here):
-            continue
-        grips = system._automaton.parts.grips(run.regimes[number])[0]
-        stops = [system._elements[k] for k in (element, *(k for k in grips if k != element))]
+    pairs = np.stack([s.mode[:last], s.element[1 : last + 1]], axis=1)
+    for number, element in np.unique(pairs[hits], axis=0).tolist():
+        here = hits & (pairs == (number, element)).all(axis=1)
+        held = [k for k in system._automaton.parts.grips(run.regimes[number])[0] if k != element]
+        stops = [system._elements[k] for k in (element, *held)]
         rows = np.array([stop.row(before.shape[1]) for stop in stops])
         change = after[here] - before[here]
         impulse = np.linalg.lstsq(rows.T, system.mass @ change.T)[0]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.systems.impact.elements import EventKind, HardStop, Regime
+from dynkit.systems.impact.elements import EventKind, HardStop, names_of
 from dynkit.systems.impact.state import TWO_PI, ImpactState
 from dynkit.systems.impact.trajectory import Ending
 
@@ -22,17 +22,15 @@ def element_names(system: ImpactMap) -> list[str]:
     """Names of the elements as those of their parameters, hard stops first."""
     if not system.elements:
         return ["table", "far_stop"][: len(system._stops)]
-    places = sorted(
-        range(len(system.elements)), key=lambda k: not isinstance(system.elements[k], HardStop)
-    )
-    return [system.elements[k].name or f"elements[{k}]" for k in places]
+    pairs = zip(names_of(system.elements), system.elements, strict=True)
+    return [name for name, _ in sorted(pairs, key=lambda pair: not isinstance(pair[1], HardStop))]
 
 
 def event_counts(system: ImpactMap, start: ImpactState, periods: int) -> dict[str, float] | None:
     """Counts of a motion that repeats after some periods of the forcing, from a state on it.
 
     Of hard stops impacts, infinite where they accumulate, and contacts; of others how often they
-    push by springs or dashpots (presses), and how often they stick. None where the motion ends.
+    begin to push (presses), and to stick. None where the motion ends.
     """
     length, impacts = periods * TWO_PI / system.frequency, 64
     record = system.simulate(impacts=impacts, start=start)
@@ -58,11 +56,11 @@ def event_counts(system: ImpactMap, start: ImpactState, periods: int) -> dict[st
     impact = within(s.begin[1:]) & (s.kind[1:] == EventKind.IMPACT)
     found: dict[str, float] = {}
     for k, (name, element) in enumerate(zip(element_names(system), system._elements, strict=True)):
-        own: list[Regime] = list(element.regimes)
+        apart = not (element.regimes[0].acts or any(r.sticks for r in element.regimes))
         doing = {
-            "contacts": [regime.holds for regime in own],
-            "presses": [regime.stiffness > 0.0 for regime in own],
-            "sticks": [regime.sticks for regime in own],
+            "contacts": [regime.holds for regime in element.regimes],
+            "presses": [apart and regime.acts for regime in element.regimes],
+            "sticks": [regime.sticks for regime in element.regimes],
         }
         if isinstance(element, HardStop):
             cut = (switches.speed > 0.0) & (run.guards[switches.guard, 1] == k)

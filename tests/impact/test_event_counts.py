@@ -93,3 +93,9 @@ def test_labels_of_planes_count_too_and_those_of_maps_do_not() -> None:
     assert label.counts == {"table.impacts": label.iterates, "table.contacts": 0}
     assert Henon(a=0.3).attractor(start=[0.1, 0.1], transient=1000).label.counts is None
     assert ImpactChain(frequency=0.35).attractor().label.counts is None
+
+
+def test_a_pad_that_is_a_dashpot_alone_is_pressed() -> None:
+    pad = SoftStop(0, offset=-0.5, damping=0.4, stiffness=0.0, name="pad")
+    block = ImpactChain(masses=1, frequency=1.0, harmonic_forces=[1.0], elements=[pad])
+    assert block.attractor().label.counts == {"pad.presses": 1}
