@@ -258,6 +258,13 @@ class Automaton:
         guard.partner = self.guard(guard.target, guard.element)
         stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
         guard.change = self.modes[guard.target].seen_from(one, stop)
+        sticking = self.parts.grips(self.regimes[guard.target])[1]
+        if guard.watch.event == HALT and guard.element in sticking:
+            # Its rate is that of the surface, and not what rounding leaves of it.
+            layout = self.modes[guard.target].layout
+            own = layout.modes[sticking.index(guard.element) - len(sticking)]
+            guard.change[layout.slots + own] = 0.0
+            guard.change[layout.slots + own, -1] = self._elements[guard.element].drift
 
     def _kind(self, guard: Guard) -> EventKind:
         """What it is to be led to another mode."""

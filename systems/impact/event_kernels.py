@@ -25,7 +25,7 @@ from dynkit.systems.impact.clock_kernels import (
     SPEED,
     SWITCHED,
 )
-from dynkit.systems.impact.contact_kernels import Tables, sign_of
+from dynkit.systems.impact.contact_kernels import SMALLEST, Tables, sign_of
 
 IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
 """What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
@@ -85,6 +85,30 @@ def bounced(tables: Tables, m: int, left: Array) -> int:
 
 
 @kernel()
+def disturbs(tables: Tables, g: int, u: float, lasts: float, states: Array) -> bool:
+    """Whether bounces at guard `g`, the first one at rate `u`, may take others to a switch.
+
+    Each of their impulses changes what others watch: all of them less than 2 u/(1 - r) of it.
+    """
+    kick, all_of_them = tables.kick[g], 2.0 * u / (1.0 - tables.restitution[g])
+    least = max(tables.tolerance, SMALLEST)
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] not in (SWITCH, HALT) or tables.rubbed[g, tables.element[k]]:
+            continue
+        guard = ladder_at(tables.ladders, k)
+        rows, at_once, in_time = guard.rows, 0.0, 0.0
+        for i in range(rows.shape[1]):
+            at_once += rows[0, i] * kick[0, i] + rows[1, i] * kick[1, i]
+            in_time += rows[2, i] * kick[0, i] + rows[3, i] * kick[1, i]
+        change = (abs(at_once) + abs(in_time) * lasts) * all_of_them
+        value, rate = value_and_rates(rows, guard.offset, states, START)[:2]
+        if change > least and value < 2.0 * (change + abs(rate) * lasts):
+            return True
+    return False
+
+
+@kernel()
 def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
     """Whether stops are no longer lain at in mode `m`: then their gaps are zero, and at rest."""
     found = False
@@ -111,7 +135,8 @@ def undecided(tables: Tables, g: int, left: Array) -> bool:
 def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Workspace) -> None:
     """Gaps after a flight that guard `g` ends, of stops that were left shortly before it.
 
-    Where friction turns in the middle of low bounces, the state would have their absolute rounding.
+    Where friction switches in the middle of low bounces, the state would have their absolute
+    rounding.
     """
     m, c = tables.ladders.integers[g, GROUP], work.coefficients
     for k in range(tables.first[m], tables.first[m + 1]):
@@ -119,7 +144,7 @@ def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Works
             continue
         own = left[tables.element[k]]
         order = int(own[ORDER])
-        rubbed = tables.drop[k] + tables.hold[k] > 0.0
+        rubbed = tables.event[g] != IMPACT or tables.drop[k] + tables.hold[k] > 0.0
         if k == g or n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
             own[GAP] = 0.0
             continue

@@ -79,6 +79,7 @@ from dynkit.systems.impact.event_kernels import (
     bounced,
     come_to_rest,
     copy,
+    disturbs,
     guard_of,
     jumped,
     know_gaps,
@@ -225,6 +226,7 @@ def run(
                 r, drop = tables.restitution[k], tables.drop[k]
                 # Largest change of a position or velocity by the rest of a chatter, at first order.
                 error = tables.coupling[k] * lifted(r, drop, u, second)
+                rest = 0.0
                 if u > 0.0:
                     order = 1
                     sticks = chatter_completes(
@@ -240,6 +242,10 @@ def run(
                         fourth,
                         error,
                     )
+                    if sticks:
+                        rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
+                        if left.shape[0] > 1 and disturbs(tables, k, u, rest, y):
+                            sticks = False
                     loose = False
                 else:
                     # Friction decides only what contact leaves to it.
@@ -267,9 +273,7 @@ def run(
                 own[MOTION] = BOUNCES
                 own[ORDER] = order
                 if sticks:
-                    rest = 0.0
                     if u > 0.0:
-                        rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
                         clock[CHATTER_ERROR] += error
                         if noise is not None:
                             lost = lifted(r, drop, u, second)

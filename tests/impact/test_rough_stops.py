@@ -223,3 +223,35 @@ def test_random_machines_on_rough_ground_move_as_in_many_digits(seed: int) -> No
     apart = abs(motion - states[:, : chain.dimension]).max(axis=1)
     assert (apart <= record.error[:count]).all()
     assert (np.array(late) * chain.frequency <= record.error[:count] + 2.0**-46).all()
+
+
+@pytest.mark.parametrize("seed", [7, 14, 17, 36, 42, 46])
+def test_a_chatter_is_not_cut_where_its_bounces_make_friction_elsewhere_slip(seed: int) -> None:
+    # Friction between two masses, one of which bounces: each of its impacts makes it slip a little.
+    random = np.random.default_rng(seed)
+    force = random.uniform(0.05, 0.6)
+    pair = MatrixOscillator(
+        M=np.diag(random.uniform(0.5, 2.0, 2)),
+        C=np.zeros((2, 2)),
+        K=[[1.0, -1.0], [-1.0, 1.2]],
+        frequency=random.uniform(0.2, 0.6),
+        constant_forces=[0.0, -random.uniform(0.3, 1.0)],
+        harmonic_forces=random.normal(size=2) * 0.2,
+        elements=[
+            HardStop(1, restitution=random.uniform(0.2, 0.7)),
+            DryFriction((0, 1), force=force, static=force * random.uniform(1.0, 1.5)),
+        ],
+    )
+    found = []
+    for tolerance in (1e-10, 1e-16):
+        machine = pair.replace(chatter_tolerance=tolerance)
+        found.append(machine.simulate(impacts=200, start=machine.state([0.0, 0.3], [0.0, 0.0])))
+    assert found[0].sticking[0] == pytest.approx(found[1].sticking[0], abs=1e-8)
+    (x, v), (y, w) = (
+        (events.position[events.kind == 1][0], events.velocity[events.kind == 1][0])
+        for events in (record.events for record in found)
+    )
+    assert x == pytest.approx(y, abs=2e-10)
+    assert v == pytest.approx(w, abs=2e-10)
+    # What sticks for ever does not creep by rounding until it slips.
+    assert all(record.ending.name != "SEARCH_LIMIT" for record in found)
