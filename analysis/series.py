@@ -134,7 +134,8 @@ class TimeSeries(Saved):
         if self._contacts is None:
             return draw_motion(ax, self.times, self.values, self.name)
         stops, at = self._contacts
-        return draw_motion(ax, self.times, self.values, self.name, stops, (self.impacts, at))
+        named = dict(zip(("table", "far stop"), stops, strict=False))
+        return draw_motion(ax, self.times, self.values, self.name, named, (self.impacts, at))
 
     @cached_property
     def _contacts(self) -> tuple[tuple[Array, ...], Array] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,16 +35,15 @@ def draw_motion(
     times: Array,
     values: Array,
     name: str,
-    stops: Sequence[Array] = (),
+    stops: Mapping[str, Array] | None = None,
     impacts: tuple[Array, Array] | None = None,
 ) -> Axes:
-    """Draw values, (k,), against time, the stops dashed, (k,) each, and the impacts as dots."""
+    """Draw values, (k,), against time, stops dashed, (k,) each by name, and impacts as dots."""
     axes = shown_axes(ax, height=1.8)
     axes.plot(times, values, color=ink(), linewidth=0.8, label=name)
-    for i, stop in enumerate(stops):
-        label = "_" if i else "table $x_T$"
+    for label, stop in (stops or {}).items():
         axes.plot(times, stop, "--", color=ink(), linewidth=0.6, label=label)
-    if impacts is not None:
+    if impacts is not None and len(impacts[0]):
         axes.plot(*impacts, "o", color=ink(), markersize=1.8, label="impacts")
     axes.set(xlabel="time $t$", ylabel=name)
     if len(times) > 1:

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.plotting.figures import ink, print_style
 from dynkit.plotting.points import displacement, draw_motion
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.elements import Element
+from dynkit.systems.impact.event_counts import element_names
+from dynkit.systems.impact.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,19 +43,57 @@ def draw(
     phase: float,
     end: float,
     impacts: Array,
+    along: Element | None = None,
 ) -> Axes:
-    """Draw what the stops act along, the stops and the impacts, from a phase of the table on."""
+    """Draw what an element acts along, the stops there and the impacts, from a phase on."""
     count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
     times = np.union1d(np.linspace(0.0, end, count), impacts)
-    first = system._elements[0]
+    first = system._elements[0] if along is None else along
     row = first.row(system.degrees_of_freedom)
-    stops = [stop for stop in system._stops if stop.coordinate == first.coordinate]
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
     place = np.concatenate([sample(part)[0] @ row for part in parts])
     turn = phase + system.frequency * times
-    places = [stop.swing(np.sin(turn), np.cos(turn)) + stop.offset for stop in stops]
+    named = zip(element_names(system), system._elements, strict=True)
+    places = {
+        name.replace("_", " "): stop.swing(np.sin(turn), np.cos(turn)) + stop.offset
+        for name, stop in named
+        if stop.coordinate == first.coordinate and "sticks" not in stop.doing
+    }
     at = place[np.searchsorted(times, impacts)]
     return draw_motion(ax, times, place, _named(first.coordinate), places, (impacts, at))
+
+
+@print_style()
+def shade(ax: Axes, run: Trajectory, along: Element, end: float) -> None:
+    """Shade while what acts along the same is in contact or pressed, hatch while it sticks."""
+    regimes = np.array(run.regimes)[run.segments.mode]
+    begins = np.append(run.segments.begin, np.inf).clip(0.0, end)
+    for k, element in enumerate(run.start._system._elements):
+        if element.coordinate != along.coordinate:
+            continue
+        doing = np.array(element.doing)[regimes[:, k]]
+        for what, label, face, hatch in _SHADES:
+            (now,) = np.nonzero((doing == what) & (np.diff(begins) > 0.0))
+            spans = list(zip(begins[now], np.diff(begins)[now], strict=True))
+            if spans:
+                ax.broken_barh(
+                    spans,
+                    (0.0, 1.0),
+                    transform=ax.get_xaxis_transform(),
+                    linewidth=0.0,
+                    zorder=0.0,
+                    label=label,
+                    facecolor=ink(face),
+                    edgecolor=ink(0.6),
+                    hatch=hatch,
+                )
+
+
+_SHADES = (
+    ("contacts", "in contact", 0.75, None),
+    ("presses", "pressed", 0.9, None),
+    ("sticks", "sticks", 1.0, "////"),
+)
 
 
 def _named(along: Any) -> str:

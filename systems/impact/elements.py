@@ -188,6 +188,22 @@ class Element(ABC):
         """What it does; in flight it is in the first one."""
 
     @final
+    @property
+    def doing(self) -> list[str]:
+        """What it does in each regime, in a word: it contacts, sticks, presses, or nothing."""
+        first, apart = self.regimes[0], not any(regime.sticks for regime in self.regimes)
+        return [
+            "contacts"
+            if regime.holds
+            else "sticks"
+            if regime.sticks
+            else "presses"
+            if regime.acts and apart and not first.acts
+            else ""
+            for regime in self.regimes
+        ]
+
+    @final
     def row(self, size: int) -> Array:
         """The row J, (N,)."""
         row, places = np.zeros(size), np.atleast_1d(self.coordinate)

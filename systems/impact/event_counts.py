@@ -56,19 +56,13 @@ def event_counts(system: ImpactMap, start: ImpactState, periods: int) -> dict[st
     impact = within(s.begin[1:]) & (s.kind[1:] == EventKind.IMPACT)
     found: dict[str, float] = {}
     for k, (name, element) in enumerate(zip(element_names(system), system._elements, strict=True)):
-        apart = not (element.regimes[0].acts or any(r.sticks for r in element.regimes))
-        doing = {
-            "contacts": [regime.holds for regime in element.regimes],
-            "presses": [apart and regime.acts for regime in element.regimes],
-            "sticks": [regime.sticks for regime in element.regimes],
-        }
         if isinstance(element, HardStop):
             cut = (switches.speed > 0.0) & (run.guards[switches.guard, 1] == k)
             hits = int((impact & (s.element[1:] == k)).sum())
             found[f"{name}.impacts"] = math.inf if within(switches.time[cut]).any() else hits
-        for what, when in doing.items():
-            if any(when):
-                on = np.array(when)[regimes[modes, k]]
-                begins = on & ~np.append(True, on[:-1])
-                found[f"{name}.{what}"] = int((begins & within(begin)).sum())
+        doing = np.array(element.doing)[regimes[modes, k]]
+        for what in sorted(filter(None, set(element.doing))):
+            on = doing == what
+            begins = on & ~np.append(True, on[:-1])
+            found[f"{name}.{what}"] = int((begins & within(begin)).sum())
     return found

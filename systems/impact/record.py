@@ -13,7 +13,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, largest, told
-from dynkit.core.validation import Array, finite_array, positive_integer
+from dynkit.core.validation import Array, finite_array, one_of, positive_integer
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.motion import events_of, longest_sample, sample_run
@@ -352,9 +352,10 @@ class ImpactRecord(Result):
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
         return sample_run(self.system, self._run, asked)
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw what the first stop acts along against time, its stops dashed, its impacts as dots.
+    def plot(self, ax: Axes | None = None, element: str | None = None) -> Axes:
+        """Draw what an element acts along against time, its stops dashed, its impacts as dots.
 
+        Shaded while what acts along it is in contact, or presses; hatched while friction sticks.
         From the start to the last impact, but no more than 1000 periods of the forcing; two periods
         more, and 12 at least, where the simulation ended by itself.
 
@@ -362,20 +363,32 @@ class ImpactRecord(Result):
         ----------
         ax : Axes, optional
             Where to draw; by default a new figure of column width.
+        element : str, optional
+            Its name, or ``"elements[k]"``; by default the first hard stop, or the first element.
 
         Returns
         -------
         Axes
-        """
-        from dynkit.systems.impact.drawing import draw, shown_until
 
-        end = shown_until(2.0 * math.pi / self.system.frequency, self.time, self.ending)
-        stops = self.system._stops
-        along = np.array([stop.coordinate == stops[0].coordinate for stop in stops], dtype=bool)
+        Raises
+        ------
+        ValueError
+            When no element has this name.
+        """
+        from dynkit.systems.impact.drawing import draw, shade, shown_until
+        from dynkit.systems.impact.event_counts import element_names
+
+        system, names = self.system, element_names(self.system)
+        chosen = names[0] if element is None else one_of("element", element, names)
+        along = system._elements[names.index(chosen)]
+        end = shown_until(2.0 * math.pi / system.frequency, self.time, self.ending)
+        hit = [stop.coordinate == along.coordinate for stop in system._elements]
         impacts = np.empty(0)
-        if stops:
-            impacts = self.time[along[self.element] & (self.time <= end)]
-        return draw(ax, self.system, self.sample, self.start.phase, end, impacts)
+        if not system._strobed:
+            impacts = self.time[np.array(hit)[self.element] & (self.time <= end)]
+        axes = draw(ax, system, self.sample, self.start.phase, end, impacts, along)
+        shade(axes, self._run, along, end)
+        return axes
 
     def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset; its time counts from the start.

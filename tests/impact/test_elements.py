@@ -9,7 +9,7 @@ import pytest
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems import HardStop, ImpactChain, SoftStop
+from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
 from dynkit.systems.impact.elements import EventKind
 from dynkit.systems.impact.motion import sample_run
 from dynkit.systems.impact.record import ImpactRecord
@@ -396,3 +396,29 @@ def test_a_motion_without_impacts_comes_to_an_end(
     assert bool(len(record.sticking)) is (offset > 0)
     more = chain.simulate(impacts=5, start=record.final)
     assert more.ending is Ending.SEARCH_LIMIT
+
+
+def test_pictures_show_what_presses_and_sticks_along_what_is_asked_for() -> None:
+    machine = ImpactChain(
+        masses=2,
+        frequency=0.4,
+        elements=[
+            HardStop(1, amplitude=0.3, restitution=0.4, name="table"),
+            SoftStop(1, offset=0.5, stiffness=20.0, name="pad"),
+            DryFriction(0, force=0.05, static=0.08, velocity=0.02, name="belt"),
+        ],
+    )
+    record = machine.simulate(impacts=40)
+    for element, shades in (("belt", {"sticks"}), (None, {"pressed"}), ("pad", {"pressed"})):
+        ax = record.plot(element=element)
+        labels = ax.get_legend_handles_labels()[1]
+        assert {"in contact", "pressed", "sticks"} & set(labels) == shades
+        paths = [path.get_extents() for path in ax.collections[0].get_paths()]
+        assert paths
+        for path in paths[:20]:
+            middle = 0.5 * (path.x0 + path.x1)
+            (x, v) = record.sample([middle])
+            assert v[0, 0] == pytest.approx(0.02) if element == "belt" else x[0, 1] < 0.5
+        assert ("belt" in labels) is False
+    with pytest.raises(ValueError, match="element must be one of: table, pad, belt; got 'no'"):
+        record.plot(element="no")

@@ -107,7 +107,12 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
         "docs/index.md",
         *(
             f"{HOW_TO}{name}.md"
-            for name in ("keep-results", "make-a-structure", "continue-your-own-equations")
+            for name in (
+                "keep-results",
+                "make-a-structure",
+                "add-stops-and-friction",
+                "continue-your-own-equations",
+            )
         ),
     ],
 )
