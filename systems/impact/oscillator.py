@@ -21,6 +21,8 @@ from dynkit.systems.impact.state import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 
@@ -282,6 +284,32 @@ class ImpactOscillator(ImpactMap):
         from dynkit.systems.impact.orbits.searching import search
 
         return search(self, impacts, periods)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the machine: a sketch of its masses, springs and dashpots, stops and friction.
+
+        Coordinates are drawn as masses side by side, the positive direction to the right. Entries
+        of the stiffness and the damping matrix between two of them are springs and dashpots, sums
+        of rows those to a wall: masses that the mass matrix couples are drawn as if it did not.
+        Lengths are not to scale. Arrows are stops and surfaces that move.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure, wider with more masses.
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        ValueError
+            With more than 20 masses.
+        """
+        from dynkit.systems.impact.sketch import sketch
+
+        return sketch(ax, self)
 
     def _recorded(self, name: str, impacts: object) -> int:
         """How many impacts to record: so many that their states fit into memory."""
