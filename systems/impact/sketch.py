@@ -158,8 +158,9 @@ class _Pen:
         places = (np.flatnonzero(row) * _APART).tolist()
         low, high = places[0], places[-1]
         pair, rubs = sorted(row[row != 0.0].tolist()) == [-1.0, 1.0], "sticks" in element.doing
-        soft = "presses" in element.doing
-        back, ahead = (0.0, 0.0) if pair else (0.8, 0.8) if rubs else (0.9 if soft else 0.6, 0.0)
+        back, ahead = (0.0, 0.0) if pair else (0.8, 0.8) if rubs else (0.9, 0.0)
+        if _by(element) is None and not (pair or rubs):
+            back = 0.6
         if element.sign < 0 and not rubs:
             back, ahead = ahead, back
         end = high + ahead + 0.15
@@ -167,9 +168,10 @@ class _Pen:
         for x in places:
             self._line([x, x], [-_HALF, y], linestyle="-" if pair or low == high else ":")
         if pair and rubs:
-            self._rub(low, 0.5 * (low + high), high, y)
+            self._rub(low, high, y)
         elif pair:
-            self._stop(low, 0.5 * (low + high), high, y, soft=soft)
+            stretched = element.sign * row[np.flatnonzero(row)[-1]] < 0.0
+            (self._cage if stretched else self._stop)(low, high, y, _by(element))
         else:
             self._line([low, high], [y, y])
             x = low if rubs or element.sign > 0 else high
@@ -193,13 +195,12 @@ class _Pen:
 
     def _post(self, x: float, y: float, element: Element) -> None:
         """A wall beside what is stopped; that of a soft stop has a spring."""
-        side = -element.sign
-        soft = "presses" in element.doing
-        face, wall = x + 0.25 * side, x + (0.7 if soft else 0.25) * side
+        side, by = -element.sign, _by(element)
+        face, wall = x + 0.25 * side, x + (0.7 if by else 0.25) * side
         self._plate(x, y)
         self._plate(face, y)
-        if soft:
-            self._link("spring", (wall, y), (face, y))
+        if by:
+            self._link(by, (wall, y), (face, y))
         self._wall(min(wall, wall + 0.2 * side), y - 0.22, 0.2, 0.44)
         self._line([wall, wall], [y - 0.22, y + 0.22])
         if element.amplitude:
@@ -213,20 +214,41 @@ class _Pen:
         if element.amplitude or element.drift:
             self._arrow(x, y - 0.36, 0.0 if element.amplitude else element.drift)
 
-    def _stop(self, low: float, middle: float, high: float, y: float, *, soft: bool) -> None:
-        """Between two masses."""
-        reach = 0.12
-        if soft:
-            self._link("spring", (low, y), (middle - reach, y))
-        else:
-            self._line([low, middle - reach], [y, y])
-        self._line([middle + reach, high], [y, y])
-        for x in (middle - reach, middle + reach):
-            self._plate(x, y)
+    def _stop(self, low: float, high: float, y: float, by: str | None) -> None:
+        """Between two masses that come close."""
+        left, right = (0.5 * (low + high) + side * 0.12 for side in (-1.0, 1.0))
+        self._rod(low, left, y, by)
+        self._line([right, high], [y, y])
+        self._plate(left, y)
+        self._plate(right, y)
 
-    def _rub(self, low: float, middle: float, high: float, y: float) -> None:
+    def _cage(self, low: float, high: float, y: float, by: str | None) -> None:
+        """Between two masses that move apart: a rod with a plate, in a cage."""
+        left, right = (0.5 * (low + high) + side * 0.3 for side in (-1.0, 1.0))
+        self._rod(low, right - 0.25, y, by)
+        self._plate(right - 0.25, y)
+        for side in (-1.0, 1.0):
+            x, up = [left, left, right, right], [0.06, 0.24, 0.24, 0.0]
+            self._line(x, [y + side * height for height in up], linewidth=1.2)
+        self._line([right, high], [y, y])
+
+    def _rod(self, start: float, end: float, y: float, by: str | None) -> None:
+        if by:
+            self._link(by, (start, y), (end, y))
+        else:
+            self._line([start, end], [y, y])
+
+    def _rub(self, low: float, high: float, y: float) -> None:
         """Between two masses: one slides along the other."""
+        middle = 0.5 * (low + high)
         self._box(middle - 0.3, y - 0.12, 0.6, 0.24)
         self._line([low, middle - 0.3], [y, y])
         self._line([middle - 0.6, high, high], [y - 0.12, y - 0.12, y])
         self._wall(middle - 0.6, y - 0.26, 1.2, 0.14)
+
+
+def _by(element: Element) -> str | None:
+    """By what a soft stop pushes."""
+    if "presses" not in element.doing:
+        return None
+    return "spring" if any(regime.stiffness for regime in element.regimes) else "dashpot"

@@ -80,6 +80,21 @@ def test_a_stop_is_on_the_side_that_it_is_hit_from(side: str, sign: float) -> No
     assert [np.sign(wall.get_x() + 0.5 * wall.get_width()) for wall in walls] == [sign]
 
 
+@pytest.mark.parametrize("along", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_what_keeps_masses_from_moving_apart_is_a_cage(along: tuple[int, int], side: str) -> None:
+    pair = MatrixOscillator(
+        M=np.eye(2),
+        C=np.zeros((2, 2)),
+        K=np.eye(2),
+        frequency=1.0,
+        elements=[HardStop(along, offset=-1.0 if side == "above" else 1.0, side=side)],
+    )
+    halves = [line for line in pair.plot().get_lines() if len(np.asarray(line.get_xdata())) == 4]
+    apart = (along == (0, 1)) == (side == "below")
+    assert len(halves) == (2 if apart else 0)
+
+
 def test_springs_are_those_of_the_matrix() -> None:
     bare = MatrixOscillator(M=np.eye(3), C=np.zeros((3, 3)), K=np.zeros((3, 3)), frequency=1.0)
     counts = []
