@@ -238,7 +238,9 @@ class Course:
             speed, element, motion = 0.0, hard[0], Motion.TABLE
         elif element >= len(oscillator._stops):
             element, motion = 0, Motion.FLIGHT
-        closed = [k for k in closed if k != element]
+        closed, ending = [k for k in closed if k != element], self.ending
+        if hard and ending is Ending.NO_FURTHER_CONTACT:
+            ending = Ending.CONTACT_FOR_EVER
         q, sine, cosine = free.parts(state[:, : free.layout.slots])
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
@@ -251,7 +253,7 @@ class Course:
             tuple(automaton.regimes),
             automaton.table,
             self.impacts,
-            self.ending,
+            ending,
             float(clock[clock_kernels.CHATTER_ERROR]),
             self.cells,
             int(clock[clock_kernels.TOUCHES]),

@@ -254,4 +254,4 @@ def test_a_chatter_is_not_cut_where_its_bounces_make_friction_elsewhere_slip(see
     assert x == pytest.approx(y, abs=2e-10)
     assert v == pytest.approx(w, abs=2e-10)
     # What sticks for ever does not creep by rounding until it slips.
-    assert all(record.ending.name != "SEARCH_LIMIT" for record in found)
+    assert {record.ending.name for record in found} <= {"CONTACT_FOR_EVER", "COUNT_REACHED"}
