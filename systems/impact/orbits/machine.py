@@ -27,9 +27,9 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.driven import DrivenStructure
     from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
     from dynkit.systems.impact.orbits.passages.passage import Passage
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""

@@ -17,7 +17,7 @@ from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.orbits.passages.passage import PASSED, Passage, Scene, Word
 from dynkit.systems.impact.orbits.passages.solution import PassageSolution
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 _ROUNDING = 2.0**-52
 _COMMON = 16.0 * _ROUNDING / PASSED
