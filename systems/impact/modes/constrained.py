@@ -12,12 +12,12 @@ from dynkit.systems.impact.elements.element import Element, Watch
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.modes.steady_response import HIDDEN, Forced, Load
 from dynkit.systems.impact.modes.sticking import stuck
-from dynkit.systems.impact.modes.structure import ROUNDING, Drive, Held, Structure
+from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Held, Structure
 
 
 def mode_of(
     structure: Structure,
-    drive: Drive,
+    excitation: Excitation,
     held: Sequence[Element],
     sticking: Sequence[Element],
     watched: Sequence[Array],
@@ -27,7 +27,7 @@ def mode_of(
 
     Rows (N,) of all coordinates are watched, and impulses act along some of them.
     """
-    w, s = drive.frequency, structure
+    w, s = excitation.frequency, structure
     others, pivots, ties = np.arange(s.size), None, None
     shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
     inner: Structure | None = s
@@ -44,7 +44,7 @@ def mode_of(
         rows = [element.row(s.size) for element in sticking]
         assert inner is not None
         inner = stuck(inner, np.array([grip.leaves(row) if grip else row for row in rows]))
-    harmonic, constant = drive.harmonic, drive.constant
+    harmonic, constant = excitation.harmonic, excitation.constant
     for p in np.flatnonzero(shape).tolist():
         dynamic = s.stiffness[:, p] + 1j * w * s.damping[:, p] - w * w * s.mass[:, p]
         harmonic = harmonic - dynamic * shape[p]
@@ -60,7 +60,7 @@ def mode_of(
     if held or sticking:
         for row in _grip(s, [*held, *sticking]).weights:
             pulls += [row @ part for part in (s.stiffness, s.damping, s.mass)]
-    return _mode(inner, forced, drive, [*pulls, *watched], hit)
+    return _mode(inner, forced, excitation, [*pulls, *watched], hit)
 
 
 def _grip(structure: Structure, held: Sequence[Element]) -> Held:
@@ -70,13 +70,13 @@ def _grip(structure: Structure, held: Sequence[Element]) -> Held:
 def _mode(
     structure: Structure | None,
     forced: Forced,
-    drive: Drive,
+    excitation: Excitation,
     watched: Sequence[Array],
     hit: Sequence[Array],
 ) -> Mode:
     """The mode, whose searches see the modes with a share in what is watched, or hit."""
     if structure is None:
-        return Mode(None, forced, drive, np.ones(0, dtype=bool))
+        return Mode(None, forced, excitation, np.ones(0, dtype=bool))
     rows, along = ([forced.gathered(row) for row in part] for part in (watched, hit))
     key = tuple(frozenset(row.tobytes() for row in part) for part in (rows, along))
     if key not in structure.seen:
@@ -85,7 +85,7 @@ def _mode(
         share = abs(np.concatenate(shares))
         largest = share.max(axis=1, keepdims=True, initial=0.0)
         structure.seen[key] = (share > HIDDEN * largest).any(axis=0)
-    return Mode(structure, forced, drive, structure.seen[key])
+    return Mode(structure, forced, excitation, structure.seen[key])
 
 
 def rides(structure: Structure, held: Sequence[Element], element: Element) -> bool | None:
@@ -159,7 +159,7 @@ def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
 def force_of(
     mode: Mode,
     structure: Structure,
-    drive: Drive,
+    excitation: Excitation,
     held: Sequence[Element],
     element: Element,
     watch: Watch,
@@ -173,9 +173,9 @@ def force_of(
     row = row + mode.pairs.derivative_rows(mode.row(weights @ s.damping), 1)
     row = row + mode.pairs.derivative_rows(mode.row(weights @ s.mass), 2)
     if mode.layout.table >= 0:
-        own = weights @ drive.harmonic
+        own = weights @ excitation.harmonic
         row[:, mode.layout.table] -= own.real, own.imag
-    offset = weights @ s.stiffness @ mode.forced.rest - weights @ drive.constant
+    offset = weights @ s.stiffness @ mode.forced.rest - weights @ excitation.constant
     if mode.layout.constant >= 0:
         # Accelerations of what nothing holds.
         offset += row[0, mode.layout.constant]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.constrained import mode_of
 from dynkit.systems.impact.modes.mode import Mode, Transitions
-from dynkit.systems.impact.modes.structure import Contact, Drive
+from dynkit.systems.impact.modes.structure import Contact, Excitation
 
 
 @final
@@ -44,7 +44,7 @@ class FreeMotion:
         forces = np.zeros(n) if constant is None else constant
         self.mode: Mode = mode_of(
             contact.structure,
-            Drive(1.0, np.zeros(n, dtype=complex), forces, turns=False),
+            Excitation(1.0, np.zeros(n, dtype=complex), forces, turns=False),
             (),
             (),
             [contact.row],
@@ -156,12 +156,12 @@ def free_motion(contact: Contact) -> FreeMotion:
     return _motions[contact]
 
 
-def forced_motion(contact: Contact, drive: Drive) -> FreeMotion:
+def forced_motion(contact: Contact, excitation: Excitation) -> FreeMotion:
     """The same under the constant forces, where some of the motion has no restoring force.
 
     Elsewhere it is at rest in another place: see `Terms`.
     """
     motion = free_motion(contact)
-    if not len(motion.neutral) or not drive.constant.any():
+    if not len(motion.neutral) or not excitation.constant.any():
         return motion
-    return FreeMotion(contact, drive.constant)
+    return FreeMotion(contact, excitation.constant)

@@ -15,7 +15,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.modes.bases import row_by_row
 from dynkit.systems.impact.modes.steady_response import Forced
-from dynkit.systems.impact.modes.structure import Contact, Drive, Structure
+from dynkit.systems.impact.modes.structure import Contact, Excitation, Structure
 
 
 @final
@@ -36,12 +36,12 @@ class Mode:
         self,
         structure: Structure | None,
         forced: Forced,
-        drive: Drive,
+        excitation: Excitation,
         seen: NDArray[np.bool_],
     ) -> None:
         self.structure = structure
         self.forced = forced
-        self.layout, self.propagators = forced.arranged(~seen, turns=drive.turns)
+        self.layout, self.propagators = forced.arranged(~seen, turns=excitation.turns)
         self._known: dict[bytes, tuple[Any, Any, Array]] = {}
 
     @property

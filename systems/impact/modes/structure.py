@@ -249,7 +249,7 @@ def structure_of(given: LagrangianStructure) -> Structure:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Drive:
+class Excitation:
     """What acts from outside at one frequency, phase' = frequency: forces on all coordinates (N,).
 
     Attributes
@@ -263,7 +263,7 @@ class Drive:
     constant: Array
     turns: bool
 
-    def pulled(self, element: Element, regime: Regime) -> Drive:
+    def pulled(self, element: Element, regime: Regime) -> Excitation:
         """The same with what an element, which moves, adds to the forces."""
         k, c, row = regime.stiffness, regime.damping, element.row(len(self.constant))
         if k == c == regime.push == 0.0:

@@ -43,9 +43,9 @@ _DIFFERENCE = 1e-3
 
 def numbers_of(oscillator: DrivenStructure) -> Array:
     """All numbers that its motion depends on, (3 + stops + 3N + 3N^2,)."""
-    o, drive = oscillator, oscillator._drive
+    o, excitation = oscillator, oscillator._excitation
     places = [stop.offset for stop in o._stops]
-    forces = [drive.harmonic.real, drive.harmonic.imag, drive.constant]
+    forces = [excitation.harmonic.real, excitation.harmonic.imag, excitation.constant]
     matrices = [o.mass, o.damping_matrix, o.stiffness]
     parts: list[Any] = [o.frequency, o.restitution, o.amplitude, places, *forces, *matrices]
     return np.concatenate([np.ravel(part) for part in parts])

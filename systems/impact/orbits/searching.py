@@ -94,7 +94,7 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         state = record.final
         size = np.maximum(size, abs(record.states).max(axis=0, initial=0.0))
         yield record
-    terms = Terms.of(oscillator, forced_motion(oscillator._contact, oscillator._drive))
+    terms = Terms.of(oscillator, forced_motion(oscillator._contact, oscillator._excitation))
     places = oscillator.degrees_of_freedom - 1
     size[:places] = np.maximum(size[:places], abs(terms.drive))
     size[places:-1] = np.maximum(size[places:-1], abs(terms.drive) * terms.frequency)

@@ -133,9 +133,9 @@ def _flights(
     """Work in one mode, where elements are in these regimes, at nodes with these weights (k,)."""
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
-    drive, c = system._drive, system.damping_matrix
-    applied = np.outer(sine, drive.harmonic.real) + np.outer(cosine, drive.harmonic.imag)
-    applied = applied + drive.constant
+    excitation, c = system._excitation, system.damping_matrix
+    applied = np.outer(sine, excitation.harmonic.real) + np.outer(cosine, excitation.harmonic.imag)
+    applied = applied + excitation.constant
     sums.add("forces", weights * (applied * v).sum(axis=1))
     lost = weights * ((v @ c) * v).sum(axis=1)
     sums.add("damping", -lost, lost)

@@ -27,7 +27,7 @@ from dynkit.systems.impact.elements.element import (
 )
 from dynkit.systems.impact.modes.constrained import force_of, mode_of, moves, pushed, sum_of
 from dynkit.systems.impact.modes.mode import Mode, transformed
-from dynkit.systems.impact.modes.structure import ROUNDING, Drive, Structure
+from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
 from dynkit.systems.impact.simulation.regimes import Parts
 
 MOST_NUMBERS = 1 << 25
@@ -103,11 +103,11 @@ class Automaton:
     def __init__(
         self,
         structure: Structure,
-        drive: Drive,
+        excitation: Excitation,
         elements: Sequence[Element],
         tolerance: float,
     ) -> None:
-        self._structure, self._drive, self._elements = structure, drive, tuple(elements)
+        self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
         self._size, self._slots, self._joined = structure.size, 0, set[int]()
         self.parts = Parts(self._elements, structure)
@@ -198,11 +198,11 @@ class Automaton:
 
     def _build(self, regimes: tuple[int, ...]) -> None:
         number, now = len(self.modes), self.parts.now(regimes)
-        structure, drive = self._structure, self._drive
+        structure, excitation = self._structure, self._excitation
         for element, regime in zip(self._elements, now, strict=True):
             row = element.row(structure.size)
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
-            drive = drive.pulled(element, regime)
+            excitation = excitation.pulled(element, regime)
         grips = self.parts.grips(regimes)
         held, sticking = ([self._elements[k] for k in part] for part in grips)
         places = range(len(now))
@@ -223,13 +223,15 @@ class Automaton:
             for k in moving
             if isinstance(self._elements[k], HardStop) and riding[k] is False
         ]
-        mode = mode_of(structure, drive, held, sticking, watched, hit)
+        mode = mode_of(structure, excitation, held, sticking, watched, hit)
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             if k in both:
                 for watch in regime.guards:
-                    force = force_of(mode, structure, drive, [*held, *sticking], element, watch)
+                    force = force_of(
+                        mode, structure, excitation, [*held, *sticking], element, watch
+                    )
                     self.guards.append(Guard(number, k, watch, force))
             elif k in moving:
                 for watch in _free_of(regime.guards, riding[k]):
@@ -314,8 +316,8 @@ class Automaton:
             partner=np.array([g.partner for g in guards]),
             change=stack.take("change", len(guards) if self._joined else 0),
             tolerance=self._tolerance,
-            period=0.0 if self._hit else 2.0 * np.pi / self._drive.frequency,
-            clock_rate=self._drive.frequency if modes[0].layout.table < 0 else 0.0,
+            period=0.0 if self._hit else 2.0 * np.pi / self._excitation.frequency,
+            clock_rate=self._excitation.frequency if modes[0].layout.table < 0 else 0.0,
             **given,
         )
 

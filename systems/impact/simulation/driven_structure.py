@@ -22,7 +22,13 @@ from dynkit.core.validation import (
 )
 from dynkit.systems.impact.elements.element import Element, HardStop, checked_elements
 from dynkit.systems.impact.modes.mode import Mode
-from dynkit.systems.impact.modes.structure import Contact, Drive, Structure, place_of, structure_of
+from dynkit.systems.impact.modes.structure import (
+    Contact,
+    Excitation,
+    Structure,
+    place_of,
+    structure_of,
+)
 from dynkit.systems.impact.simulation.automaton import Automaton
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
@@ -35,7 +41,7 @@ _CACHES = frozenset(
         "_structure",
         "_contact",
         "_contacts",
-        "_drive",
+        "_excitation",
         "_stops",
         "_soft",
         "_free",
@@ -151,12 +157,12 @@ class DrivenStructure(LagrangianStructure):
         return tuple(structure.contact(stop.row(n)) for stop in self._stops)
 
     @cached_property
-    def _drive(self) -> Drive:
+    def _excitation(self) -> Excitation:
         n = self.degrees_of_freedom
         harmonic = np.array(self.harmonic_forces or (0j,) * n)
         constant = np.array(self.constant_forces or (0.0,) * n)
         moved = any(element.phasor for element in self._elements)
-        return Drive(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
+        return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
 
     @cached_property
     def _stops(self) -> tuple[HardStop, ...]:
@@ -215,7 +221,7 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _automaton(self) -> Automaton:
         tolerance = self.chatter_tolerance
-        return Automaton(self._structure, self._drive, self._elements, tolerance)
+        return Automaton(self._structure, self._excitation, self._elements, tolerance)
 
     @cached_property
     def _free(self) -> Mode:

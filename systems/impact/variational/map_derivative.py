@@ -88,7 +88,7 @@ def parameter_derivative(
     change more than themselves, of the frequency of harmonic forces, and where another mode is
     entered.
     """
-    forced = bool(oscillator._drive.harmonic.any())
+    forced = bool(oscillator._excitation.harmonic.any())
     if (
         oscillator._strobed
         or oscillator._several

@@ -64,13 +64,13 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
             changes = dict(zip(self._names, p.tolist(), strict=True))
             return Scene(contact, motion, Terms.of(self.oscillator, motion, changes))
         system = self.system(p)
-        motion = forced_motion(system._contact, system._drive)
+        motion = forced_motion(system._contact, system._excitation)
         return Scene(system._contact, motion, Terms.of(system, motion))
 
     @cached_property
     def _here(self) -> Scene:
         """At the oscillator's parameters."""
-        motion = forced_motion(self.oscillator._contact, self.oscillator._drive)
+        motion = forced_motion(self.oscillator._contact, self.oscillator._excitation)
         return Scene(self.oscillator._contact, motion, Terms.of(self.oscillator, motion))
 
     def _solution(self, x: Array, scene: Scene) -> ImpulseSolution:

@@ -43,7 +43,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ImpulseEqua
     ValueError
         When nothing drives the oscillator.
     """
-    motion = forced_motion(oscillator._contact, oscillator._drive)
+    motion = forced_motion(oscillator._contact, oscillator._excitation)
     try:
         terms = Terms.of(oscillator, motion)
     except NoSolution as refusal:

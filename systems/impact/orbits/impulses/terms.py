@@ -102,7 +102,7 @@ def _steady_response(
 
     Where some of the motion has no restoring force, the place is that of the rest of it.
     """
-    harmonic, constant = oscillator._drive.harmonic, oscillator._drive.constant
+    harmonic, constant = oscillator._excitation.harmonic, oscillator._excitation.constant
     shape, by_frequency, still = harmonic, harmonic, constant
     try:
         if harmonic.any():

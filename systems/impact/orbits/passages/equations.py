@@ -53,7 +53,7 @@ class PassageEquations(ImpactProblem[PassageSolution]):
 
     def _scene(self, p: Array) -> Scene:
         system = self.system(p)
-        if not system._drive.turns:
+        if not system._excitation.turns:
             raise NoSolution("nothing drives the system")
         return Scene(system)
 

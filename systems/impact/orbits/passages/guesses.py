@@ -42,7 +42,7 @@ def courses(oscillator: ImpactMap, periods: int) -> Iterator[Course]:
     ValueError
         When nothing drives the oscillator.
     """
-    if not oscillator._drive.turns:
+    if not oscillator._excitation.turns:
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
     scene = Scene(oscillator)
     for state in _starts(oscillator, scene):
