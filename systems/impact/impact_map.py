@@ -40,16 +40,16 @@ TWO_PI = 2.0 * math.pi
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactMap(DrivenStructure, Map):
-    """What records, attractors and orbits need of an `ImpactOscillator`, whose base this is."""
+    """Base of `ImpactOscillator`: the part that records, attractors and orbits use."""
 
     # results know their system: their classes stand above this one
     @abstractmethod
     def simulate(self, *, impacts: int, start: ImpactState | None = None) -> Any:
-        """Return the record of so many impacts: see `ImpactOscillator`."""
+        """Return the record of a number of impacts: see `ImpactOscillator`."""
 
     @abstractmethod
     def attractor(self, *args: Any, **kwargs: Any) -> Any:
-        """Return what is left of the motion after a number of impacts: see `ImpactOscillator`."""
+        """Return the motion after a transient: see `ImpactOscillator`."""
 
     @abstractmethod
     def _attractor_of(self, record: Any) -> Any: ...
@@ -65,7 +65,7 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The numbers that set this oscillator apart in its family, by name."""
+        """The parameters of this oscillator, by name."""
         left_out = {"chatter_tolerance", "contact", "masses", *(OF_TABLE if self.elements else ())}
         found = {k: value for k, value in super().parameters.items() if k not in left_out}
         return found | numbers_of(self.elements)
@@ -95,7 +95,7 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """Everything that the motion depends on: arguments, and matrices of the energies."""
+        """Everything that determines the motion: arguments, and matrices of the energies."""
         names = (*self._arguments, "mass", "damping_matrix", "stiffness")
         found = {name: getattr(self, name) for name in names}
         return found | {"elements": tuple(map(repr, self.elements))}
@@ -114,14 +114,15 @@ class ImpactMap(DrivenStructure, Map):
         Parameters
         ----------
         position : (N,) array_like
-            Of the coordinates; by default in the shape of the first mode. Its modal amplitude is
-            then one, the contact coordinate on its side of zero (the start of Cusumano & Bai);
-            where that is beyond a stop, or on one that moves towards it, half-way between the two,
-            or one away from the only one. Where the first mode has a node at the contact
-            coordinate, only that coordinate is moved. With several stops the nearest positions of
-            which all gaps are one, or a half, a quarter, and so on, where there is less room.
+            Positions; by default the shape of the first mode with modal amplitude one, the contact
+            coordinate on its side of zero (the start of Cusumano & Bai). Where that position is
+            beyond a stop, or on a stop that moves towards it, the contact coordinate starts at a
+            distance of one from the stop, or half-way between two stops. Where the first mode has
+            a node at the contact coordinate, only that coordinate is displaced. With several stops
+            the default is the nearest position at which all gaps are one; where there is less room,
+            a half, a quarter and so on.
         velocity : (N,) array_like
-            Of the coordinates; by default 0.
+            Velocities; by default 0.
         phase : float
             Phase of the table, taken modulo 2 pi.
 
@@ -130,8 +131,8 @@ class ImpactMap(DrivenStructure, Map):
         ValueError
             When a number is not finite.
         Refused
-            When the contact mass is beyond the table by more than rounding, or on it and moving
-            into it.
+            When the contact mass is beyond the table by more than rounding, or on the table and
+            moving into it.
         """
         return start(self, position, velocity, phase)
 
@@ -145,16 +146,16 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def start_size(self) -> int:
-        """How many numbers `state_from` takes: 2N + 1."""
+        """Number of arguments of `state_from`: 2N + 1."""
         return self.dimension + 1
 
     def state_from(self, numbers: Array) -> ImpactState:
-        """Return the `state` of N positions, N velocities and the phase, (2N + 1,).
+        """Return the `state` with these N positions, N velocities and phase, (2N + 1,).
 
         Raises
         ------
         ValueError
-            As `state`.
+            As in `state`.
         """
         n = self.degrees_of_freedom
         given = finite_array("numbers", numbers, (self.start_size,))
@@ -168,40 +169,40 @@ class ImpactMap(DrivenStructure, Map):
         return entered(self, given)
 
     def pack_state(self, state: ImpactState) -> Array:
-        """Return numbers, one array, from which `unpack_state` makes the same state, bit for bit.
+        """Return the state as one array, from which `unpack_state` restores it bit for bit.
 
-        A state of an oscillator with other parameters becomes one of this oscillator first, as in
-        `simulate`.
+        A state of an oscillator with other parameters is first converted, as in `simulate`.
 
         Raises
         ------
         ValueError
-            When it is no state of this structure, or beyond the table.
+            When the state belongs to another structure, or is beyond the table.
         """
         return packed(self._entered(state))
 
     def unpack_state(self, packed: Array) -> ImpactState:
-        """Return the state of this oscillator that `pack_state` turned into numbers.
+        """Return the state that `pack_state` turned into an array.
 
         Raises
         ------
         ValueError
-            When they are not finite, or not as many as a state of this oscillator has.
+            When a number is not finite, or the array has not the size of a state.
         """
         return unpacked(self, packed)
 
     def displaced(self, motion: Attractor, size: float) -> ImpactState:
-        """Return the final state of a motion, just after an impact, moved in all coordinates.
+        """Return the final state of a motion, just after an impact, displaced in all coordinates.
 
-        Positions and velocities move by this part of the largest in the kept states, the relative
-        velocity by this part of itself, and the phase by this part of a radian. Each has a factor
-        of its own, so that the direction has no symmetry.
+        Positions and velocities are displaced relative to their largest values in the kept states,
+        the relative velocity relative to itself, and the phase relative to one radian. Each
+        coordinate has a factor of its own, so that the direction has no symmetry.
 
         Parameters
         ----------
         motion : ImpactAttractor
-            With one impact at least.
+            With at least one impact.
         size : float
+            Relative size of the displacement.
         """
         states, others = abs(motion.states), self.degrees_of_freedom - 1
         scale = np.ones(self.dimension)

@@ -39,9 +39,9 @@ TWO_PI = 2.0 * math.pi
 _SAMPLES, _A_PERIOD = 512, 64
 
 MOST_NUMBERS = 1 << 27
-"""Of a record that is simulated on for a late time: a gigabyte."""
-# Releases this near, in periods of the motion, to one period apart are one period apart: a label
-# that the end of the budget decided is near to its orbit by a hundredth.
+"""Largest number of numbers in a record that is extended to a late time: a gigabyte."""
+# Releases that are one period apart to within this part of the period belong together: a label that
+# was decided at the end of the budget is within a hundredth of its orbit.
 _RETURN = 1e-2
 
 
@@ -52,7 +52,7 @@ class ImpactAttractor(Attractor):
     Attributes
     ----------
     record : ImpactRecord
-        The impacts that were kept; its time counts from the last impact that was skipped.
+        The kept impacts; times count from the last skipped impact.
     final : ImpactState
         The state after the last impact.
     """
@@ -84,7 +84,7 @@ class ImpactAttractor(Attractor):
 
     @property
     def ending(self) -> Ending:
-        """Why the simulation ended; fewer impacts than asked for when it ended by itself."""
+        """Why the simulation ended; if it ended by itself, it kept fewer impacts than asked for."""
         return self.record.ending
 
     @property
@@ -118,7 +118,7 @@ class ImpactAttractor(Attractor):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the kept states, that of the transient included."""
+        """Estimate of the largest error of the kept states, with the error of the transient."""
         if self._before is None:
             return float(self.record.error.max(initial=0.0))
         count = self._before.impacts + len(self.record)
@@ -131,7 +131,7 @@ class ImpactAttractor(Attractor):
         return max((float(part.max()) for part in parts), default=0.0)
 
     def _anew(self, whole: Trajectory, count: int) -> Iterator[ImpactRecord]:
-        """The impacts from the start of the transient on, in batches."""
+        """All impacts from the start of the transient on, in batches."""
         course = Course(self._system, whole.start, noise=0.0, seed=1, most_cells=MOST_CELLS)
         size = batch_size(self._system)
         for low in range(0, count, size):
@@ -144,15 +144,15 @@ class ImpactAttractor(Attractor):
         return orbit.named(label_orbit(orbit, kept=max(len(self.record), 1)))
 
     def label_within(self, budget: int) -> OrbitLabel:
-        """Return the label as far as so many impacts tell; the kept ones are always looked at."""
+        """Return the label decided from at most `budget` impacts besides the kept ones."""
         orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
         return orbit.named(label_orbit(orbit, kept=kept, budget=budget))
 
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
-        """Return the label of what the motion settles on, chaos before that included.
+        """Return the label of the motion after it has settled, even if a chaotic transient is long.
 
-        See `dynkit.labels.labelling.settled_label`; at most so many impacts are looked at besides
-        those kept.
+        At most `budget` impacts are examined besides the kept ones: see
+        `dynkit.labels.labelling.settled_label`.
 
         Examples
         --------
@@ -164,19 +164,19 @@ class ImpactAttractor(Attractor):
         return orbit.named(settled_label(orbit, kept=kept, budget=budget))
 
     def periodic_orbit(self) -> PeriodicOrbit:
-        """Return the periodic orbit that this attractor is, by Newton's method.
+        """Return the periodic orbit of this attractor, refined by Newton's method.
 
         Returns
         -------
         ImpactOrbit
-            Or, of a machine with elements, a `MapOrbit`.
+            For a machine with elements, a `MapOrbit`.
 
         Raises
         ------
         ValueError
             When the attractor is neither P(n,m) nor P(inf,m).
         NoConvergence
-            When its motion is still too far from it.
+            When the motion is still too far from the orbit.
         """
         from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
@@ -197,9 +197,9 @@ class ImpactAttractor(Attractor):
         return self.record.second_moments(batches)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw its section: the relative velocity after the kept impacts against the phase.
+        """Draw the section: relative velocity after the kept impacts against phase.
 
-        Without a hard stop the velocity of the last coordinate against its place, as periods begin.
+        Without a hard stop, velocity against position of the last coordinate at the section.
 
         Parameters
         ----------
@@ -218,18 +218,18 @@ class ImpactAttractor(Attractor):
         return draw_points(ax, points, (PHASE, RELATIVE_VELOCITY))
 
     def time_series(self, times: Array) -> Array:
-        """Positions and velocities, (k, 2N), at times from the last skipped impact on."""
+        """Positions and velocities, (k, 2N), at times since the last skipped impact."""
         asked = finite_array("times", times, (None,))
         record = self.record_until(float(asked.max(initial=0.0)))
         return np.concatenate(record.sample(asked), axis=1)
 
     def record_until(self, latest: float) -> ImpactRecord:
-        """Return the record of the kept impacts, and of those after them up to a time at least.
+        """Return the record of the kept impacts, extended to reach a given time.
 
         Raises
         ------
         ValueError
-            When the time is so late that the record would not fit into a gigabyte.
+            When the extended record would exceed a gigabyte.
         """
         record, count = self._longest, len(self._longest)
         most = MOST_NUMBERS // (2 * self._system.degrees_of_freedom + 4)
@@ -242,7 +242,7 @@ class ImpactAttractor(Attractor):
                 )
             count *= 2
             record = self._system.simulate(impacts=count, start=record.start)
-            self._longest = record  # later times need not begin anew
+            self._longest = record  # later calls start from the longest record
         return record
 
 
@@ -289,7 +289,7 @@ class _ImpactOrbit:
             return np.full(steps, -np.inf)
 
     def named(self, label: OrbitLabel) -> OrbitLabel:
-        """Return the label of what was looked at so far: can count harmonics, has a multiplier."""
+        """Return the label with its multiplier, and what counts harmonics and events."""
         if label.periods is None:
             return label
         here = self.system, self.record.final, label.periods
@@ -309,7 +309,7 @@ class _ImpactOrbit:
         return with_multiplier(label, last, before, self.system.accuracy)
 
     def _a_period_apart(self, label: OrbitLabel) -> list[int] | None:
-        """Three impacts of the last window, a period apart; None where it has no such."""
+        """Three impacts of the last window, one period apart; None where there are none."""
         record, n = self.record, label.iterates
         if n is not None:
             k = len(record) - 1
@@ -320,20 +320,20 @@ class _ImpactOrbit:
         period = TWO_PI / self.system.frequency * (label.periods or 1)
         ago = (record.time[after[-1]] - record.time[after]) / period
         near = [int(np.argmin(abs(ago - periods))) for periods in (2.0, 1.0, 0.0)]
-        # how often it is released in a period is not known: another release may be nearer
+        # the number of releases in a period is unknown: another release may be nearer
         there = np.max(abs(ago[near] - [2.0, 1.0, 0.0])) < _RETURN
         return after[near].tolist() if there else None
 
 
 def _after_releases(record: ImpactRecord) -> Any:
-    """The next impact after each release, which is a function of it and stands for it."""
+    """The next impact after each release; the release determines it, so it can represent it."""
     ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
     after = np.searchsorted(record.time, np.sort(ends))
     return after[after < len(record)]
 
 
 def _harmonics(system: ImpactMap, start: ImpactState, periods: int) -> int:
-    """Harmonics of the contact coordinate that matter on a periodic motion, from a state on it."""
+    """Number of harmonics needed for the contact coordinate of a periodic motion."""
     motion = ImpactAttractor(system, 0, system.simulate(impacts=1, start=start), None)
     samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * periods)))
     coordinate = system.contact % system.degrees_of_freedom

@@ -18,28 +18,28 @@ if TYPE_CHECKING:
 class BouncingBall(ImpactOscillator):
     """A ball that falls onto a table at amplitude sin(phase): x'' = -gravity in flight.
 
-    The exact motion of which `HighBounce` is the limit of high bounces. The section coordinates are
+    The motion is exact; `HighBounce` is its limit for high bounces. The section coordinates are
     (u, phase): the velocity relative to the table just after an impact, and the phase of the table.
     The default start is at rest, at height one.
 
-    What matters is the restitution r and the table's largest acceleration over gravity, Gamma =
-    amplitude frequency^2 / gravity. A ball on the table is lifted off where sin(phase) = 1 / Gamma.
-    Bounces of n table periods each have
+    The motion depends on two numbers: the restitution r, and the ratio Gamma = amplitude
+    frequency^2 / gravity of the table's largest acceleration to gravity. A ball that rests on the
+    table leaves it where sin(phase) = 1 / Gamma. Bounces that last n table periods each have
 
         cos(phase) = b / Gamma,   u = 2 pi n gravity r / ((1 + r) frequency),
         b = pi n (1 - r) / (1 + r).
 
-    They are born at Gamma = b. Those with sin(phase) > 0 are stable up to Gamma =
-    sqrt(b^2 + (2 (1 + r^2) / (1 + r)^2)^2), where they double their period. Their periodic orbits
-    P(n,m), from `periodic_orbit`, are n bounces in m table periods; branches of them continue
-    beyond grazing, where they are marked as inadmissible.
+    They appear at Gamma = b. Those with sin(phase) > 0 are stable up to Gamma =
+    sqrt(b^2 + (2 (1 + r^2) / (1 + r)^2)^2), where their period doubles. A periodic orbit P(n,m)
+    from `periodic_orbit` has n bounces in m table periods. Branches of such orbits continue beyond
+    grazing, where they are marked as inadmissible.
 
     Parameters
     ----------
     gravity : float
         Acceleration of the fall, positive; one when times are in units of sqrt(length / gravity).
     amplitude : float
-        Of the table; not negative.
+        Amplitude of the table; not negative.
     frequency, restitution, chatter_tolerance : float
         As for `ImpactOscillator`.
 

@@ -20,19 +20,18 @@ if TYPE_CHECKING:
 class ImpactChain(ImpactOscillator):
     """N masses in a line, the first tied to a wall, the last free to hit a vibrating table.
 
-    A new structure is a subclass with other energies: override `kinetic`, `potential`,
-    `dissipation`.
+    For another structure, write a subclass that overrides `kinetic`, `potential` or `dissipation`.
 
     Parameters
     ----------
     masses : int or array_like, shape (N,)
-        How many unit masses, or the masses from the wall outwards, positive.
+        Number of unit masses; or the masses themselves, from the wall outwards, positive.
     springs : float or array_like, shape (N,)
-        Spring constants, not negative; the first spring holds mass 1 to the wall. With 0 there the
+        Spring constants, not negative. The first spring ties mass 1 to the wall; with 0 there the
         chain is free.
     damping : float or array_like, shape (N,)
-        One number: every dashpot constant is this times its spring constant. An array: the dashpot
-        constants themselves. Not negative.
+        A number is the ratio of every dashpot constant to its spring constant; an array holds the
+        dashpot constants. Not negative.
     frequency, restitution, amplitude, offset, play, chatter_tolerance : float
     contact : int
     side : str

@@ -24,10 +24,10 @@ class MatrixOscillator(ImpactOscillator):
     Parameters
     ----------
     M, C, K : (N, N) array_like
-        Mass, positive definite; damping and stiffness, positive semidefinite. All symmetric to
-        rounding, N 2^-52 of the largest element: the symmetric part is taken, as of a product such
-        as ``B.T @ K @ B``. A frequency is exactly zero, that of a rigid body, where rounding the
-        elements of K could have made it so.
+        Mass matrix, positive definite; damping and stiffness matrices, positive semidefinite. Each
+        must be symmetric to N 2^-52 of its largest element, as products such as ``B.T @ K @ B``
+        are; its symmetric part is used. A frequency is exactly zero (rigid body) where rounding of
+        the elements of K could have made it zero.
     frequency, ... : as for `ImpactOscillator`
 
     Raises
@@ -62,14 +62,14 @@ class MatrixOscillator(ImpactOscillator):
             size = len(matrix)
             if matrix.shape != (size, size) or not size:
                 raise ValueError(f"{name} must be a square matrix; got shape {matrix.shape}")
-            # each element of a product of matrices is a sum of N terms, in another order across
+            # elements [i, j] and [j, i] of a product are sums of N terms in different orders
             rounding = size * 2.0**-52 * float(abs(matrix).max())
             for i, j in np.argwhere(abs(matrix - matrix.T) > rounding)[:1].tolist():
                 raise ValueError(
                     f"{name} must be symmetric; got {matrix[i, j]} at [{i}, {j}] and "
                     f"{matrix[j, i]} across; ({name} + {name}.T) / 2 is symmetric"
                 )
-            # halves of the smallest doubles are none
+            # half of the smallest double is zero
             half = 0.5 * matrix + 0.5 * matrix.T
             matrix = np.where(matrix == matrix.T, matrix, half)
             (check_definite if name == "M" else check_semidefinite)(name, matrix)

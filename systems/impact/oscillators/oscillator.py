@@ -1,4 +1,4 @@
-"""Impact oscillators: linear structures of which one coordinate hits a table or a stop."""
+"""Impact oscillators: linear structures that hit a table, stops, or themselves."""
 
 from __future__ import annotations
 
@@ -31,16 +31,17 @@ TWO_PI = 2.0 * math.pi
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactOscillator(ImpactMap):
-    """The map from just after one impact with a table to just after the next.
+    """A linear structure that hits a vibrating table; as a `Map`, from one impact to the next.
 
-    A subclass owes its energies, as every `LagrangianStructure` does. Its motion is
-    M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency. One coordinate x_c is free to
-    hit the table at x_T = amplitude sin(phase) + offset and stays on one side of it: gap
-    x_c - x_T >= 0 above it, x_T - x_c >= 0 below. An impact turns the rate u- of the gap into
-    -restitution u- by an impulse on this coordinate. `elements` are other stops, and more of them.
+    A subclass must implement its energies, as every `LagrangianStructure`. The equation of motion
+    is M x'' + C x' + K x = g + Im(F exp(i phase)), with phase' = frequency. One coordinate x_c can
+    hit the table at x_T = amplitude sin(phase) + offset. The gap is never negative: it is x_c - x_T
+    above the table, x_T - x_c below it. An impact is an impulse on this coordinate that changes the
+    rate of the gap from u- < 0 to -restitution u-. Other stops, several stops and friction are
+    given as `elements`.
 
-    As a `Map` its states are the 2N section coordinates: the positions but for x_c, the velocities
-    but for v_c, the relative velocity u (the rate of the gap) just after the impact, and the phase.
+    The states of the map are the 2N section coordinates just after an impact: all positions except
+    x_c, all velocities except v_c, the relative velocity u (the rate of the gap), and the phase.
 
     Parameters
     ----------
@@ -53,30 +54,31 @@ class ImpactOscillator(ImpactMap):
     offset : float
         Middle of the table's motion.
     contact : int
-        Which coordinate hits the table; the last one by default.
+        Index of the coordinate that hits the table; the last one by default.
     side : {"above", "below"}
-        On which side of the table it stays.
+        Side of the table on which this coordinate moves.
     play : float
         Positive distance to a second stop, which faces the first and moves with it. By default
-        infinite: there is none. Relative velocities after impacts with it count negative.
+        infinite: there is no second stop. Relative velocities after impacts with it are negative.
     harmonic_forces : (N,) array_like of complex, optional
         F, amplitudes of forces on the coordinates. A real F_j is the force F_j sin(phase).
     constant_forces : (N,) array_like of float, optional
         g, forces on the coordinates, such as weights.
     chatter_tolerance : float
-        Chatter is replaced by contact when that changes no position or velocity by more than this;
-        0 for never. That holds to leading order, and the place of the contact mass in the bounces
-        left out changes by no more than a thousand times this. The changes made, as contact begins,
-        are summed up in the record's ``chatter_error``.
+        The last bounces of a chatter are replaced by contact when this changes no position or
+        velocity by more than the tolerance, to leading order; with 0 they never are. Within the
+        omitted bounces the position of the contact mass is accurate to a thousand times the
+        tolerance. The record's ``chatter_error`` is the sum of these changes.
     elements : sequence of Element, optional
-        What acts in place of the table: any number of `HardStop`, `SoftStop` and `DryFriction`,
-        each on a coordinate, between two, or along any row. Then restitution, amplitude, offset,
-        contact, side and play are not given, and the numbers of elements are parameters, such as
-        ``"elements[1].stiffness"``. The section leaves out the coordinate with the largest part in
-        the row, of a pair (i, j) the second one. With several hard stops its last coordinate is
-        the phase plus 4 pi times the number of the stop that is hit. Without a hard stop the map
-        is that over a period of the forcing, from phase 0: its states are positions and velocities,
-        and what is said of impacts is then said of these moments.
+        Any number of `HardStop`, `SoftStop` and `DryFriction`, in place of the table. Each acts on
+        a coordinate, between two coordinates, or along any row of coordinates. The arguments
+        restitution, amplitude, offset, contact, side and play must then not be given. The numbers
+        of elements are parameters, such as ``"elements[1].stiffness"``. The section omits the
+        coordinate with the largest entry in the stop's row; of a pair (i, j) it omits x_j. With
+        several hard stops its last coordinate is the phase plus 4 pi times the number of the stop.
+        Without a hard stop the map takes the state from one period of the forcing to the next, at
+        phase 0. Its states are then positions and velocities, and every count of impacts is a
+        count of periods.
 
     Raises
     ------
@@ -91,9 +93,10 @@ class ImpactOscillator(ImpactMap):
 
     @property
     def observables(self) -> Sequence[str]:
-        """What a sweep can keep of every impact: names of arrays of the record.
+        """Names of the record's arrays that a sweep can keep at each impact.
 
-        With several stops ``element`` is one of them; without any the coordinates, ``state[0]``.
+        With several hard stops they include ``element``. Without a hard stop they are the
+        coordinates, ``state[0]`` and so on.
         """
         if self._strobed:
             return super().observables
@@ -103,16 +106,16 @@ class ImpactOscillator(ImpactMap):
     # --- simulation -------------------------------------------------------------------------------
 
     def simulate(self, *, impacts: int, start: ImpactState | None = None) -> ImpactRecord:
-        """Simulate until so many impacts have happened, or none can happen any more.
+        """Simulate a number of impacts; stop earlier when no impact can happen any more.
 
         Parameters
         ----------
         impacts : int
             How many impacts to record.
         start : ImpactState, optional
-            From `state` or from another record's ``final``; by default ``state()``. From an
-            oscillator with other parameters it keeps its phase, and a mass on the table stays on it
-            with the same relative velocity.
+            A `state`, or the ``final`` state of another record; by default ``state()``. A state of
+            an oscillator with other parameters keeps its phase; a mass on the table stays there
+            and keeps its relative velocity.
 
         Returns
         -------
@@ -121,8 +124,8 @@ class ImpactOscillator(ImpactMap):
         Raises
         ------
         ValueError
-            When impacts is no positive integer, or the start is not one of this structure's or
-            below the table.
+            When impacts is not a positive integer, or the start is beyond the table or belongs to
+            another structure.
         """
         count = self._recorded("impacts", impacts)
         return ImpactRecord(self, self._run(self._entered(start), count, store=True))
@@ -135,21 +138,21 @@ class ImpactOscillator(ImpactMap):
         keep: int | None = None,
         impacts: int | None = None,
     ) -> ImpactAttractor:
-        """Return what is left of the motion after a number of impacts.
+        """Return the motion after a transient: the impacts that follow the skipped ones.
 
         Parameters
         ----------
         start : ImpactState, optional
             As in `simulate`.
         transient : int
-            How many impacts to skip.
+            Number of impacts to skip.
         keep, impacts : int, optional
-            How many impacts to keep, 100 by default: one number with two names.
+            Number of impacts to keep, 100 by default. Both names mean the same; give one of them.
 
         Raises
         ------
         ValueError
-            When a number is no count, or two are given for the impacts to keep.
+            When a number is not a count, or both keep and impacts are given.
         """
         if keep is not None and impacts is not None:
             raise ValueError(f"keep must not be given beside impacts; got {keep!r}")
@@ -175,27 +178,28 @@ class ImpactOscillator(ImpactMap):
         sides: object = None,
         sticking: bool = False,
     ) -> ImpactOrbit:
-        """Return a periodic orbit P(n,m), or P(inf,m) that sticks, stable or not.
+        """Return a periodic orbit, stable or unstable: P(n,m), or P(inf,m), which sticks.
 
         Parameters
         ----------
         impacts, periods : int
-            n and m, one by default; with phases n is their number.
+            n and m, one by default. When phases are given, n is their number.
         phases : (n,) array_like, optional
-            Guess of the phases of the forcing at the impacts, ascending, within 2 pi m; n is their
-            number. Without it the first of `periodic_orbits` is returned.
+            Guess of the phases of the forcing at the impacts, ascending, within 2 pi m. Without it
+            the first of `periodic_orbits` is returned.
         sides : (n,) array_like of int, optional
-            With the phases, and not without: 0 for the table, the default, and 1 for the far stop
-            of a play.
+            Which stop each impact hits: 0 for the table, the default, 1 for the far stop of a play.
+            Only together with phases.
         sticking : bool
-            P(inf,m), found as `periodic_orbits` says; without impacts, phases and sides.
+            Return an orbit P(inf,m), found as `periodic_orbits` describes. Not together with
+            impacts, phases or sides.
 
         Raises
         ------
         ValueError
-            When there is none, or nothing drives the system.
+            When no such orbit is found, or nothing drives the system.
         NoConvergence
-            When Newton's method finds none from the guess.
+            When Newton's method does not converge from the guess.
 
         Examples
         --------
@@ -227,13 +231,15 @@ class ImpactOscillator(ImpactMap):
     def periodic_orbits(
         self, *, impacts: int | None = None, periods: int = 1, sticking: bool = False
     ) -> list[ImpactOrbit]:
-        """Return the periodic orbits P(n,m), or P(inf,m), that are found, stable or not.
+        """Return the periodic orbits P(n,m), or P(inf,m), that a search finds, stable or unstable.
 
-        For n = 1 all there are, from their closed form; for more impacts what Newton's method finds
-        from 200 guesses, always the same. Admissible ones come first, then larger impulses.
+        For n = 1 the search is complete: the orbits have a closed form. For n > 1 Newton's method
+        starts from 200 random guesses, which are the same in every call. Admissible orbits come
+        first, then those with larger impulses.
 
-        Those that stick are sought from releases of some motions, always the same: of structures at
-        rest on the table, of random ones there, and of the motion from the default start.
+        Sticking orbits are searched from releases of simulated motions, which are also the same in
+        every call: from rest on the table, from random states on the table, and from the default
+        start.
 
         Raises
         ------
@@ -247,15 +253,15 @@ class ImpactOscillator(ImpactMap):
         return find_orbits(self, 1 if impacts is None else impacts, periods, sticking=sticking)
 
     def find_orbits(self, *, impacts: int = 3, periods: int = 4) -> OrbitSearch[ImpactOrbit]:
-        """Return the periodic orbits up to P(n,m) that a search finds, stable or not.
+        """Return the periodic orbits up to P(n,m) that a search finds, stable or unstable.
 
-        All P(1,m) there are, from their closed form. Of two and three impacts what Newton's method
-        finds from 200 random guesses for each P(n,m). Of two and more what it finds near motions:
-        3000 impacts from the default start, and 300 from each of 20 random starts, are simulated,
-        in parts of 300; of each part, and for each P(n,m), the two closest returns after n impacts
-        and m periods are tried that are not returns to an orbit already found. An orbit that no
-        motion comes near to, as an unstable one in many dimensions may be, is missed. Inadmissible
-        orbits of two and more impacts are found only by chance.
+        All P(1,m) are found, from their closed form. For n = 2 and 3 Newton's method starts from
+        200 random guesses for each P(n,m). For n >= 2 it also starts from close returns of
+        simulated motions: 3000 impacts from the default start and 300 from each of 20 random
+        starts, in parts of 300. In each part, and for each P(n,m), it tries the two closest returns
+        after n impacts and m periods that do not belong to an orbit already found. An orbit that no
+        simulated motion approaches is missed; this can happen to unstable orbits in many
+        dimensions. Inadmissible orbits with n >= 2 are found only by chance.
 
         Parameters
         ----------
@@ -265,14 +271,14 @@ class ImpactOscillator(ImpactMap):
         Returns
         -------
         OrbitSearch
-            The orbits by rising n and m, admissible ones first, then larger impulses; always the
-            same. Nothing is `resolved`; `region` is where the simulated impacts were; `cost` has
-            the numbers of guesses, starts, impacts and returns.
+            The orbits in the order of n and m, admissible ones first, then larger impulses; the
+            same in every call. `resolved` is 0, `region` spans the simulated impacts, and
+            `cost` the numbers of guesses, starts, impacts and returns.
 
         Raises
         ------
         ValueError
-            When nothing drives the system, or a number is no positive integer.
+            When nothing drives the system, or a number is not a positive integer.
 
         Examples
         --------
@@ -286,12 +292,12 @@ class ImpactOscillator(ImpactMap):
         return search(self, impacts, periods)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the machine: a sketch of its masses, springs and dashpots, stops and friction.
+        """Draw a sketch of the machine: masses, springs, dashpots, stops and friction.
 
-        Coordinates are drawn as masses side by side, the positive direction to the right. Entries
-        of the stiffness and the damping matrix between two of them are springs and dashpots, sums
-        of rows those to a wall: masses that the mass matrix couples are drawn as if it did not.
-        Lengths are not to scale. Arrows are stops and surfaces that move.
+        Coordinates are drawn as masses side by side; the positive direction is to the right. An
+        entry of the stiffness or damping matrix between two coordinates is a spring or a dashpot
+        between them, a sum over a row one to the wall. Coupling by the mass matrix is not drawn.
+        Lengths are not to scale. Arrows mark stops and surfaces that move.
 
         Parameters
         ----------
@@ -312,6 +318,6 @@ class ImpactOscillator(ImpactMap):
         return sketch(ax, self)
 
     def _recorded(self, name: str, impacts: object) -> int:
-        """How many impacts to record: so many that their states fit into memory."""
+        """Number of impacts to record; ValueError where their states do not fit into memory."""
         count = positive_integer(name, impacts)
         return within_memory(name, count, 8.0 * count * (2 * self._free.layout.slots + 3))

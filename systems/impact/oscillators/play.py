@@ -19,26 +19,27 @@ if TYPE_CHECKING:
 class PlayOscillator(ImpactOscillator):
     """x'' + damping x' + spring x = force sin(phase), between stops at amplitude sin(phase) +- s/2.
 
-    s is the play. The mass is the unit of mass; both stops belong to one housing, which may move.
-    Without spring, dashpot and force it is a free mass in a vibrating housing: an impact damper, or
-    the rattle of a gear. Spring and dashpot are tied to the ground. Were they tied to the housing,
-    the motion relative to it would be that with amplitude 0 and the force amplitude frequency^2.
+    Here s is the play, and the mass is the unit of mass. Both stops belong to one housing, which
+    may move. Without spring, dashpot and force it is a free mass in a vibrating housing: an impact
+    damper, or a rattling gear. Spring and dashpot are tied to the ground. If they are tied to the
+    housing, use amplitude 0 and the force amplitude frequency^2: the positions are then relative
+    to the housing.
 
     The section coordinates are (u, phase): the velocity relative to the stop just after an impact,
     positive at the lower stop and negative at the upper one, and the phase. An orbit P(n,m) has n
-    impacts in m periods, those with both stops counted. The motion is symmetric: -x half a period
-    later is a motion too, (u, phase) becomes (-u, phase + pi).
+    impacts in m periods, counted at both stops. The system is symmetric: if x(t) is a motion, then
+    -x half a period later is one, too; (u, phase) becomes (-u, phase + pi).
 
     Parameters
     ----------
     play : float
-        Distance that the mass has between the stops, positive.
+        Distance that the mass can move between the stops, positive.
     spring, damping : float
         Spring and dashpot constant, not negative.
     force : float
-        Amplitude of the force on the mass; negative when it is against the motion of the housing.
+        Amplitude of the force on the mass; negative when it opposes the motion of the housing.
     amplitude : float
-        Of the housing; not negative.
+        Amplitude of the housing; not negative.
     frequency, restitution, chatter_tolerance : float
         As for `ImpactOscillator`.
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class SingleImpactOscillator(ImpactOscillator):
     """x'' + 2 damping_ratio x' + x = force cos(phase) for x < stop; x' becomes -r x' at the stop.
 
-    Dimensionless: the unit of mass is the mass, that of time makes the natural frequency one. From
-    mass m, spring k, dashpot c and force P cos(Omega t), with lengths in units of L:
+    All quantities are dimensionless: the mass is the unit of mass, and the natural frequency is
+    one. With mass m, spring k, dashpot c, force P cos(Omega t) and a unit of length L:
 
         frequency = Omega sqrt(m / k),   damping_ratio = c / (2 sqrt(k m)),   force = P / (k L).
 
@@ -30,12 +30,11 @@ class SingleImpactOscillator(ImpactOscillator):
     Parameters
     ----------
     damping_ratio : float
-        Part of the critical damping; not negative.
+        Ratio to critical damping; not negative.
     force : float
         Amplitude of the force; not negative.
     stop : float
-        Where the stop is; 0 is where the spring is slack, and below it the spring is always under
-        load.
+        Position of the stop. At 0 the spring is slack; for negative positions it is always loaded.
     frequency, restitution, chatter_tolerance : float
         As for `ImpactOscillator`.
 
@@ -102,12 +101,12 @@ class SingleImpactOscillator(ImpactOscillator):
     def state(
         self, position: object = None, velocity: object = None, phase: float = 0.0
     ) -> ImpactState:
-        """Return a state to start from; as for `ImpactOscillator`, but for the default position.
+        """Return a state to start from, as `ImpactOscillator.state`, with another default.
 
         Parameters
         ----------
         position, velocity : (1,) array_like
-            By default at rest, a distance of one from the stop.
+            By default at rest, at a distance of one from the stop.
         phase : float
             Phase of the force, taken modulo 2 pi.
         """
@@ -115,9 +114,9 @@ class SingleImpactOscillator(ImpactOscillator):
 
     @property
     def grazing_force(self) -> float:
-        """Force at which the response of the oscillator without stop just reaches the stop.
+        """Force at which the steady response without stop just reaches the stop.
 
-        With less of it that response is a motion without impacts. Zero for stops at or below zero.
+        For smaller forces that response has no impacts. It is zero for stops at or below zero.
         """
         w = self.frequency
         return max(self.stop, 0.0) * math.hypot((1.0 - w) * (1.0 + w), 2.0 * self.damping_ratio * w)

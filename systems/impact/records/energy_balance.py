@@ -1,4 +1,4 @@
-"""Where the energy of a motion comes from, and where it goes, by element."""
+"""Energy balance of a motion: work and dissipation, by element."""
 
 from __future__ import annotations
 
@@ -33,15 +33,17 @@ class EnergyBalance:
     Attributes
     ----------
     change : float
-        Of the kinetic and elastic energy of the structure.
+        Change of the kinetic and elastic energy of the structure.
     work : dict of str to float
-        Done on the structure: by ``forces``, by ``damping`` (its dashpots), and by each element,
-        under the name of its parameters. Their sum is the change, but for the error.
+        Work done on the structure by ``forces``, by ``damping`` (its dashpots), and by each element
+        under its name. Their sum equals the change, to within the error.
     dissipated : dict of str to float
-        What becomes heat, in dashpots and elements: what these do not give back, nor take from
-        their own motion. Of a chatter all that is left out is a stop's.
+        Energy that becomes heat in dashpots and in each element. Energy that an element stores and
+        returns, and work done by its own motion, are not part of it. The energy of the omitted
+        bounces of a chatter is dissipated by the stop.
     error : float
-        By how much the work misses the change, or what rounding makes of their terms.
+        Difference between the change and the sum of the work, or the rounding of their terms if
+        that is larger.
     cost : Cost
         Seconds; events, and nodes of quadrature.
     """
@@ -59,7 +61,7 @@ class EnergyBalance:
 
 @final
 class _Sums:
-    """Sums of work and of what is dissipated, by name, and of absolute terms."""
+    """Sums of work and of dissipated energy, by name, and of absolute values."""
 
     def __init__(self, names: list[str]) -> None:
         self.work = dict.fromkeys(["forces", "damping", *names], 0.0)
@@ -113,7 +115,7 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
 def _gap(
     system: ImpactMap, mode: Mode, element: Element, states: Array
 ) -> tuple[Array, Array, Array]:
-    """Of states gaps, their rates, and how fast the element itself moves, towards its side."""
+    """Gaps of states, their rates, and the velocity of the element itself, towards its side."""
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
     row, sign = element.row(x.shape[1]), element.sign

@@ -1,4 +1,4 @@
-"""How often what happens in a period of a motion, by element."""
+"""Counts of events in a period of a motion, by element."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 _LASTING = 2.0**-40
-"""Parts of a period: what is shorter is passed through."""
+"""Modes that last a smaller part of the period are not counted."""
 
 
 def element_names(system: ImpactMap) -> list[str]:
-    """Names of the elements as those of their parameters, hard stops first."""
+    """Names of the elements as in their parameters, hard stops first."""
     if not system.elements:
         return ["table", "far_stop"][: len(system._stops)]
     pairs = zip(names_of(system.elements), system.elements, strict=True)
@@ -27,10 +27,10 @@ def element_names(system: ImpactMap) -> list[str]:
 
 
 def event_counts(system: ImpactMap, start: ImpactState, periods: int) -> dict[str, float] | None:
-    """Counts of a motion that repeats after some periods of the forcing, from a state on it.
+    """Count the events of a periodic motion, in a number of periods, from a state on it.
 
-    Of hard stops impacts, infinite where they accumulate, and contacts; of others how often they
-    begin to push (presses), and to stick. None where the motion ends.
+    For hard stops these are impacts (infinite where they accumulate) and contacts; for other
+    elements how often they begin to press, or to stick. None where the motion ends.
     """
     length, impacts = periods * TWO_PI / system.frequency, 64
     record = system.simulate(impacts=impacts, start=start)

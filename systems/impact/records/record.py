@@ -1,4 +1,4 @@
-"""Records of impact motions: what happened at each impact, and the motion between."""
+"""Records of simulations: the impacts, and the motion between them."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.records.second_moments import SecondMoments
 
 
-# Twin runs for the error, the size of their disturbances in units of 2^-52, and the factor on the
-# distance they reach.
+# Number of twin runs for the error, size of their disturbances in units of 2^-52, and the factor by
+# which their distance is multiplied.
 _TWINS, _DISTURBANCE, _SAFETY = 3, 8.0, 4.0
 
-# A twin's search for an event may take so many cells, and so many for every cell of the whole run.
+# Limit of a twin's search for an event: cells, and cells per cell of the whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 
-# Numbers of a batch of states, of which some thirty arrays exist at once: 60 MB. Seconds after
-# which a bar appears.
+# Numbers in a batch of states (about thirty such arrays exist at once: 60 MB), and seconds after
+# which a progress bar appears.
 _NUMBERS, _QUIET = 1 << 18, 2.0
 
 
 def twin_errors(
     system: ImpactMap, whole: Trajectory, batches: Iterable[ImpactRecord], count: int
 ) -> Iterator[Array]:
-    """Errors of impacts, in the batches in which their records come; see `ImpactRecord.error`.
+    """Errors of impacts, one array for each batch; see `ImpactRecord.error`.
 
-    A bar on standard error shows how far it is, where that takes long.
+    A long computation shows a progress bar on standard error.
     """
     noise = _DISTURBANCE * 2.0**-52
-    # Where a twin rests within rounding of the table it need not be decided when it leaves.
+    # A twin that rests within rounding of the table may need a long search until it leaves.
     most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * whole.cells)
     twins = [
         Course(
@@ -80,13 +80,13 @@ def twin_errors(
 
 
 def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
-    """Take a twin on by as many impacts; the largest distances, (n,), are modified in place."""
+    """Advance a twin by the batch's impacts; the largest distances, (n,), are modified in place."""
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
     other = ImpactRecord(batch.system, batch._run.holding(twin.advance(more, store=True)))
     system, k = batch.system, len(other)
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
-    # Phases that are turns apart may look alike; what rounding of the times hides does not.
+    # Phases that differ by whole turns compare as equal; times do not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
     angle = system.frequency * late
     gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
@@ -95,7 +95,7 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
 
 
 def batch_size(system: ImpactMap) -> int:
-    """Impacts of a batch."""
+    """Number of impacts in a batch."""
     return max(_NUMBERS // (2 * system.degrees_of_freedom + 4), 1)
 
 
@@ -103,8 +103,8 @@ def batch_size(system: ImpactMap) -> int:
 class ImpactRecord(Result):
     """The impacts of one simulation, and the motion between them.
 
-    All quantities are dimensionless. Arrays are worked out when asked for, from some 2N + 8 stored
-    numbers per impact.
+    All quantities are dimensionless. The record stores about 2N + 8 numbers per impact; arrays are
+    computed from them on first access.
     """
 
     def __init__(self, system: ImpactMap, run: Trajectory) -> None:
@@ -115,17 +115,17 @@ class ImpactRecord(Result):
 
     @property
     def start(self) -> ImpactState:
-        """Where it began."""
+        """State at the start of the simulation."""
         return self._run.start
 
     @property
     def final(self) -> ImpactState:
-        """The state after the last event; simulating on from it goes on bit for bit."""
+        """State after the last event; a simulation from it continues this one bit for bit."""
         return self._run.final
 
     @property
     def ending(self) -> Ending:
-        """Why it ended."""
+        """Why the simulation ended."""
         return self._run.ending
 
     def __len__(self) -> int:
@@ -154,9 +154,9 @@ class ImpactRecord(Result):
 
     @property
     def relative_velocity(self) -> Array:
-        """Rate (n,) of the gap just after the impacts; negative on the far side of a play.
+        """Rate (n,) of the gap just after the impacts.
 
-        NaN without a hard stop.
+        It is negative at the far stop of a play, and NaN without a hard stop.
         """
         return self._run.relative_velocity
 
@@ -177,9 +177,9 @@ class ImpactRecord(Result):
 
     @cached_property
     def _motion(self) -> tuple[Array, Array]:
-        """Positions and velocities (n, N), on the stops that are touched.
+        """Positions and velocities (n, N) at the impacts, put exactly onto the stops that are hit.
 
-        Their coordinates may be differences of numbers that are much larger.
+        Computed from modal coordinates they would lose digits where these are much larger.
         """
         run, forced = self._run, self.system._free.forced
         q, sine, cosine = run.coordinates
@@ -215,7 +215,7 @@ class ImpactRecord(Result):
 
     @property
     def _without_phase(self) -> Array:
-        """Section coordinates (n, 2N - 1) without the phase, or all where that does not change."""
+        """Section coordinates (n, 2N - 1) without the phase; all 2N where the phase is constant."""
         if self.system._strobed:
             return np.concatenate([self.position, self.velocity], axis=1)
         others = np.array([contact.others for contact in self.system._contacts])
@@ -228,7 +228,7 @@ class ImpactRecord(Result):
 
     @cached_property
     def events(self) -> Events:
-        """Impacts, contacts and releases in their order.
+        """All events in the order of time: impacts, contacts, releases, other switches.
 
         Examples
         --------
@@ -240,39 +240,38 @@ class ImpactRecord(Result):
 
     @property
     def sticking(self) -> Array:
-        """Begin and end (k, 2) of the contact intervals; infinite for contact for ever."""
+        """Begin and end (k, 2) of the intervals of contact; an end that never comes is infinite."""
         return self._run.contacts
 
     @property
     def ambiguous(self) -> int | None:
-        """Number of the first impact whose outcome is a choice of law, None where there is none.
+        """Index of the first impact whose outcome is not unique; None when every outcome is.
 
-        It pushed against a stop that was in contact, or happened together with another one whose
-        gap it changes: what Newton's law with complementarity (Moreau) makes of it depends on the
-        order, and others give other outcomes. From it on `error` is infinite.
+        Such an impact pushes against a closed stop, or coincides with an impact at another stop
+        whose gap it changes. The motion then follows Newton's law with complementarity (Moreau);
+        another law or order gives another motion. From this impact on `error` is infinite.
         """
         return None if self._run.ambiguous < 0 else self._run.ambiguous
 
     @property
     def element(self) -> Any:
-        """With which stop each impact was, (n,): see `ImpactState`; -1 where there is none."""
+        """Number (n,) of the stop that each impact hit, as in `ImpactState`; -1 without stops."""
         return np.full(len(self), -1) if self.system._strobed else self._run.element
 
     @property
     def chatter_error(self) -> float:
-        """Sum of what replacing the rests of chatters by contact changed, to leading order.
+        """Sum of the changes made by replacing the last bounces of chatters by contact.
 
-        Of each it is the largest change of a position or velocity as contact begins, which goes
-        with the cube of the velocity of the last bounce; it counts the others, as the contact mass
-        is on the table then. The true change is at most twice as large,
-        and hardly larger where that velocity is small. What the motion then makes of it, and the
-        times of the release and of impacts, is part of `error`.
+        For each chatter it is the largest change of a position or velocity of the other coordinates
+        when contact begins, to leading order; it is proportional to the cube of the velocity of the
+        last bounce. The actual change is at most twice as large. Its effect on the later motion and
+        on the times of events is part of `error`.
         """
         return self._run.chatter_error
 
     @property
     def cost(self) -> Cost:
-        """Seconds; impacts, cells of the search, contacts, touches (impacts at a double root)."""
+        """Seconds; counts of impacts, search cells, contacts, touches (impacts at double roots)."""
         run = self._run
         counts = {
             "impacts": run.impacts,
@@ -286,16 +285,15 @@ class ImpactRecord(Result):
     def error(self) -> Array:
         """Estimate of the largest error of the section coordinates of each impact, (n,).
 
-        The run is repeated three times with pseudo-random disturbances at the start and after every
-        impact, and of what cut chatters leave out. They are 8 * 2^-52 of every number, and a
-        quarter of a last digit of what it becomes in the flight: many times what rounding does. The
-        estimate is four times the largest distance reached so far, or the rounding of the largest
-        coordinate.
-        On a stable motion it stays near 1e-14; in chaos it grows to the
-        size of the attractor, and says when single states have become meaningless.
-        Where a twin has fewer impacts, or cannot be told to leave the table or not, it is infinite.
-        The times are off by this over the frequency, besides their own rounding: what may be turns
-        of the table counts with all its turns.
+        The simulation is repeated three times with pseudo-random disturbances: of the start, of the
+        state after every impact, and of the bounces omitted from a chatter. Each disturbance is
+        8 * 2^-52 of a number, and a quarter of a last digit of its value along the flight, which is
+        many times the rounding. The estimate is four times the largest distance reached so far, and
+        at least the rounding of the largest coordinate. On a stable motion it stays near 1e-14. In
+        chaos it grows to the size of the attractor: from there on single states have no meaning. It
+        is infinite where a twin has fewer impacts, or where rounding decides whether a twin leaves
+        the table. The error of a time is this error over the frequency, plus the rounding of the
+        time; where times of twins differ by turns of the table, all turns count.
 
         References
         ----------
@@ -311,27 +309,27 @@ class ImpactRecord(Result):
         return np.maximum.accumulate(worst, out=worst)
 
     def _batches(self) -> Iterator[ImpactRecord]:
-        """The record in successive parts, whose arrays need not exist at once."""
+        """Successive parts of the record, so that its arrays need not all exist at once."""
         size = batch_size(self.system)
         for low in range(0, len(self), size):
             yield ImpactRecord(self.system, self._run.part(low, low + size))
 
     def _until(self, last: int) -> ImpactRecord:
-        """The record up to an impact; its ending, final state and cost stay those of the whole."""
+        """The record up to an impact, with the ending, final state and cost of the whole record."""
         return ImpactRecord(self.system, self._run.part(0, last + 1))
 
     def sample(self, times: object) -> tuple[Array, Array]:
-        """Positions and velocities at given times, exact between impacts and while stuck.
+        """Positions and velocities at given times, exact in flight and in contact.
 
-        At the time of an impact the state just after it is given. In the rest of a chatter that was
-        replaced by contact the contact mass follows the bounces to leading order: its place is then
-        off by a thousand times the `chatter_tolerance` at most.
+        At the time of an impact it is the state just after the impact. Within the omitted bounces
+        of a chatter the contact mass follows these bounces to leading order; the error of its
+        position is then at most a thousand times the `chatter_tolerance`.
 
         Parameters
         ----------
         times : (k,) array_like
-            Times from the start, in any order, not beyond the last impact, or last event where no
-            impact was found. When the simulation ended by itself, up to millions of periods.
+            Times from the start, in any order, up to the last impact, or to the last event where no
+            impact was found. After a simulation that ended by itself, up to millions of periods.
 
         Returns
         -------
@@ -353,18 +351,19 @@ class ImpactRecord(Result):
         return sample_run(self.system, self._run, asked)
 
     def plot(self, ax: Axes | None = None, element: str | None = None) -> Axes:
-        """Draw what an element acts along against time, its stops dashed, its impacts as dots.
+        """Draw the coordinate of an element against time; stops are dashed, impacts are dots.
 
-        Shaded while what acts along it is in contact, or presses; hatched while friction sticks.
-        From the start to the last impact, but no more than 1000 periods of the forcing; two periods
-        more, and 12 at least, where the simulation ended by itself.
+        Intervals are shaded while a stop on this coordinate is in contact or presses, and hatched
+        while friction sticks. The figure ends at the last impact, after at most 1000 periods of the
+        forcing. Where the simulation ended by itself, it ends two periods later, after at least 12.
 
         Parameters
         ----------
         ax : Axes, optional
             Where to draw; by default a new figure of column width.
         element : str, optional
-            Its name, or ``"elements[k]"``; by default the first hard stop, or the first element.
+            Name of the element, or ``"elements[k]"``; by default the first hard stop, else the
+            first element.
 
         Returns
         -------
@@ -391,10 +390,10 @@ class ImpactRecord(Result):
         return axes
 
     def dataset(self) -> Dataset:
-        """Return the impacts and contacts as a dataset; its time counts from the start.
+        """Return the impacts and contacts as a dataset, with times from the start.
 
-        Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. The `error`,
-        which simulates, is in it when it was asked for before.
+        Its dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. It holds
+        the `error`, which takes further simulations, only if that was computed before.
 
         Examples
         --------
@@ -429,22 +428,24 @@ class ImpactRecord(Result):
         )
 
     def as_attractor(self) -> Any:
-        """Return the recorded impacts as an `ImpactAttractor` whose transient is zero.
+        """Return the recorded impacts as an `ImpactAttractor` with a transient of zero impacts.
 
-        So measures of attractors take records. Whether the motion has settled, its `label` says.
+        Measures of attractors can then be applied to a record. Its `label` says whether the motion
+        has settled.
         """
         return self.system._attractor_of(self)
 
     def energy_balance(self) -> EnergyBalance:
-        """Work done on the structure and energy dissipated, by forces, dashpots and each element.
+        """Return the work done on the structure and the energy dissipated, by each source.
 
-        From the start to the last impact. It closes but for rounding: a check of the motion.
+        The sources are forces, dashpots and each element; the time is from the start to the last
+        impact. The balance closes to rounding, which checks the motion independently.
 
         Raises
         ------
         ValueError
-            When there is no impact, no time passes, or modes are so fast that it would take more
-            than some millions of nodes of quadrature.
+            When the record has no impact after its start, or the modes are so fast that the
+            integrals need more than some millions of nodes of quadrature.
 
         Examples
         --------
@@ -460,20 +461,19 @@ class ImpactRecord(Result):
         return energy_balance(self.system, self._run)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:
-        """Time averages of positions and of their products, in closed form.
+        """Return time averages of positions and of their products, in closed form.
 
-        From the start to the last impact: over flights, chatter and contact.
+        The averages run from the start to the last impact, over flights, chatter and contact.
 
         Parameters
         ----------
         batches : int
-            Into how many batches of successive impacts to divide them; as many as impacts when
-            these are fewer.
+            Number of batches of successive impacts; at most the number of impacts.
 
         Raises
         ------
         ValueError
-            When there is no impact, or no time passes.
+            When the record has no impact after its start.
         """
         from dynkit.systems.impact.records.second_moments import second_moments
 

@@ -1,4 +1,4 @@
-"""Time averages of the motion: integrals of positions and of their products, in closed form."""
+"""Time averages of a motion: integrals of positions and of their products, in closed form."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ class SecondMoments:
         Integrals of x.
     durations : (b,)
     error, mean_error : float
-        Bounds, to leading order, of what rounding and the rests of chatters, replaced by contact,
-        changed in any entry of the means of x x^T and of x. That single states of a chaotic motion
-        cannot be computed, but only their distribution, is not part of it.
+        Bounds, to leading order, on the effect of rounding and of omitted bounces on any entry of
+        the means of x x^T and of x. They hold for the computed motion: the growth of disturbances
+        in chaos, which changes single states but not their distribution, is not part of them.
     cost : Cost
         Seconds; impacts, and nodes of quadrature where closed forms would have lost digits.
     """
@@ -125,7 +125,7 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
 
 
 def intervals(run: Trajectory) -> Iterator[Intervals]:
-    """What lies before the last impact, by the mode."""
+    """Intervals before the last impact, grouped by mode."""
     parts = run.segments
     last = int(np.searchsorted(parts.point, run.impacts))
     durations = np.diff(parts.begin)[:last]

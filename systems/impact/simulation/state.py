@@ -26,7 +26,7 @@ _LARGE = 1e100
 
 
 class Motion(Enum):
-    """Where in its motion an impact oscillator is; the value is what the user reads."""
+    """Phase of the motion of an impact oscillator; the value is the text that users read."""
 
     FLIGHT = "in flight"
     TABLE = "on the table"
@@ -36,21 +36,21 @@ class Motion(Enum):
 @final
 @dataclass(frozen=True, eq=False)
 class ImpactState:
-    """Positions, velocities and phase of an impact oscillator, from its `state` or a record.
+    """Positions, velocities and phase of an impact oscillator, from `state` or from a record.
 
-    A simulation that starts from a record's final state goes on bit for bit.
+    A simulation from a record's final state continues the record's simulation bit for bit.
 
     Attributes
     ----------
     speed : float
-        Rate of the gap, not negative; exact after an impact, where the difference of two velocities
-        would have lost digits. In flight its absolute value.
+        Absolute value of the rate of the gap. After an impact it is stored, since the difference
+        of two velocities would lose digits.
     element : int
-        The stop that it is at: 0 for the table, also in flight, and 1 for the far stop of a play;
-        of ``elements`` the number among the hard stops.
+        Number of the stop that was hit: 0 for the table, 1 for the far stop of a play; of
+        ``elements`` the number among the hard stops. In flight from a start it is 0.
     motion : Motion
     closed : tuple of int
-        Other stops that are in contact, and friction that sticks.
+        Numbers of other stops that are in contact, and of friction that sticks.
     """
 
     speed: float
@@ -63,7 +63,7 @@ class ImpactState:
 
     @property
     def relative_velocity(self) -> float:
-        """Section coordinate: the speed, negative, if only its zero, on the far side of a play."""
+        """Section coordinate u: the speed; negative, or -0.0, at the far stop of a play."""
         return -self.speed if self.element == 1 and self._system._faces else self.speed
 
     @property
@@ -83,7 +83,7 @@ class ImpactState:
 
     @cached_property
     def _place(self) -> tuple[Array, Array]:
-        """Positions and velocities; on the table those of the contact mass are the table's."""
+        """Positions and velocities; in contact those of the contact mass are the table's."""
         system, q, (sine, cosine) = self._system, self._coordinates, self._turn
         forced = system._free.forced
         with np.errstate(over="ignore", invalid="ignore"):

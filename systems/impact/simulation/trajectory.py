@@ -37,24 +37,24 @@ class Ending(Enum):
 @final
 @dataclass(frozen=True, eq=False)
 class Events:
-    """All events of a motion in their order: impacts, contacts, releases, and other switches.
+    """All events of a motion in the order of time: impacts, contacts, releases, other switches.
 
-    They are as wrong as the impacts of their record.
+    Their errors are those of the impacts of their record.
 
     Attributes
     ----------
     time : (k,)
-        From the start; of a contact whose chatter was cut, when its bounces have come to an end.
+        Times from the start. Contact that follows omitted bounces begins at the end of these.
     kind : (k,) of int
-        0 for an impact, 1 for the begin of contact, 2 for its end, 3 for another regime of an
-        element, as in ``systems.impact.elements.element.EventKind``.
+        0 for an impact, 1 for the begin of contact, 2 for its end, 3 for another change of regime,
+        as in ``systems.impact.elements.element.EventKind``.
     element : (k,) of int
-        With what: 0 is the table, 1 the far stop of a play; of ``elements`` the hard stops in their
-        order, and then the soft ones.
+        Number of the element: 0 is the table, 1 the far stop of a play; of ``elements`` the hard
+        stops come first, in their order, then the others.
     mode : (k,) of int
-        In which mode the motion goes on: 0 is free flight.
+        Number of the mode after the event; 0 is free flight.
     position, velocity : (k, N)
-        Of all coordinates, just after the event.
+        Positions and velocities of all coordinates just after the event.
     """
 
     time: Array
@@ -76,14 +76,14 @@ class Events:
 @final
 @dataclass(frozen=True, eq=False)
 class Impacts:
-    """What is kept of impacts.
+    """Stored data of impacts.
 
     Attributes
     ----------
     time, speed : (n,)
-        Times, and rates of the gap just after them.
+        Times of the impacts, and rates of the gap just after them.
     guard : (n,)
-        Number of the guard that each of them was at.
+        Number of the guard that was zero at each impact.
     states : (n, 2, slots)
         States just after them.
     turn : (n, 2)
@@ -97,7 +97,7 @@ class Impacts:
     turn: Array
 
     def part(self, low: int, high: int) -> Impacts:
-        """Some of them."""
+        """The impacts from number `low` to number `high` - 1."""
         now = slice(low, high)
         return Impacts(
             self.time[now], self.speed[now], self.guard[now], self.states[now], self.turn[now]
@@ -107,21 +107,21 @@ class Impacts:
 @final
 @dataclass(frozen=True, eq=False)
 class Switches:
-    """Changes of the mode.
+    """Stored data of changes of the mode.
 
     Attributes
     ----------
     time, rest : (k,)
-        When they happen, for contact at the last impact that is not left out, and how long the
-        bounces last that are left out.
+        Time of the change, and duration of the bounces that are omitted after it. Contact begins
+        at the last impact that is not omitted.
     speed : (k,)
-        How fast the first of these is.
+        Speed of the first omitted bounce.
     before : (k,)
-        Number of impacts before.
+        Number of impacts before the change.
     guard : (k,)
-        Number of the guard that each of them was at.
+        Number of the guard that was zero.
     states : (k, 2, slots)
-        States in that mode; slots beyond its own hold zeros.
+        States in the new mode; slots beyond those of the mode hold zeros.
     """
 
     time: Array
@@ -132,7 +132,7 @@ class Switches:
     states: Array
 
     def until(self, count: int) -> Switches:
-        """The first ones."""
+        """The first changes, `count` of them."""
         return Switches(
             self.time[:count],
             self.rest[:count],
@@ -146,20 +146,20 @@ class Switches:
 @final
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Parts of a motion, in one mode each: from the start, and from every event on.
+    """Parts of a motion, each in one mode: the first from the start, the others from an event.
 
     Attributes
     ----------
     begin : (k,)
-        Times at which they begin.
+        Times at which the segments begin.
     point : (k,)
-        Number of impacts before.
+        Number of impacts before the segment.
     mode, element : (k,)
-        Numbers of the mode, and of the element of the event that they begin with.
+        Number of the mode, and of the element of the event at the begin.
     rest, speed : (k,)
-        How long bounces last that are left out at first, and how fast the first of them is.
+        Duration of the bounces omitted at the begin, and speed of the first of them.
     kind : (k,) of int
-        Of that event, see `EventKind`; the start counts as an impact.
+        Kind of the event at the begin, see `EventKind`; the start counts as an impact.
     states : (k, 2, slots)
         States at the begin; slots beyond those of the mode hold zeros.
     """
@@ -174,7 +174,7 @@ class Segments:
     states: Array
 
     def of(self, mode: Mode, some: Any) -> Array:
-        """States (n, 2, slots) of some of them, which are in this mode."""
+        """States (n, 2, slots) at the begin of some segments, all in this mode."""
         return np.ascontiguousarray(self.states[some, :, : mode.layout.slots])
 
 
