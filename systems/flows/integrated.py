@@ -24,33 +24,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class IntegratedFlow(Flow):
-    """A flow given by its velocity alone; states, derivatives and crossings are integrated.
+    """A flow given by its velocity; states, derivatives and crossings come from integration.
 
-    A subclass owes:
+    A subclass must implement:
 
-    1. `dimension`, the number d of the state's coordinates.
-    2. ``velocity(state)``, the (d,) rate of the state, twice differentiable or smoother.
+    1. `dimension`, the number d of the state's coordinates;
+    2. ``velocity(state)``, the rate (d,) of the state, at least twice differentiable.
 
-    and may offer two derivatives, which otherwise are found by differences, to some 1e-12 and at
-    some cost:
+    It may implement two derivatives. Without them differences are taken, which are accurate to
+    about 1e-12 and cost further calls of the velocity:
 
-    3. ``velocity_jacobian(state)``, its exact (d, d) derivative: row i belongs to coordinate i of
-       the velocity. The error of differences is part of that of multipliers and exponents.
-    4. ``velocity_parameter_derivative(state, name)``, its exact (d,) derivative by a parameter.
+    3. ``velocity_jacobian(state)``, the exact derivative (d, d) of the velocity: row i belongs to
+       coordinate i of the velocity. The error of differences enters that of multipliers and
+       exponents;
+    4. ``velocity_parameter_derivative(state, name)``, the exact derivative (d,) by a parameter.
 
-    All refuse a state that is not finite, or not of that shape, with ValueError:
-    `dynkit.core.validation.finite_array` does it. Give the coordinates units in which they are of
-    order one: the tolerance is absolute for coordinates below one and relative above.
+    All four must refuse a state that is not finite, or not of that shape, with ValueError, as
+    `dynkit.core.validation.finite_array` does. Choose units in which the coordinates are of order
+    one: the tolerance is absolute for coordinates below one and relative above.
 
-    The integrator is SciPy's DOP853, a Runge-Kutta method of order 8 (not for stiff systems); the
-    derivative is that of the variational equations, integrated with the state. The error of every
-    step is estimated and held below ``tolerance * (1 + |x_i|)``, root mean square over the
-    coordinates. Errors of the steps add up, and grow as the motion itself lets disturbances grow:
-    `advance_error` estimates what they come to.
+    The integrator is SciPy's DOP853, a Runge-Kutta method of order 8, not for stiff systems. The
+    derivative follows from the variational equations, which are integrated with the state. The
+    estimated error of every step stays below ``tolerance * (1 + |x_i|)``, as a root mean square
+    over the coordinates. Errors of steps add up, and grow with the disturbances of the motion:
+    `advance_error` estimates their sum.
 
-    A crossing is found wherever the section's value has no more than one extremum in a quarter of a
-    step, and then refined on the flow itself until its value is rounding. What touches the section
-    within the integration's error may be called a crossing or passed.
+    A crossing is found if the section's value has at most one extremum in every quarter of a step.
+    It is then refined on the flow until the value is rounding. Where the motion touches the section
+    to within the error of integration, it may or may not be reported as a crossing.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ class IntegratedFlow(Flow):
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The numbers that set this flow apart in its family, by name; not its tolerance."""
+        """The parameters of this flow, by name, without its tolerance."""
         return {k: v for k, v in super().parameters.items() if k != "tolerance"}
 
     def replace(self, **parameters: float) -> Self:
@@ -119,10 +120,10 @@ class IntegratedFlow(Flow):
 
     @property
     def accuracy(self) -> float:
-        """How wrong a crossing may be, relative to a state of order one: 20 times the tolerance.
+        """Error of a crossing, relative to a state of order one: 20 times the tolerance.
 
-        A step may be wrong by ``tolerance * (1 + |x_i|)``, twice the tolerance; on a way of tens of
-        steps what counts is some ten of them. `advance_error` looks at the motion itself.
+        The error of a step is at most ``tolerance * (1 + |x_i|)``, twice the tolerance. About ten
+        steps contribute to the error of a crossing. `advance_error` examines the motion itself.
         """
         return 20.0 * self.tolerance
 
@@ -138,17 +139,17 @@ class IntegratedFlow(Flow):
         ValueError
             When the state is not finite or not of that shape, or the duration is negative.
         CannotFollow
-            When the motion cannot be followed so far: it runs away to infinity, or 10^8 steps of
-            the integrator would not do.
+            When the motion diverges to infinity, or needs more than 10^8 steps of the integrator.
         """
         return self._integrated(self.velocity, self._checked(state), duration, self.tolerance)
 
     def advance_error(self, state: Array, duration: float) -> float:
-        """Return an estimate of how wrong `advance` is, from two rougher integrations.
+        """Return an estimate of the error of `advance`, from two less accurate integrations.
 
-        They have ten and a hundred times the tolerance, and so about as many times the error. Their
-        distances are added up, as either may be small by chance, and what a single step may be
-        wrong by, as all three may take the same steps. So it is some hundred times too large.
+        These have ten and a hundred times the tolerance, and about as many times the error. The
+        estimate adds their distances from `advance`, since either may be small by chance, and the
+        error of a single step, since all three may take the same steps. It is about a hundred times
+        too large.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Linear structures that are given by their energies and nothing else."""
+"""Linear structures given by their energies."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from dynkit.systems.structure.modes import Derivation, Modes
 if TYPE_CHECKING:
     import sympy
 
-# Elements per matrix, summed over the derivations that are kept for later: about 160 MB.
+# Limit on the elements of a matrix, summed over all cached derivations: about 160 MB.
 _MOST_KEPT = 4_000_000
 
-# A table shows so many modes, and does not derive those of more masses.
+# A table shows at most so many modes, and derives none for more masses than this.
 _MODES, _MASSES = 5, 100
 
 
 class LagrangianStructure(Shown, ABC):
     """A linear structure M x'' + C x' + K x = f, given by its energies as SymPy expressions.
 
-    A subclass owes:
+    A subclass must have:
 
     1. `degrees_of_freedom`, a property or a class attribute;
-    2. ``kinetic(v)`` and ``potential(x)``, and ``dissipation(v)`` where there are losses: each gets
-       a tuple of real SymPy symbols, one per degree of freedom, and returns an expression that is a
-       quadratic form in them. The coordinates are measured from equilibrium. Coefficients are plain
-       numbers: the structure's own parameters, put in;
-    3. immutability: matrices and modes are derived once, when first asked for. A frozen dataclass
-       fits best.
+    2. ``kinetic(v)`` and ``potential(x)``, and ``dissipation(v)`` where there are losses. Each gets
+       a tuple of real SymPy symbols, one per degree of freedom, and returns a quadratic form in
+       them. The coordinates are measured from equilibrium. The coefficients are numbers, computed
+       from the structure's own parameters;
+    3. no attribute that changes: matrices and modes are derived once, at first access. A frozen
+       dataclass is best.
 
-    Equal structures share one derivation per process. Structures are equal when their class is the
-    same and their fields are (for other classes than dataclasses: their attributes); fields that no
-    energy uses are named in `structure_independent`. A structure that holds anything else than
-    numbers, strings, arrays and tuples of them is derived for itself.
+    Equal structures share one derivation in each process. Two structures are equal when their
+    classes and their fields are equal (or their attributes, if they are no dataclasses); fields
+    that no energy uses are named in `structure_independent`. A structure with other fields than
+    numbers, strings, arrays and tuples of these does not share its derivation.
 
-    For many bodies make long sums by ``sympy.Add(*terms)``: Python's ``sum`` takes quadratic time.
+    For many bodies write long sums as ``sympy.Add(*terms)``: Python's ``sum`` takes quadratic time.
 
     Examples
     --------
@@ -104,8 +104,8 @@ class LagrangianStructure(Shown, ABC):
         Raises
         ------
         ValueError
-            Here, and at every other access to a matrix or the modes: when an energy is not a
-            quadratic form, or not definite as required; names the energy and the offending term.
+            When an energy is not a quadratic form, or not definite as required. The message names
+            the energy and the term. Every access to a matrix or to the modes can raise it.
         """
         return self._derivation.mass.dense
 
@@ -121,10 +121,10 @@ class LagrangianStructure(Shown, ABC):
 
     @property
     def modes(self) -> Modes:
-        """Normal modes, from the energies' exact coefficients and not from rounded matrices.
+        """Normal modes, computed from the exact coefficients of the energies.
 
-        A frequency is exactly 0 where the potential energy is singular to double-double rounding:
-        write springs as squares of differences, and rigid-body motions are found as such.
+        A frequency is exactly 0 where the potential energy is singular to double-double rounding.
+        To have rigid-body motions recognised, write springs as squares of differences.
         """
         return self._derivation.modes
 
@@ -166,20 +166,20 @@ _lock = RLock()
 
 
 class _Derivations:
-    """Those used last, of so many entries of matrices in all; one at least."""
+    """The derivations used last: at least one, and at most `_MOST_KEPT` matrix elements."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[Hashable, Derivation] = OrderedDict()
         self._entries = 0
 
     def known(self, key: Hashable) -> Derivation | None:
-        """The one that was kept under a key."""
+        """The derivation that was kept under a key, or None."""
         if key in self._kept:
             self._kept.move_to_end(key)
         return self._kept.get(key)
 
     def keep(self, key: Hashable, found: Derivation) -> None:
-        """Keep one, and drop those that were not used for longest."""
+        """Keep a derivation; drop those that have not been used for longest."""
         self._kept[key] = found
         self._entries += found.mass.size**2
         while self._entries > _MOST_KEPT and len(self._kept) > 1:
@@ -203,7 +203,7 @@ def _shared_derivation(structure: LagrangianStructure) -> Derivation:
 
 
 def _key(structure: LagrangianStructure) -> Hashable | None:
-    """Equal for structures with the same energies; None where that cannot be told."""
+    """A key that is equal for structures with the same energies; None where none can be made."""
     kind = type(structure)
     # A dataclass's fields are among its attributes.
     used = sorted(vars(structure).keys() - kind.structure_independent - {"_derivation"})
@@ -211,7 +211,7 @@ def _key(structure: LagrangianStructure) -> Hashable | None:
         values = tuple((name, _frozen(getattr(structure, name))) for name in used)
     except TypeError:
         return None
-    # The functions too: a class whose method is replaced has other energies.
+    # The key holds the functions, since a method of a class can be replaced.
     return kind, kind.kinetic, kind.potential, kind.dissipation, values
 
 

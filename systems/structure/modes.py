@@ -25,9 +25,9 @@ from dynkit.systems.structure.double_double import (
 from dynkit.systems.structure.refinement import Eigenpairs, refine
 from dynkit.systems.structure.symmetric import SymmetricMatrix
 
-# A larger ratio of damping to stiffness or mass is not worked with: it may overflow.
+# Larger ratios of damping to stiffness or mass may overflow: such damping is not proportional.
 _LARGEST_RATIO = Fraction(2) ** 1000
-# Half an ulp, relative: what rounding to a double costs.
+# Relative error of rounding to a double: half an ulp.
 _HALF_ULP = 2.0**-53
 
 
@@ -35,29 +35,29 @@ _HALF_ULP = 2.0**-53
 class Modes:
     """Modal form q'' + 2 decay q' + frequencies^2 q = 0 of M x'' + C x' + K x = 0, x = matrix q.
 
-    All arrays are read-only. Frequencies and decays are double-double values: the double nearest to
-    the result and what it lacks.
+    All arrays are read-only. Frequencies and decays are double-double values: the nearest double,
+    and the remainder as a second double.
 
     Parameters
     ----------
     frequencies : array, shape (N,)
         Natural frequencies of the undamped structure, ascending; exactly 0 for rigid-body modes.
     frequencies_low : array, shape (N,)
-        What `frequencies` lacks.
+        Remainders of `frequencies`.
     frequencies_error : array, shape (N,)
-        Bound of the error of ``frequencies + frequencies_low`` relative to it; 0 for rigid-body
-        modes. It is about ``1e-31 (frequencies[-1] / frequencies)^2`` or better.
+        Bound on the relative error of ``frequencies + frequencies_low``; 0 for rigid-body modes. It
+        is about ``1e-31 (frequencies[-1] / frequencies)^2`` or less.
     decay : array, shape (N,)
         Half the modal damping: half of the diagonal of ``matrix' C matrix``.
     decay_low : array, shape (N,)
-        What `decay` lacks.
+        Remainders of `decay`.
     matrix : array, shape (N, N)
-        Modal matrix, one mode per column, mass-normalised: ``matrix' M matrix = 1``. The last row
-        is not negative, nor is, where it is zero, the last entry that is not.
+        Modal matrix, one mode per column, mass-normalised: ``matrix' M matrix = 1``. The last
+        nonzero entry of each column is positive.
     proportional : bool
-        Whether the damping leaves the modes uncoupled: with B = matrix' C matrix, every element
-        beside the diagonal is below ``8 sqrt(N) 2^-53 (abs(matrix)' abs(C) abs(matrix))``, what
-        rounding C and the modal matrix to doubles may cause.
+        Whether the damping leaves the modes uncoupled: every off-diagonal element of
+        matrix' C matrix is below ``8 sqrt(N) 2^-53 (abs(matrix)' abs(C) abs(matrix))``, the effect
+        of rounding C and the modal matrix to doubles.
     error : float
         Estimate of the largest error of `frequencies`, relative, and of the entries of `matrix`,
         relative to the largest of their column: 1.1e-16, half an ulp, unless the problem is badly
@@ -67,19 +67,19 @@ class Modes:
 
     Notes
     -----
-    Modes whose eigenvalues agree to about 1e-28 of the largest one count as a single eigenspace:
-    their columns are an orthonormal basis of it, and `error` says nothing about which one.
+    Modes whose eigenvalues agree to about 1e-28 of the largest one form a single eigenspace. Their
+    columns are an orthonormal basis of it; `error` does not refer to the choice of that basis.
 
-    A last entry that is smaller than the error of its column has a sign of no meaning.
+    Where the last entry of a column is smaller than the column's error, its sign has no meaning.
 
-    The reach of double-double arithmetic is the only limit: a ratio of 1e12 between masses, or
-    between stiffnesses, leaves all of double precision. At 1e12 in both at once, alternating
-    along a chain of ten, the frequencies are still those, but close low modes mix: entries of the
-    modal matrix are off by 6e-9, where `error` says 2e-6.
+    Double-double arithmetic sets the limit. With a ratio of 1e12 between masses, or between
+    stiffnesses, all results have full double precision. With 1e12 in both, alternating along a
+    chain of ten, the frequencies still have it, but close low modes mix: entries of the modal
+    matrix have an error of 6e-9, and `error` is 2e-6.
 
-    Decays are as accurate as the frequencies when the damping is proportional; else they keep about
-    20 digits relative to the largest of them, fewer where close modes mix (as above), and follow
-    the choice of basis in an eigenspace.
+    With proportional damping decays are as accurate as frequencies. Otherwise they have about 20
+    digits relative to the largest decay, fewer where close modes mix, and depend on the choice of
+    basis in an eigenspace.
     """
 
     frequencies: Array
@@ -103,7 +103,7 @@ class Modes:
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Modes":
-        """The modes of given matrices, whose elements are taken as rounded to doubles.
+        """Return the modes of given matrices, whose elements are assumed rounded to doubles.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Modes:
         Returns
         -------
         Modes
-            A frequency is exactly 0 where a rounding of the stiffnesses could have made it: where
+            A frequency w is exactly 0 where rounding of the stiffnesses can explain it: where
             w^2 <= 8 * 2^-53 * abs(phi)' abs(K) abs(phi).
 
         Raises
@@ -135,14 +135,14 @@ _lock = RLock()
 
 @dataclass(frozen=True, eq=False)
 class Derivation:
-    """The matrices of a structure as they were derived, never rounded since, and its modes.
+    """The unrounded matrices of a structure, and its modes.
 
     Parameters
     ----------
     mass, damping, stiffness : SymmetricMatrix
         M, C and K, definite as required.
     exact : bool
-        Whether they are exact to double-double precision; otherwise they are taken as rounded to
+        Whether they are exact to double-double precision; otherwise they are assumed rounded to
         doubles.
     """
 
@@ -165,14 +165,14 @@ class Derivation:
 
     @property
     def rounding(self) -> float:
-        """A sum of terms that is below this part of their sizes is zero: rounding may have made it.
+        """A sum that is smaller than this part of its terms is zero to rounding.
 
-        0 where the matrices are exact.
+        It is 0 where the matrices are exact.
         """
         return 0.0 if self.exact else 8.0 * _HALF_ULP
 
     def without(self, places: NDArray[np.intp], ties: Array | None = None) -> "Derivation":
-        """The structure whose coordinates of these numbers are held: see `SymmetricMatrix`."""
+        """Matrices of the structure with some coordinates held: see `SymmetricMatrix.without`."""
         return Derivation(
             self.mass.without(places, ties),
             self.damping.without(places, ties),
@@ -182,7 +182,7 @@ class Derivation:
 
     @cached_property
     def modes(self) -> Modes:
-        """Normal modes, derived when first asked for: they decide which motions are rigid."""
+        """Normal modes, derived at first access; they decide which motions are rigid."""
         with _lock:
             return _modes_of(self)
 
@@ -227,7 +227,7 @@ def _checked(name: str, value: object, size: int | None) -> Array:
 
 
 def _without_rounding_modes(solved: Eigenpairs, rounding: float) -> DoubleDouble:
-    """The squared frequencies, those that rounding alone keeps from zero set to zero."""
+    """The squared frequencies; those that are zero to rounding are set to zero."""
     rigid = solved.values.high <= np.maximum(solved.values_error, rounding * solved.rounding_level)
     return DoubleDouble(
         np.where(rigid, 0.0, solved.values.high), np.where(rigid, 0.0, solved.values.low)
@@ -249,9 +249,9 @@ def _decay(
     squared: DoubleDouble,
     matrix: DoubleDouble,
 ) -> tuple[DoubleDouble, bool]:
-    """Half the modal damping, and whether there is no coupling.
+    """Half the modal damping, and whether the damping leaves the modes uncoupled.
 
-    The squared frequencies are those of the scaled matrices, as they came out of the refinement.
+    The squared frequencies are those of the scaled matrices, from the refinement.
     """
     ratio = _exact_ratio(damping, stiffness)
     if ratio is not None:
@@ -277,10 +277,7 @@ def _decay(
 
 
 def _exact_ratio(first: SymmetricMatrix, second: SymmetricMatrix) -> Fraction | None:
-    """The number g where first = g second, element by element and without rounding, or None.
-
-    None too where it would overflow.
-    """
+    """The number g for which first = g second exactly; None without one, or where it overflows."""
     if not len(first.high):
         return Fraction(0)
     if not (

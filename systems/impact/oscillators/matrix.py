@@ -26,8 +26,8 @@ class MatrixOscillator(ImpactOscillator):
     M, C, K : (N, N) array_like
         Mass matrix, positive definite; damping and stiffness matrices, positive semidefinite. Each
         must be symmetric to N 2^-52 of its largest element, as products such as ``B.T @ K @ B``
-        are; its symmetric part is used. A frequency is exactly zero (rigid body) where rounding of
-        the elements of K could have made it zero.
+        are; its symmetric part is used. A frequency that is zero to within the rounding of
+        the elements of K is exactly zero: a rigid body.
     frequency, ... : as for `ImpactOscillator`
 
     Raises
