@@ -1,4 +1,4 @@
-"""Bases in which a linear structure falls into pairs of numbers that evolve by themselves."""
+"""Modal bases of linear structures: coordinates in 2x2 blocks of the state matrix."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from dynkit.systems.impact.modes.block_schur import real_blocks
 from dynkit.systems.structure.modes import Derivation, Modes
 
 _CACHED = 2**14
-"""So many numbers are summed up at a time: processors hold them close by."""
+"""Numbers that are summed at a time, chosen to fit into the processor's cache."""
 
 
 def row_by_row(rows: Array, matrix: Array) -> Array:
-    """Products (..., m) of each row (..., n) with a matrix (m, n): the same bits in any company.
+    """Products (..., m) of each row (..., n) with a matrix (m, n).
 
-    BLAS sums in an order that depends on the number of rows.
+    The bits of a product do not depend on the other rows, unlike with BLAS, whose order of
+    summation depends on their number.
     """
     if rows.ndim == 1:  # `accumulate` sums one after the other, too
         return np.asarray(np.add.accumulate(matrix.T * rows[:, None])[-1])
@@ -40,15 +41,15 @@ def row_by_row(rows: Array, matrix: Array) -> Array:
 class Basis(ABC):
     """Coordinates y (2, n) of a linear structure with n degrees of freedom.
 
-    A subclass owes `pairs`, how each pair evolves, the positions, velocities and energies of
-    coordinates, and the coordinates of positions and velocities.
+    A subclass must implement `pairs`, which says how each pair of coordinates evolves, and the
+    conversions between coordinates, positions and velocities, and energies.
     """
 
     pairs: Pairs
 
     @cached_property
     def arranged(self) -> dict[Any, Any]:
-        """Layouts and steps of its pairs beside a table of the last frequency; see `Forced`."""
+        """Layouts and propagators of its pairs, for the last table frequency: see `Forced`."""
         return {}
 
     @abstractmethod
@@ -65,11 +66,11 @@ class Basis(ABC):
 
     @abstractmethod
     def position_row(self, coefficients: Array) -> Array:
-        """Row (2, n) that gives a sum (n,) of positions from coordinates."""
+        """Row (2, n) whose product with coordinates is a given combination (n,) of positions."""
 
     @abstractmethod
     def units(self) -> tuple[Array, Array]:
-        """Positions and velocities (2 n, n) of unit coordinates, both rows one after the other."""
+        """Positions and velocities (2 n, n) of unit coordinates: first row, then second row."""
 
     @abstractmethod
     def pushes(self, force: Array) -> Array:
@@ -85,7 +86,7 @@ class Basis(ABC):
         return {}
 
     def kick(self, velocity: Array, row: Array) -> Array:  # noqa: ARG002
-        """Coordinates of the velocities (n,) of a unit jump along a row (n,), low parts, (4, n)."""
+        """Coordinates of velocities (n,), a unit jump along a row (n,), and low parts: (4, n)."""
         high = self.coordinates(np.zeros_like(velocity), velocity)
         return np.concatenate([high, np.zeros_like(high)])
 
@@ -95,8 +96,8 @@ class Basis(ABC):
 class NormalModes(Basis):
     """Normal modes of a structure whose damping leaves them uncoupled.
 
-    A mode is (q, q'), or its two real exponentials where it is clearly overdamped: (q, q') = mixing
-    y.
+    The coordinates of a mode are (q, q'); of a clearly overdamped mode they are its two real
+    exponentials y, with (q, q') = mixing y.
 
     Attributes
     ----------
@@ -180,7 +181,7 @@ class NormalModes(Basis):
     def kick(self, velocity: Array, row: Array) -> Array:
         if self.mixing is not None:
             return super().kick(velocity, row)
-        # In normal modes the kick is parallel to the row of the contact velocity.
+        # In normal modes the kick is parallel to the row of the contact velocity, Phi^T J.
         along = [(Fraction(row[j]), self.matrix[j].tolist()) for j in np.flatnonzero(row)]
         shares = [sum(a * Fraction(b[i]) for a, b in along) for i in range(len(row))]
         square = sum(share * share for share in shares)
@@ -194,15 +195,15 @@ class NormalModes(Basis):
 @final
 @dataclass(frozen=True, eq=False)
 class CoupledModes(Basis):
-    """Blocks of a structure whose damping couples the normal modes.
+    """Basis of a structure whose damping couples the normal modes: blocks of its Schur form.
 
     Attributes
     ----------
     pairs : Pairs
-    position_matrix, velocity_matrix : (N, 2 N) from the coordinates, both rows of pairs one after
-        the other
-    inverse : (2 N, 2 N) from positions and velocities
-    energy : (2 N, 2 N) numbers from the coordinates whose square sum is twice the energy
+    position_matrix, velocity_matrix : (N, 2 N) positions and velocities from coordinates, which
+        are ordered by the rows of pairs
+    inverse : (2 N, 2 N) coordinates from positions and velocities
+    energy : (2 N, 2 N) from coordinates to numbers whose square sum is twice the energy
     mass : (N, N)
     """
 
@@ -215,10 +216,10 @@ class CoupledModes(Basis):
 
     @staticmethod
     def of(given: Derivation) -> CoupledModes:
-        """The blocks of a structure, complex modes where they are well apart."""
+        """The blocks of a structure; each is a complex mode where modes are well separated."""
         blocks = real_blocks(given)
         g, n = blocks.generator, given.mass.size
-        # Two rates that have nothing in common, and rigid-body motions, are bounded one by one.
+        # Two unrelated real rates, and rigid-body motions, are bounded one by one.
         apart = (g[2] == 0.0) & ((g[1] == 0.0) | (g[0] == 0.0))
         links = np.stack([blocks.target, blocks.source])
         # The norm of a cluster never grows, unless it holds rigid bodies.
@@ -271,7 +272,7 @@ class CoupledModes(Basis):
 
 
 def basis_of(given: Derivation) -> Basis:
-    """Normal modes where the damping allows, coupled ones elsewhere."""
+    """Normal modes if the damping leaves them uncoupled, else coupled modes."""
     if given.modes.proportional:
         return NormalModes.of(given.modes, given.mass.dense)
     return CoupledModes.of(given)

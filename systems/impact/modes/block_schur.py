@@ -1,11 +1,11 @@
-"""Small blocks into which any linear structure falls, also where modes merge.
+"""Block-diagonal Schur forms of linear structures, also where modes merge.
 
 The state matrix of M x'' + C x' + K x = 0, in coordinates whose square sum is twice the energy, is
-brought to real Schur form in double-double arithmetic. Every pair of complex rates, and every real
-rate, has an invariant subspace. Where these, taken together, are an ill-conditioned basis, because
-modes merge or nearly do, those to blame are joined to a cluster, whose subspace gets an orthonormal
-basis. What remains are the blocks on the diagonals of the Schur forms of the clusters, and the
-couplings above. A single cluster of everything always serves, so that no structure is refused.
+brought to real Schur form in double-double arithmetic. Every pair of complex eigenvalues, and every
+real one, has an invariant subspace. Where modes merge or nearly merge, the bases of these subspaces
+are ill-conditioned together; the subspaces concerned are then joined to a cluster, which gets an
+orthonormal basis. The result consists of the diagonal blocks of the Schur forms of the clusters,
+and the couplings above them. No structure is refused: a single cluster of all modes always exists.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dynkit.systems.impact.modes.invariant_subspaces import Cluster, clusters_of
 from dynkit.systems.structure.double_double import DoubleDouble
 from dynkit.systems.structure.modes import Derivation
 
-# Below this, relative to its blocks, a coupling is the rounding error of two equal rates.
+# A coupling below this, relative to its blocks, is the rounding error of two equal rates.
 _NO_COUPLING = 2.0**-70
 
 
@@ -47,19 +47,18 @@ class Blocks:
     energy : (2N, 2N) array
         Numbers from coordinates whose square sum is twice the energy.
     condition : float
-        Condition number of the basis where states are measured by the roots of their energies. It
-        tells by how much conversions of states and coordinates enlarge rounding errors.
+        Condition number of the basis in the energy norm: the factor by which conversions between
+        states and coordinates enlarge rounding errors.
 
     Notes
     -----
-    A G whose entry 21 is zero has real rates; it is diagonal where they have nothing in common but
-    the place. A rigid-body motion is a pair of position and velocity, up to factors: entry 11 of
-    its G is exactly zero, and so is 22 where no dashpot holds the body.
+    A block G whose entry 21 is zero has real eigenvalues; if these are unrelated, G is diagonal. A
+    rigid-body motion is a pair of position and velocity, up to factors: entry 11 of its G is
+    exactly zero, and so is entry 22 if no dashpot acts on the body.
 
-    The basis of each pair, and of pairs that are linked, is orthonormal where the energy is half
-    the square sum. As it only falls, that sum never grows, but for rigid-body motions. Therefore
-    damping bounds the couplings, ``norm(B_ts)^2 <= norm(G_t + G_t') norm(G_s + G_s')``, and doubles
-    are good enough for them.
+    The basis of each pair, and of linked pairs, is orthonormal in the energy norm. Energy never
+    grows, except that rigid-body positions have none. Therefore damping bounds the couplings,
+    ``norm(B_ts)^2 <= norm(G_t + G_t') norm(G_s + G_s')``, and doubles suffice for them.
     """
 
     generator: Array
@@ -119,7 +118,7 @@ def real_blocks(given: Derivation) -> Blocks:
 
 
 def _arranged(clusters: list[Cluster]) -> tuple[DoubleDouble, list[tuple[int, int]]]:
-    """Derivatives of the coordinates of all clusters, and the coordinates that make pairs."""
+    """State matrix in the coordinates of all clusters, and the coordinates that form pairs."""
     size = sum(len(cluster.matrix.high) for cluster in clusters)
     generator = DoubleDouble(np.zeros((size, size)), np.zeros((size, size)))
     pairs: list[tuple[int, int]] = []
@@ -145,7 +144,7 @@ def _pairwise(matrix: Array) -> Array:
 
 
 def _links(blocks: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Targets and sources of all couplings, and of those that they make together."""
+    """Targets and sources of all couplings, with those that follow from two successive ones."""
     size = np.abs(blocks).max(axis=2)
     own = np.diagonal(size)
     linked = size > _NO_COUPLING * np.minimum(own[:, None], own)

@@ -1,4 +1,4 @@
-"""Coordinates in which a mode of the motion is a set of exponentials, each by itself."""
+"""Eigen-coordinates of a mode: each evolves as a single exponential."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from dynkit.systems.impact.modes.mode import Mode
 @final
 @dataclass(frozen=True, eq=False)
 class EigenCoordinates:
-    """Complex coordinates c_a' = rates_a c_a of a mode's states; the last is the number one.
+    """Complex coordinates c_a' = rates_a c_a of a mode's states; the last one is the constant one.
 
     Attributes
     ----------
-    rates : (m,) complex, imaginary parts not negative: of conjugates one is kept
-    forward : (m - 1, 2 slots) complex, the coordinates but for the last from flat states
-    back : (N + 1, m) complex, positions and the number one are Re(back c)
+    rates : (m,) complex, one of each conjugate pair, with imaginary part >= 0
+    forward : (m - 1, 2 slots) complex, all coordinates but the last from flat states
+    back : (N + 1, m) complex, positions and the constant one are Re(back c)
     condition : float
-        Of the eigenvectors, in units in which a mode of constant energy turns evenly; infinite
-        where there are too few of them.
-    fastest : (m,) the errors of the rates, in units of 2^-52
+        Condition number of the eigenvectors, in units in which a mode of constant energy rotates
+        uniformly; infinite where the state matrix is defective.
+    fastest : (m,) errors of the rates, in units of 2^-52
     """
 
     rates: Any
@@ -48,7 +48,7 @@ class EigenCoordinates:
             error = abs(rates)
         kept = rates.imag >= 0.0
         rates, to, fro, error = rates[kept], to[kept], fro[:, kept], error[kept]
-        # A coordinate that is not real stands for its conjugate too.
+        # A complex coordinate also represents its conjugate.
         fro = fro * np.where(rates.imag > 0.0, 2.0, 1.0)
         n = len(mode.forced.rest)
         back = np.zeros((n + 1, len(rates) + 1), dtype=complex)
@@ -59,7 +59,7 @@ class EigenCoordinates:
 
 
 def _alone(generator: Array, used: Any) -> tuple[Any, Any, Any, float]:
-    """Rates (m,), coordinates (m, 2 slots) of states and states of coordinates, of each pair."""
+    """Rates (m,) of single pairs, coordinates (m, 2 slots) of states, and states of coordinates."""
     count = generator.shape[1]
     a, b, c, d = (entries[used].astype(complex) for entries in generator)
     diagonal = (b == 0.0) & (c == 0.0)
@@ -78,7 +78,7 @@ def _alone(generator: Array, used: Any) -> tuple[Any, Any, Any, float]:
         condition = np.where(diagonal, 1.0, (abs(first) + abs(second)) / abs(apart))
         condition = np.where(np.isnan(condition), np.inf, condition)
         apart = np.where(diagonal | (apart == 0.0), 1.0, apart)
-        # Columns (b, rate - a); a pair that is no diagonal has b, or only c.
+        # Eigenvectors (b, rate - a); a pair that is not diagonal has b, or only c.
         upper = np.where(diagonal, 1.0, b)
     n = len(used)
     to = np.zeros((2, n, 2, count), dtype=complex)
@@ -99,7 +99,7 @@ def _alone(generator: Array, used: Any) -> tuple[Any, Any, Any, float]:
 
 
 def _linked(generator: Array, scale: Array, used: Any) -> tuple[Any, Any, Any, float]:
-    """The same of pairs of which some drive others."""
+    """The same for pairs of which some drive others."""
     count = len(scale)
     unit = np.concatenate([np.ones(count), np.where(scale > 0.0, scale, 1.0)])
     place = np.concatenate([used, used + count])

@@ -18,24 +18,24 @@ from dynkit.systems.structure.symmetric import SymmetricMatrix, exact_slices_pro
 class EnergyCoordinates:
     """Coordinates (scale q, q') of a structure, x = shapes q.
 
-    The shapes are normal modes as rounded to doubles. They are taken as exact numbers: mass,
-    damping and stiffness are transformed to double-double accuracy, without the assumption that M
-    becomes 1 and K diagonal.
+    The shapes are normal modes rounded to doubles, and these doubles are used as exact numbers:
+    mass, damping and stiffness are transformed to double-double accuracy, without the assumption
+    that M becomes 1 and K becomes diagonal.
 
     Attributes
     ----------
     shapes : (N, N) array
         Rigid-body motions first.
     rigid : int
-        Their number.
+        Number of rigid-body motions.
     scale : (N,) array
         Natural frequencies; for rigid-body motions, whose positions have no energy, the smallest
-        of the others.
+        nonzero one.
     matrix : DoubleDouble, (2N, 2N)
-        Derivatives of the coordinates. The columns of rigid-body positions vanish.
+        State matrix in these coordinates. The columns of rigid-body positions are zero.
     mass : (N, N) array
     drag_rounding : (N, N) array
-        What the elements of the damping matrix may owe to rounding.
+        Bounds on the rounding errors of the damping matrix.
     """
 
     shapes: Array
@@ -47,7 +47,7 @@ class EnergyCoordinates:
 
     @staticmethod
     def of(given: Derivation) -> EnergyCoordinates:
-        """Of a structure whose modes say which motions are rigid."""
+        """Energy coordinates of a structure; its modes decide which motions are rigid."""
         modes = given.modes
         shapes = np.ascontiguousarray(modes.matrix)
         rigid = int(np.sum(modes.frequencies == 0.0))
@@ -77,14 +77,14 @@ class EnergyCoordinates:
         return DoubleDouble(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
     def uncertain_drag(self, column: Array) -> float:
-        """How much the decay of a motion (2N,) may owe to a rounding of the dashpots."""
+        """Bound on the effect of rounded dashpots on the decay of a motion, (2N,)."""
         velocity = np.abs(self.shapes @ column[len(self.scale) :])
         return float(velocity @ self.drag_rounding @ velocity)
 
     def inverse(self, matrix: DoubleDouble) -> Array:
-        """The inverse of a matrix (2N, 2N) of states, to the last bits of its entries.
+        """The inverse of a matrix (2N, 2N) of states, accurate to the last bits of its entries.
 
-        Of the matrix as it is, not as it is rounded: what a slow motion owes to fast ones is small.
+        The matrix is not rounded first: small shares of fast motions in slow ones would be lost.
         """
         projector = self.shapes.T @ self.mass
         zero = np.zeros_like(projector)

@@ -31,10 +31,10 @@ class FreeMotion:
     Attributes
     ----------
     neutral : (b,)
-        Slots of motions without restoring force, and of what dashpots couple to them: no response
-        of them is periodic by itself.
+        Slots of motions without restoring force, and of motions that dashpots couple to these.
+        They have no periodic response of their own.
     rows : (4, 2 slots)
-        Give the contact coordinate and its first three derivatives from a state.
+        Products with a state are the contact coordinate and its first three derivatives.
     kick : (2, slots)
         Change of the state by an impulse that changes the contact velocity by one.
     """
@@ -63,8 +63,8 @@ class FreeMotion:
     def bounds(self, lasts: float) -> Array:
         """Weights (4, 2, slots) of abs(state) that bound the terms of the contact coordinate.
 
-        And of its derivatives of order 1, 2 and 6: for ever, or where some of the motion has no
-        restoring force for so long.
+        They bound its value and its derivatives of order 1, 2 and 6: for all later times, or for
+        the given duration where some motion has no restoring force.
         """
         return self._bounds(lasts) if len(self.neutral) else self._for_ever
 
@@ -78,7 +78,7 @@ class FreeMotion:
 
     @cached_property
     def vectors(self) -> Array:
-        """(4, 2N) kick, its rate of change, and the rows of place and velocity, of the modes."""
+        """(4, 2N): kick, its rate of change, rows of position and velocity, of the modes."""
         modes = self.mode.layout.modes
         place, speed = self.rows[:2].reshape(2, 2, -1)[..., modes]
         kick, pushed = self.kick[:, modes], self.mode.rate(self.kick)[:, modes]
@@ -86,32 +86,32 @@ class FreeMotion:
 
     @cached_property
     def pushes(self) -> Array:
-        """(2, slots, 2) kick, and its rate of change."""
+        """(2, slots, 2): kick, and its rate of change."""
         return np.stack([self.kick, self.mode.rate(self.kick)], axis=-1)
 
     @cached_property
     def bend(self) -> float:
-        """What a kick changes in the acceleration of the contact coordinate."""
+        """Change of the acceleration of the contact coordinate by a kick."""
         return float((self.rows[2] * self.kick.ravel()).sum())
 
     @cached_property
     def spread(self) -> float:
-        """How much faster the fastest mode decays than the slowest one."""
+        """Difference between the decay rates of the fastest and the slowest decaying mode."""
         g = self.mode.pairs.generator[:, self.mode.layout.modes]
         half = 0.5 * (g[0] + g[3])
         root = np.sqrt(np.maximum(half * half - (g[0] * g[3] - g[1] * g[2]), 0.0))
         return float((half + root).max() - (half - root).min())
 
     def repeated(self, period: float) -> tuple[Transitions, Array]:
-        """Transitions over a period, and the periodic state just after a unit impulse in each.
+        """Transitions over a period, and the periodic state just after a unit impulse per period.
 
-        Of what is neutral no transitions, and the state after one impulse. The state is (2, slots),
-        read-only; those of the last two periods are kept.
+        For neutral motions there are no transitions, and the state is that after one impulse. The
+        state is (2, slots), read-only; results for the last two periods are kept.
 
         Raises
         ------
         NoSolution
-            When the free motion has that period itself.
+            When the free motion has this period itself (resonance without damping).
         """
         for known, transitions, kicked in self._returns:
             if known == period:
@@ -123,7 +123,7 @@ class FreeMotion:
         return transitions, kicked
 
     def start(self, numbers: Array, constant: float = 1.0) -> Array:
-        """The state (2, slots) of what is neutral, (2 b,), under a part of the constant forces."""
+        """The state (2, slots) of neutral coordinates (2 b,), under part of the constant forces."""
         state = np.zeros_like(self.kick)
         state[:, self.neutral] = numbers.reshape(2, -1)
         if self.mode.layout.constant >= 0:
@@ -131,12 +131,12 @@ class FreeMotion:
         return state
 
     def neutral_numbers(self, states: Array) -> Array:
-        """Of states (..., 2, slots) what is neutral, (..., 2 b)."""
+        """Neutral coordinates (..., 2 b) of states (..., 2, slots)."""
         return np.asarray(states[..., self.neutral].reshape(*states.shape[:-2], -1))
 
 
 def _neutral(mode: Mode) -> NDArray[np.intp]:
-    """Slots of modes whose generator is singular, and all that are linked to them."""
+    """Slots of modes whose generator is singular, and of all modes linked to them."""
     pairs, modes = mode.pairs, mode.layout.modes
     g = pairs.generator[:, modes]
     found = set(modes[g[0] * g[3] == g[1] * g[2]].tolist())
@@ -150,16 +150,16 @@ _motions: WeakKeyDictionary[Contact, FreeMotion] = WeakKeyDictionary()
 
 
 def free_motion(contact: Contact) -> FreeMotion:
-    """The free motion of a structure without forces, made once."""
+    """The free motion of a structure without forces; computed once."""
     if contact not in _motions:
         _motions[contact] = FreeMotion(contact)
     return _motions[contact]
 
 
 def forced_motion(contact: Contact, excitation: Excitation) -> FreeMotion:
-    """The same under the constant forces, where some of the motion has no restoring force.
+    """The free motion under the constant forces, if some motion has no restoring force.
 
-    Elsewhere it is at rest in another place: see `Terms`.
+    Otherwise constant forces only shift the position of rest: see `Terms`.
     """
     motion = free_motion(contact)
     if not len(motion.neutral) or not excitation.constant.any():

@@ -12,16 +12,16 @@ from dynkit.systems.impact.modes.schur import SchurForm
 from dynkit.systems.structure.double_double import DoubleDouble
 
 SMALL_PROJECTOR = 1e3
-"""Clusters are joined until no projector onto one of them, along the others, is larger, where links
-inside of them remain fewer than pairs, or than `FEW_LINKS`: more would cost most of an impact."""
+"""Largest norm of a projector onto a cluster along the others, as long as the clusters have fewer
+links than pairs, or than `FEW_LINKS`: more links would dominate the cost of an impact."""
 
 LARGEST_PROJECTOR = 1e5
-"""However many links that takes, no projector is larger. States lose its product with the roundings
-of their conversions, some 1e-11 of their size."""
+"""Largest norm of a projector, whatever the number of links. Conversions of states lose this factor
+times their rounding: about 1e-11 of the states' size."""
 
 FEW_LINKS = 64
 
-# What double-double arithmetic cannot tell from zero, relative to the fastest rate.
+# Rates below this, relative to the fastest one, are zero to double-double rounding.
 _UNRESOLVED = 2.0**-90
 
 
@@ -33,11 +33,11 @@ class Cluster:
     Attributes
     ----------
     numbers : list of int
-        Of the blocks of the Schur form, ascending.
+        Numbers of its blocks in the Schur form, ascending.
     vectors : DoubleDouble, shape (n, m)
         Orthonormal basis.
     matrix : DoubleDouble, shape (m, m)
-        Block upper triangular; real rates first, of them those that are exactly zero.
+        Block upper triangular; real rates come first, and zeros first among these.
     real : int
         Number of real blocks.
     """
@@ -60,10 +60,10 @@ class Cluster:
 
 
 def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
-    """Invariant subspaces of the state matrix that are a well-conditioned basis together.
+    """Invariant subspaces of the state matrix whose bases are well-conditioned together.
 
-    Where dashpots are graded along a chain, projectors grow exponentially with its length, also
-    those onto any part of the modes: there is no cheap basis that is as good as an orthonormal one.
+    For dashpots that are graded along a chain, all projectors grow exponentially with its length:
+    no cheap basis is then as good as an orthonormal one of all modes.
     """
     rigid = coordinates.rigid
     form = SchurForm(coordinates.matrix, rigid)
@@ -86,7 +86,7 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
         cosines[worst] = 0.0
         joined = [clusters[worst], clusters[int(np.argmax(cosines))]]
         if any(cluster.numbers[0] < rigid for cluster in joined):
-            # Rigid-body positions stay together, but for pairs of their own.
+            # Rigid-body positions stay together, except those that form pairs.
             joined += [cluster for cluster in clusters if cluster.numbers[0] < rigid]
         numbers = sorted({number for cluster in joined for number in cluster.numbers})
         rest = [cluster for cluster in clusters if cluster not in joined]
@@ -101,13 +101,13 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
 
 
 def _rigid_pairs(form: SchurForm, coordinates: EnergyCoordinates) -> list[Cluster]:
-    """Pairs of rigid-body positions and velocities, however slowly dashpots stop them.
+    """Pairs of rigid-body positions and velocities, however slowly dashpots stop the bodies.
 
-    A real rate r has a vector v orthogonal to all positions with A v = r v + w, w a position: v and
-    w span a subspace. Of all rates those are taken that carry the bodies farthest, in directions as
-    different as can be. Positions and rates make a single cluster where that does not do.
+    A real rate r has a vector v, orthogonal to all positions, with A v = r v + w and w a position:
+    v and w span an invariant subspace. The rates chosen are those that carry the bodies farthest,
+    in directions as different as possible. Where this fails, positions and rates form one cluster.
 
-    Rates that rounding may have kept from zero are taken for zero: no dashpot holds the body.
+    Rates that are zero to rounding are set to zero: no dashpot acts on the body.
     """
     from scipy.linalg import qr
 
@@ -122,7 +122,7 @@ def _rigid_pairs(form: SchurForm, coordinates: EnergyCoordinates) -> list[Cluste
         drift = float(np.linalg.norm(matrix.high[:rigid, -1]))
         real = form.size[number] == 1
         drag = coordinates.uncertain_drag(vectors.high[:, -1]) if real else 0.0
-        # All velocity of a rigid body becomes drift, and only that of a rigid body.
+        # Only the velocity of a rigid body becomes drift.
         if rate <= max(drag, unresolved) and drift > 0.5 * coordinates.scale[0]:
             undamped.append(number)
         elif real:
@@ -147,7 +147,7 @@ def _rigid_pairs(form: SchurForm, coordinates: EnergyCoordinates) -> list[Cluste
 
 
 def _rigid_pair(vectors: DoubleDouble, matrix: DoubleDouble, numbers: list[int]) -> Cluster:
-    """The pair of a real rate, whose vector is the last one, and where it carries the bodies."""
+    """The pair of a real rate, whose vector is the last one, and the displacement of the bodies."""
     drift = matrix.high[:-1, -1]
     speed = float(np.linalg.norm(drift))
     position = vectors.high[:, :-1] @ (drift / speed if speed else drift)
