@@ -1,4 +1,4 @@
-"""One run of the kernels: buffers in, plain arrays out."""
+"""Runs of the simulation kernels: buffers in, plain arrays out."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 MOST_CELLS = 1_000_000
-"""Cells after which the search for the next event gives up, with an ending that says so."""
+"""Cells after which the search for the next event ends the run, with `Ending.SEARCH_LIMIT`."""
 
 MOST_SWITCHES = 1 << 16
-"""Switches without an impact after which it gives up, too."""
+"""Switches without an impact after which the run ends in the same way."""
 
 _FEW = 32
-"""Switches that there is room for at first."""
+"""Initial capacity of the log of switches."""
 
 _MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 _ENDINGS = tuple(Ending)
@@ -33,7 +33,7 @@ _ENDINGS = tuple(Ending)
 
 @cache
 def _kernels() -> Any:
-    """Modules of the clock, of the run and of what it writes down, imported for the first run."""
+    """Kernel modules of the clock, the loop and the log, imported at the first run."""
     from dynkit.systems.impact.simulation import clock_kernels, log_kernels, loop_kernels as kernels
 
     return clock_kernels, kernels, log_kernels
@@ -63,19 +63,19 @@ def trajectory_of(
 
 @final
 class Course:
-    """A motion that is simulated on and on, in any pieces: the bits do not depend on them.
+    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
 
-    With noise every number of the start, and of the states after impacts, is changed by up to this
-    part of itself and a 32nd of it of what it becomes, pseudo-randomly, and the rest by this part
-    of the terms of which it is the sum. What a number becomes is bounded for flights of up to
-    `longest`, or the longest one so far. The search for an event gives up after `most_cells`.
+    `noise` is the relative size of pseudo-random disturbances of the start and of the states after
+    impacts: of every number itself, a 32nd of it of the number's bound along the flight, and of the
+    position of rest relative to the terms of its sum. The bounds hold for flights of up to
+    `longest`, or the longest flight so far. The search for an event ends after `most_cells`.
 
     Attributes
     ----------
     impacts : int
-        How many there were so far.
+        Number of impacts so far.
     ending : Ending
-        Why it does not go on.
+        Why the simulation ended.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Course:
         self._shifts: Array | None = None
         if noise > 0.0:
             random, n = np.random.default_rng(seed), oscillator.degrees_of_freedom
-            # What turning positions into coordinates rounds: half of the disturbance.
+            # Half of the disturbance covers the rounding of the change of coordinates.
             x, v = (
                 0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
             )
@@ -130,7 +130,7 @@ class Course:
         self.impacts, self.ending = 0, Ending.COUNT_REACHED
 
     def _close(self, element: int) -> None:
-        """Enter contact with a stop on which the motion begins."""
+        """Enter contact with a stop on which the motion starts."""
         clock_kernels, kernels, log_kernels = _kernels()
         automaton, clock = self._oscillator._automaton, self._clock
         number = automaton.guard(automaton.guards[int(clock[clock_kernels.GUARD])].mode, element)
@@ -146,11 +146,11 @@ class Course:
         log_kernels.enter(number, after, clock, 0.0, 0.0, states, self._switches)
 
     def _prepare(self, first: int, states: Array) -> None:
-        """Tables and buffers of the modes that there are; these states are put in, from one on."""
+        """Make tables and buffers for the present modes; put these states in, from row 1 on."""
         self._tables = self._oscillator._automaton.tables
         slots = self._tables.ladders.step.shape[3]
         if self._shifts is not None:
-            # another thread may have entered more modes since
+            # another thread may have entered more modes meanwhile
             terms = self._oscillator._automaton.rest_terms()[: len(self._tables.event)]
             self._tables = _displaced(self._tables, terms, self._shifts)
         self._work = workspace(slots)
@@ -158,7 +158,7 @@ class Course:
         self._enlarge(slots)
 
     def _enlarge(self, slots: int) -> None:
-        """Room for more switches."""
+        """Enlarge the log of switches."""
         clock_kernels, _, log_kernels = _kernels()
         old, rows = self._switches, _FEW + 2 * len(self._left)
         if old is not None:
@@ -171,13 +171,13 @@ class Course:
             more[tuple(map(slice, few.shape))] = few
 
     def _hits_nothing(self) -> bool:
-        """Whether there were many switches since the last impact."""
+        """Whether the limit on switches since the last impact is exceeded."""
         clock_kernels, before = _kernels()[0], self._switches.before
         count, impacts = self._clock[[clock_kernels.SWITCHES, clock_kernels.IMPACTS]].astype(int)
         return bool(count > MOST_SWITCHES and before[count - MOST_SWITCHES] == impacts)
 
     def advance(self, count: int, *, store: bool) -> Impacts:
-        """Simulate so many impacts more, or until there are no more, and return what is kept."""
+        """Simulate up to `count` further impacts; return their log, empty unless stored."""
         _, kernels, log_kernels = _kernels()
         free, rows = self._oscillator._free, count if store else 0
         slots = free.layout.slots
@@ -222,7 +222,7 @@ class Course:
         return int(self._clock[_kernels()[0].CELLS])
 
     def trajectory(self, log: Impacts, seconds: float) -> Trajectory:
-        """The events so far, with what was written down of impacts."""
+        """The trajectory of all events so far, with a log of impacts."""
         clock_kernels, kernels, _ = _kernels()
         oscillator, clock = self._oscillator, self._clock
         free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
@@ -265,9 +265,9 @@ class Course:
 
 
 def _displaced(tables: Any, terms: Array, parts: Array) -> Any:
-    """The same with what guards watch, (k, 2), changed by these parts of the terms of their rest.
+    """The same tables with the offsets of guards disturbed, relative to the terms of their sums.
 
-    Where the structure rests on the table, all but exactly, their differences are rounding.
+    Where the structure rests on the table almost exactly, these offsets are rounding errors.
     """
     from dynkit.exponential.stack_kernels import OFFSET
 

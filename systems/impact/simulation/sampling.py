@@ -1,4 +1,4 @@
-"""The motion between impacts: flight, the rest of a chatter, contact, flight after release."""
+"""Samples of the motion between impacts: flight, omitted bounces, contact, flight after release."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
 
 
 def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
-    """Impacts, contacts, releases and other switches of a run; none that its start is in."""
+    """Impacts, contacts, releases and other switches of a run, without those of its start."""
     parts = run.segments
     time = parts.begin + parts.rest
     happened = (time > 0.0) | (parts.kind != EventKind.SWITCH)
-    if oscillator._strobed:  # nothing happens where a period begins
+    if oscillator._strobed:  # the begin of a period is not an event
         happened[1:] &= parts.kind[1:] != EventKind.IMPACT
     some = np.flatnonzero(happened)[1:]
     numbers = parts.kind[some], parts.element[some], parts.mode[some]
@@ -51,7 +51,7 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
 
 
 def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
-    """Time up to which a run that ended by itself is sampled: 2^24 of the longest steps."""
+    """Time up to which a run that ended by itself can be sampled: 2^24 of the longest steps."""
     ladders = list(oscillator._gaps)
     for number in np.unique(run.segments.mode).tolist():
         (guards,) = np.nonzero(run.guards[:, 0] == number)
@@ -60,7 +60,7 @@ def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
 
 
 def _bounces(restitution: float, speed: Array, rest: Array, since: Array) -> tuple[Array, Array]:
-    """Gap and its rate in bounces that were replaced by contact: ever smaller parabolas."""
+    """Gap and its rate in the omitted bounces of a chatter: parabolas of decreasing size."""
     r = restitution
     left = 1.0 - since / rest
     bounce = np.floor(np.log(left) / np.log(r)) if r > 0.0 else np.zeros(len(left))

@@ -1,4 +1,4 @@
-"""Trajectories: the events of one motion, from its start on, in plain arrays."""
+"""Trajectories: the events of one motion from its start, as plain arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dynkit.systems.impact.simulation.state import ImpactState
 Indices = NDArray[np.intp]
 
 _ROWS = 1 << 16
-"""Impacts whose states are worked out in one step: an interrupt is heard between steps."""
+"""Impacts whose states are computed in one step; an interrupt takes effect between steps."""
 
 
 class Ending(Enum):
@@ -190,23 +190,23 @@ class Trajectory:
     ----------
     start, final : ImpactState
     log : Impacts
-        None in it when not asked for.
+        Empty unless stored.
     switches : Switches
     regimes : tuple of tuple
-        Of each mode, numbered from zero, those of all elements.
+        Regimes of all elements in each mode.
     guards : (g, 4)
-        Of each guard its mode, its element, and the mode that a switch leads to, and its kind.
+        For each guard: its mode, its element, the mode that follows, and the kind of the event.
     impacts : int
+        Number of impacts, stored or not.
     ending : Ending
     chatter_error, cells, touches, seconds
-        What it lost and cost.
+        Error of omitted bounces; search cells, touching impacts and seconds.
     longest : float
-        The longest flight, or contact, of all.
+        Duration of the longest flight or contact.
     duration : float
-        Of all up to the last event.
+        Time of the last event.
     ambiguous : int
-        How many impacts there were before the first one whose outcome is a choice of law: it pushed
-        against a closed stop, or others happened with it; -1 where there is none.
+        Number of impacts before the first one whose outcome is not unique; -1 where there is none.
     """
 
     start: ImpactState
@@ -226,11 +226,11 @@ class Trajectory:
     ambiguous: int
 
     def part(self, low: int, high: int) -> Trajectory:
-        """Some of the impacts; all else is that of the whole."""
+        """The same trajectory with the impacts from number `low` to `high` - 1 only."""
         return self.holding(self.log.part(low, high))
 
     def holding(self, log: Impacts) -> Trajectory:
-        """The same with other impacts."""
+        """The same trajectory with another log of impacts."""
         return replace(self, log=log, impacts=len(log.time))
 
     # --- impacts (n,) -----------------------------------------------------------------------------
@@ -242,12 +242,12 @@ class Trajectory:
 
     @property
     def element(self) -> Indices:
-        """The stop of each of them."""
+        """Number of the stop of each impact."""
         return np.asarray(self.guards[self.log.guard, 1])
 
     @property
     def relative_velocity(self) -> Array:
-        """Rates of the gap just after them; negative at the far stop of a play."""
+        """Rates of the gap just after the impacts; negative at the far stop of a play."""
         far = (self.element == 1) & self.start._system._faces
         return np.where(far, -self.log.speed, self.log.speed)
 
@@ -259,7 +259,7 @@ class Trajectory:
 
     @property
     def _free_impacts(self) -> Array:
-        """States (n, 2, slots) just after them as those of free flight."""
+        """States (n, 2, slots) just after the impacts, in the coordinates of free flight."""
         modes = self.guards[self.log.guard, 0]
         if not modes.any():
             return self.log.states
@@ -279,17 +279,17 @@ class Trajectory:
 
     @property
     def speeds(self) -> Array:
-        """Rates of the gap of the stop that is left, just after the points."""
+        """Rates of the gap just after the points, at the stop of each."""
         return np.append(self.start.speed, self.log.speed)
 
     @property
     def sides(self) -> Indices:
-        """The stop at each point."""
+        """Number of the stop at each point."""
         return np.append(self.start.element, self.element)
 
     @property
     def free_states(self) -> Array:
-        """States (n + 1, 2, slots) in free flight just after the points."""
+        """States (n + 1, 2, slots) just after the points, in the coordinates of free flight."""
         return np.concatenate([self._begin[None], self._free_impacts])
 
     @property
@@ -300,7 +300,7 @@ class Trajectory:
 
     @cached_property
     def segments(self) -> Segments:
-        """The parts of the motion in one mode each, from the start and from every event on."""
+        """The segments of the motion, each in one mode."""
         s, place = self.switches, self.switches.before + 1
         point = np.arange(len(self.log.time) + 1)
         guards = np.insert(np.append(self.start.element, self.log.guard), place, s.guard)
@@ -323,18 +323,18 @@ class Trajectory:
         )
 
     def closed(self, guard: int) -> list[int]:
-        """The stops that are in contact in the mode of a guard."""
+        """Numbers of the stops that are in contact in the mode of a guard."""
         automaton = self.start._system._automaton
         return automaton.parts.holding(self.regimes[self.guards[guard, 0]])
 
     def gap(self, number: int) -> tuple[Any, Mode]:
-        """The gap that guard number `number` of this motion watches, and the mode of that."""
+        """The exponential sum of guard `number`, and its mode."""
         own, element = self.guards[number, :2].tolist()
         automaton = self.start._system._automaton
         return automaton.gap(self.regimes[own], element), automaton.mode(self.regimes[own])
 
     def modes(self, numbers: Indices) -> Iterator[tuple[Mode, Any]]:
-        """The modes of some segments, and which of these are in each."""
+        """The modes of some segments, each with a mask of the segments in it."""
         automaton = self.start._system._automaton
         for number in np.unique(numbers).tolist():
             yield automaton.mode(self.regimes[number]), numbers == number
@@ -343,7 +343,7 @@ class Trajectory:
 
     @cached_property
     def contacts(self) -> Array:
-        """Begin, after the bounces that are left out, and end (k, 2), infinite for ever."""
+        """Begin, after omitted bounces, and end (k, 2); an end that never comes is infinite."""
         s = self.switches
         if not len(s.time):
             return np.empty((0, 2))
@@ -356,22 +356,22 @@ class Trajectory:
 
     @property
     def before(self) -> Indices:
-        """The point after which each contact begins."""
+        """Number of the point after which each contact begins."""
         return np.asarray(self.switches.before[self._held])
 
     @cached_property
     def _held(self) -> Any:
-        """Which of the switches are to contact."""
+        """Indices of the switches to contact."""
         return self.guards[self.switches.guard, 3] == EventKind.CONTACT
 
     @property
     def contact_sides(self) -> Indices:
-        """The stop of each contact."""
+        """Number of the stop of each contact."""
         return np.asarray(self.guards[self.switches.guard[self._held], 1])
 
     @property
     def durations(self) -> tuple[Array, Array]:
-        """Durations (n,) of the flights before impacts, and (j,) of the contacts before these."""
+        """Durations (n,) of the flights before impacts, and (j,) of the contacts before flights."""
         count, flights = self.ended, np.diff(self.time, prepend=0.0)
         before = self.before[:count]
         held = self.contacts[:count, 1] - self.times[before]
@@ -380,10 +380,10 @@ class Trajectory:
 
     @property
     def ended(self) -> int:
-        """How many of the contacts are before an impact."""
+        """Number of contacts that an impact follows."""
         return int(np.searchsorted(self.before, self.impacts))
 
 
 def in_steps(count: int) -> Iterator[slice]:
-    """Successive parts of so many impacts, each of them quickly worked out."""
+    """Slices of successive impacts, each of which is computed quickly."""
     return (slice(low, low + _ROWS) for low in range(0, count, _ROWS))

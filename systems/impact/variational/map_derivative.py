@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2N, 2N) of the impact map in section coordinates.
 
-    The chain of: section coordinates to free ones; each mode on the way until a guard vanishes, as
-    contact until the force does; the impact law. What is entered where the motion begins, is so
-    whenever it does; the rest of a chatter that is replaced by contact forgets the relative
-    velocity.
+    It is the product of the derivatives of: free coordinates by section coordinates; each mode on
+    the way, up to the zero of its guard; the impact law. A mode that is entered at the start is
+    entered for all neighbouring starts. The omitted bounces of a chatter lose the dependence on the
+    relative velocity.
     """
     run = trajectory_of(oscillator, state, 1, store=True)
     if run.impacts < 1:
@@ -81,12 +81,12 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
 def parameter_derivative(
     oscillator: DrivenStructure, state: ImpactState, name: str
 ) -> Array | None:
-    """Derivative (2N,) of the impact map in section coordinates by a parameter.
+    """Derivative (2N,) of the impact map in section coordinates by a parameter of a stop.
 
-    The structure stays as it is, and so do all propagators: the stop is elsewhere, or faster, where
-    the flight begins and ends. None where this is not known in closed form: of parameters that
-    change more than themselves, of the frequency of harmonic forces, and where another mode is
-    entered.
+    Such a parameter does not change the structure or its propagators. It changes the position and
+    velocity of the stop at the begin and end of the flight. The result is None where no closed form
+    is known: for parameters that change others, for the frequency of harmonic forces, and where the
+    motion enters another mode.
     """
     forced = bool(oscillator._excitation.harmonic.any())
     if (
@@ -136,9 +136,9 @@ def parameter_derivative(
 def _stop_by(
     oscillator: DrivenStructure, name: str, state: ImpactState, time: float
 ) -> tuple[float, float]:
-    """Derivatives of a stop's place and velocity by a parameter, at a time after the first impact.
+    """Derivatives of a stop's position and velocity by a parameter, at a time after an impact.
 
-    The stop is the one that the state is on; the phase at the first impact does not change.
+    The state is on this stop at the impact, and the phase of the impact is fixed.
     """
     (sine, cosine), near, w = state._turn, oscillator._stops[0], oscillator.frequency
     if name == "amplitude":

@@ -1,12 +1,13 @@
-"""What events make of small disturbances.
+"""Saltation: the effect of events on small disturbances.
 
-An impact changes the rate of the gap, g', by J = -(1 + r) g', and the state by J b, b the kick.
-With the rows c of the gap and c' of its rate, and the generator A of the flow, a disturbance y of
-the state and one s of the time of the impact become, at one time,
+An impact changes the rate g' of the gap by J = -(1 + r) g', and the state by J b, where b is the
+kick. Let c and c' be the rows of the gap and of its rate, A the generator of the flow, and g' and
+g'' the values before the impact. A disturbance y of the state, and a disturbance s of the time of
+the impact, become, compared at one time,
 
-    y - (1 + r) b (c' y + g'' s) + (1 + r) g' A b s,
+    y - (1 + r) b (c' y + g'' s) + (1 + r) g' A b s.
 
-g' and g'' those before the impact. Where the impact is where the gap is zero, s = -c y / g'.
+For an impact where the gap is zero, s = -c y / g'.
 
 References
 ----------
@@ -28,23 +29,23 @@ if TYPE_CHECKING:
 
 
 def reset(restitution: float, kick: Array, by_rate: Array) -> Array:
-    """What an impact adds to disturbances (d, k) at it, of which the gap's rate is (k,)."""
+    """Change of disturbances (d, k) by an impact, from the rates of the gap (k,) that they have."""
     return -(1.0 + restitution) * np.outer(kick, by_rate)
 
 
 def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: float) -> Array:
-    """What a change of the time of an impact, as it is, changes in the state (d,) at one time.
+    """Change of the state (d,) at one time per change of the time of a given impact.
 
-    By the kick and `pushed`, its rate of change.
+    It follows from the kick and from `pushed`, the rate of change of the kick.
     """
     return (1.0 + restitution) * (rate * pushed - bend * kick)
 
 
 def saltation(restitution: float, rates: Array, bends: Array) -> Array:
-    """Impacts where the gap is zero: they take disturbances times 1 + b (p c + q c') + q A b c.
+    """Numbers p and q, (n, 2), of the saltation matrix 1 + b (p c + q c') + q A b c of impacts.
 
-    The numbers p and q, (n, 2), by g' and g'' before the impacts, (n,). Zero where one only
-    touches, g' = 0: no derivative exists there.
+    They depend on g' and g'' before the impacts, (n,). They are zero where the motion only touches,
+    g' = 0, since no derivative exists there.
     """
     found, hit = np.zeros((len(rates), 2)), rates != 0.0
     found[hit, 0] = (1.0 + restitution) * bends[hit] / rates[hit]
@@ -53,10 +54,10 @@ def saltation(restitution: float, rates: Array, bends: Array) -> Array:
 
 
 def release(oscillator: DrivenStructure, element: int) -> Array:
-    """Derivative (2N, 2 stuck modes) of the free state by the stuck one that is released.
+    """Derivative (2N, 2 stuck modes) of the free state by the stuck state at a release.
 
-    The force vanishes there, and with it the jump of the rate of the state: that another motion is
-    released at another time makes no difference.
+    The contact force is zero there, so the rate of the state does not jump, and a change of the
+    time of release has no effect.
     """
     contact = oscillator._automaton.held(element)
     modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
@@ -67,8 +68,8 @@ def release(oscillator: DrivenStructure, element: int) -> Array:
 def closing(oscillator: DrivenStructure, element: int, states: Array, speeds: Array) -> Array:
     """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
 
-    A disturbance that opens the gap by g makes the impact, from which on contact stands for the
-    rest of the chatter, later by -g / u, while the rates of both motions differ.
+    Contact begins at an impact, in place of the omitted bounces. A disturbance that changes the gap
+    by g delays this impact by -g / u, and the rates before and after it differ.
     """
     contact, gap = oscillator._automaton.held(element), oscillator._gaps[element]
     modes, slots = contact.mode.layout.modes, contact.mode.layout.slots

@@ -1,4 +1,4 @@
-"""Kernels of small disturbances of impact motions: how they stretch a frame of directions."""
+"""Kernels of the tangent map: stretching of a frame of directions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynkit.core.validation import Array
 Indices = NDArray[np.intp]
 
 LOST = 1e-6
-"""A direction is made orthogonal once more when so little of its square is left."""
+"""A direction is orthogonalised again if its squared length falls below this part."""
 
 
 @kernel(reorder=True)
@@ -44,7 +44,7 @@ def _fly(blocks: Array, step: int, frame: Array) -> None:
 
 @kernel(reorder=True)
 def _jump(vectors: Array, bend: float, kick: float, frame: Array) -> None:
-    """What an impact adds: b (bend c + kick c') + kick A b c; see `stretch`."""
+    """Add the effect of an impact, b (bend c + kick c') + kick A b c: see `stretch`."""
     n = frame.shape[1]
     for j in range(frame.shape[0]):
         place = 0.0
@@ -60,7 +60,7 @@ def _jump(vectors: Array, bend: float, kick: float, frame: Array) -> None:
 
 @kernel(reorder=True)
 def _project(frame: Array, j: int) -> float:
-    """Row `j` less its parts along the rows before it; the square of what is left."""
+    """Subtract from row `j` its parts along the rows before it; its squared length."""
     n = frame.shape[1]
     for row in range(j):
         part = 0.0
@@ -76,7 +76,7 @@ def _project(frame: Array, j: int) -> float:
 
 @kernel(reorder=True)
 def _refill(frame: Array, j: int) -> None:
-    """Row `j` becomes the unit vector that is farthest from the rows before it."""
+    """Replace row `j` by the unit vector that is farthest from the rows before it."""
     n = frame.shape[1]
     best = 0
     most = -1.0
@@ -94,7 +94,7 @@ def _refill(frame: Array, j: int) -> None:
 
 @kernel(reorder=True)
 def _normalise(frame: Array, j: int, square: float) -> None:
-    """Row `j` over its length."""
+    """Divide row `j` by its length."""
     scale = 1.0 / math.sqrt(square)
     for i in range(frame.shape[1]):
         frame[j, i] *= scale
@@ -102,10 +102,10 @@ def _normalise(frame: Array, j: int, square: float) -> None:
 
 @kernel()
 def _orthonormalise(frame: Array, lost: int, logs: Array, step: int) -> None:
-    """Gram and Schmidt's process on the rows of the frame; of the last of all 2N none is left.
+    """Gram-Schmidt orthonormalisation of the rows of the frame, repeated once where needed.
 
-    Twice is enough: W. Kahan, in B. N. Parlett, The Symmetric Eigenvalue Problem, SIAM 1998,
-    section 6-9.
+    The last `lost` of 2N rows keep no part of their own. Two passes suffice: W. Kahan, in B. N.
+    Parlett, The Symmetric Eigenvalue Problem, SIAM 1998, section 6-9.
     """
     n = frame.shape[1]
     for j in range(frame.shape[0]):
@@ -139,23 +139,23 @@ def stretch(
     scratch: Array,
     logs: Array,
 ) -> None:
-    """Follow a frame of disturbances through steps: a matrix, a flight, an impact each.
+    """Follow a frame of disturbances through steps; each is a matrix, a flight and an impact.
 
-    A disturbance (2N,) of the free state at one time, both numbers of all pairs in turn, is taken
-    times 1 + b (bend c + kick c') + kick A b c by an impact.
+    A disturbance (2N,) of the free state holds first the first numbers of all pairs, then the
+    second ones. An impact multiplies it by 1 + b (bend c + kick c') + kick A b c.
 
     Parameters
     ----------
     blocks
         (n, 4, N) entries 11, 12, 21, 22 of the flights' matrices.
     which, dense
-        (n,) and (m, 2N, 2N): the number of the matrix that comes before a flight, -1 for none.
+        (n,) and (m, 2N, 2N): number of the matrix that precedes a flight, -1 for none.
     vectors
         (4, 2N): b, A b, c, c'.
     jumps
         (n, 2): bend and kick.
     lost
-        (n,) how many directions a step takes away for good.
+        (n,) number of directions that a step loses for ever.
     frame
         (k, 2N) orthonormal rows, modified in place.
     scratch
@@ -181,7 +181,7 @@ def carry(
     frame: Array,
     scratch: Array,
 ) -> None:
-    """Rows of the frame (k, 2N) through the steps of `stretch`, as they are; modified in place."""
+    """Carry rows of the frame (k, 2N) through the steps of `stretch`, in place, without scaling."""
     for step in range(which.shape[0]):
         if which[step] >= 0:
             _multiply(dense[which[step]], frame, scratch)

@@ -1,9 +1,9 @@
-"""How impact motions stretch small disturbances, in coordinates that keep this cheap.
+"""Tangent map of impact motions, in modal coordinates.
 
-A disturbance is followed in the free state at one time: the pairs of numbers of the modes, each of
-which a flight multiplies by a 2 by 2 matrix of its own; an impact adds a matrix of rank 2. The
-Lyapunov exponents are those of the section coordinates, as the change between the two is bounded
-on average, while the volume changes by exactly r^2 exp(-trace(M^-1 C) t) in each step.
+Disturbances are followed in the free state: a flight multiplies each pair of modal coordinates by
+its own 2x2 matrix, and an impact adds a matrix of rank 2. The Lyapunov exponents equal those of
+the section coordinates, since the change of coordinates is bounded on average. The volume changes
+by exactly r^2 exp(-trace(M^-1 C) t) in each step.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
-"""Impacts that are worked on at a time, and numbers of their matrices."""
+"""Number of impacts, and of numbers in their matrices, that are processed together."""
 
 _PRODUCTS_OF_A_CALL = 1 << 24
-"""Products after which a call of the kernel ends, or after one step: some ten milliseconds."""
+"""Products after which a call of the kernel ends, about ten milliseconds; at least one step."""
 
 SPREAD = math.log(1e5)
-"""Flights that make some modes decay by more than this against others are cut into parts: in each
-of them rounding leaves ten digits of the smallest stretching."""
+"""Largest ratio of decays of modes within one part of a flight. Longer flights are cut into parts,
+so that the smallest stretching keeps ten digits in each part."""
 
 
 class Steps(NamedTuple):
-    """What the kernel takes, see `tangent_kernels.stretch`; impacts end where `last` says."""
+    """Arguments of `tangent_kernels.stretch`; `last` are the steps that end at an impact."""
 
     blocks: Array
     which: Any
@@ -52,9 +52,9 @@ class Steps(NamedTuple):
 
 
 def stretching(oscillator: DrivenStructure, state: Array, n: int, accuracy: float) -> Stretching:
-    """How the next n impacts stretch disturbances: see `Map.stretching`.
+    """Stretching of disturbances by the next n impacts: see `Map.stretching`.
 
-    An impact that only touches, u = 0, counts as none: at it no derivative exists.
+    An impact that only touches, u = 0, is left out, since no derivative exists there.
     """
     count = non_negative_integer("n", n)
     logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
@@ -65,11 +65,11 @@ def stretching(oscillator: DrivenStructure, state: Array, n: int, accuracy: floa
 
 
 def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
-    """Log growth (n,) of one disturbance over each of the next n impacts.
+    """Logarithms (n,) of the growth of one disturbance over each of the next n impacts.
 
-    It turns into the direction that grows fastest. Minus infinity where the motion ends.
+    The disturbance turns into the fastest growing direction. Minus infinity after the motion ends.
     """
-    # A fixed direction without symmetry: it is in no subspace that a motion is likely to keep.
+    # A fixed direction without symmetry is unlikely to lie in an invariant subspace.
     frame = np.sqrt(np.arange(2.0, 2.0 + oscillator.dimension))[None]
     logs = np.empty((n, 1))
     try:
@@ -80,9 +80,9 @@ def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
 
 
 def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int]) -> Array:
-    """Derivatives (k, 2N, 2N) of free states at one time, from each of some impacts to the next.
+    """Derivatives (k, 2N, 2N) of free states, from each of some impacts to the next.
 
-    The impacts (k + 1,) count from zero in the run and rise.
+    The numbers (k + 1,) of these impacts in the run ascend from zero on.
     """
     from dynkit.systems.impact.variational.tangent_kernels import carry
 
@@ -101,7 +101,7 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
 def _follow(
     oscillator: DrivenStructure, start: ImpactState, frame: Array, logs: Array, times: Array
 ) -> ImpactState:
-    """The state after as many impacts as logs (n, k) has; frame, logs, times are modified."""
+    """Simulate n impacts, follow the frame, fill logs (n, k) and times in place; the last state."""
     d = oscillator.dimension
     most = max(1, min(_IMPACTS, _NUMBERS // d**2))
     for begin in range(0, len(logs), most):
@@ -140,9 +140,9 @@ def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
 
 
 def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> Steps:
-    """The steps of a run: contact, where there is one, flight and impact, cut where they spread.
+    """The steps of a run to the impacts from number `begin` on: contact, flight, impact.
 
-    Those that lead to the impacts from number `begin` on.
+    Long flights and contacts are cut into parts, see `_SPREAD`.
     """
     motion = free_motion(oscillator._contact)
     before = run.before
@@ -155,7 +155,7 @@ def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> St
     )
     contact_steps = np.zeros(run.impacts, dtype=np.intp)
     contact_steps[before] = stuck_parts - 1
-    # Parts of a contact but the last come first, then those of the flight, then the impact.
+    # The order is: parts of a contact except the last, parts of the flight, the impact.
     first = np.concatenate([[0], np.cumsum(contact_steps + parts)])
     total = int(first[-1])
     durations = np.repeat(flights / parts, parts + contact_steps)
@@ -178,7 +178,7 @@ def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> St
 def _flights(
     motion: FreeMotion, durations: Array, which: Any, dense: Array
 ) -> tuple[Array, Any, Array]:
-    """What the kernels take of flights (n,), after the matrices whose numbers are not negative."""
+    """Kernel arguments of flights (n,); each follows the matrix of its number, if that is >= 0."""
     slots = motion.mode.layout.modes
     flown = motion.mode.transitions(durations)
     blocks = np.empty((len(durations), 2, 2, len(slots)))
@@ -194,7 +194,7 @@ def _flights(
 
 
 def chatter_carried(oscillator: DrivenStructure, run: Trajectory, disturbances: Array) -> Array:
-    """What becomes of disturbances (2N, k) of the start of a run that has no contact."""
+    """Disturbances (2N, k) of the start of a run without contact, carried to its end."""
     from dynkit.systems.impact.variational.tangent_kernels import carry
 
     if not run.impacts:
@@ -210,7 +210,7 @@ def chatter_carried(oscillator: DrivenStructure, run: Trajectory, disturbances: 
 
 
 def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
-    """Bend and kick (n, 2) of the impacts, and how many directions they lose, (n,)."""
+    """Bend and kick (n, 2) of the impacts, and the number (n,) of directions that they lose."""
     r = oscillator.restitution
     rates, bends = before_impacts(oscillator, run)
     rates = np.minimum(rates, 0.0)
@@ -231,7 +231,7 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
             rates[here] = -log.speed[here] / r
         rows = np.zeros((2, 2, mode.layout.slots))
         rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
-        if r > 0.0 and flight == 0:  # else the states after impacts do not tell how fast they were
+        if r > 0.0 and flight == 0:  # r = 0 forgets the rates before
             kick = mode.placed(oscillator._contacts[element].kick[:2])
             turn = stop.sign * float((rows[1] * kick).sum())
             for own in (here[now] for now in in_steps(len(here))):
@@ -247,7 +247,7 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
 
 
 def _contact_matrices(oscillator: DrivenStructure, run: Trajectory, durations: Array) -> Array:
-    """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it."""
+    """Matrices (k, 2N, 2N) of contacts of given durations (k,), with their begins and ends."""
     d = oscillator.dimension
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
