@@ -3,24 +3,24 @@ from .flows.duffing import Duffing as Duffing
 from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
-from .impact.attractor import ImpactAttractor as ImpactAttractor
-from .impact.ball import BouncingBall as BouncingBall
-from .impact.chain import ImpactChain as ImpactChain
-from .impact.elements import (
+from .impact.elements.element import (
     Element as Element,
     HardStop as HardStop,
     Regime as Regime,
     SoftStop as SoftStop,
     Watch as Watch,
 )
-from .impact.friction import DryFriction as DryFriction
-from .impact.matrices import MatrixOscillator as MatrixOscillator
+from .impact.elements.friction import DryFriction as DryFriction
 from .impact.orbits.orbit import ImpactOrbit as ImpactOrbit
-from .impact.oscillator import ImpactOscillator as ImpactOscillator
-from .impact.play import PlayOscillator as PlayOscillator
-from .impact.record import ImpactRecord as ImpactRecord
-from .impact.single import SingleImpactOscillator as SingleImpactOscillator
-from .impact.state import ImpactState as ImpactState
+from .impact.oscillators.attractor import ImpactAttractor as ImpactAttractor
+from .impact.oscillators.ball import BouncingBall as BouncingBall
+from .impact.oscillators.chain import ImpactChain as ImpactChain
+from .impact.oscillators.matrix import MatrixOscillator as MatrixOscillator
+from .impact.oscillators.oscillator import ImpactOscillator as ImpactOscillator
+from .impact.oscillators.play import PlayOscillator as PlayOscillator
+from .impact.oscillators.single import SingleImpactOscillator as SingleImpactOscillator
+from .impact.records.record import ImpactRecord as ImpactRecord
+from .impact.simulation.state import ImpactState as ImpactState
 from .maps.henon import Henon as Henon
 from .maps.high_bounce import HighBounce as HighBounce
 from .maps.logistic import Logistic as Logistic

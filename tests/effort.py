@@ -50,7 +50,7 @@ def shorter_searches(cells: int) -> Iterator[None]:
 
     Of motions that come to rest, or creep, a million cells show no more than some ten thousand.
     """
-    from dynkit.systems.impact.runs import trajectory_of
+    from dynkit.systems.impact.simulation.runs import trajectory_of
 
     changed = {} if is_thorough() else {"most_cells": cells}
     with patch.dict(trajectory_of.__kwdefaults__, changed):

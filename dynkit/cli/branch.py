@@ -39,12 +39,12 @@ from dynkit.continuation.continuing import continue_orbit
 from dynkit.core.reprs import costing, span, written
 from dynkit.core.validation import finite_scalar, in_interval
 from dynkit.data.dataset import Dataset
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
     from dynkit.continuation.branch import Branch
     from dynkit.orbits.problem import PeriodicOrbit
-    from dynkit.systems.impact.chain import ImpactChain
+    from dynkit.systems.impact.oscillators.chain import ImpactChain
 
 _STEPS = ("step", "largest_step", "points", "inadmissible")
 OPTIONS = (

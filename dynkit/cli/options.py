@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.validation import finite_array, finite_scalar, one_of
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.elements import Element, HardStop, SoftStop
-from dynkit.systems.impact.friction import DryFriction
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.elements.element import Element, HardStop, SoftStop
+from dynkit.systems.impact.elements.friction import DryFriction
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
     from dynkit.core.validation import Array
-    from dynkit.systems.impact.state import ImpactState
+    from dynkit.systems.impact.simulation.state import ImpactState
 
 # More values than this were not meant.
 _MOST_VALUES = 1_000_000

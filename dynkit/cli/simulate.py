@@ -32,7 +32,7 @@ from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, options_of
 from dynkit.cli.output import OUT, files_of, plotted, print_summary, write
 from dynkit.core.reprs import span
 from dynkit.data.dataset import Dataset
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
 _SCALARS = ("time", "phase", "relative_velocity", "energy")
 

@@ -17,12 +17,11 @@ from dynkit.core.smooth_map import generic_direction
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
-from dynkit.systems.impact.derivatives import impact_derivative, parameter_derivative
-from dynkit.systems.impact.driven import OF_TABLE, DrivenStructure
-from dynkit.systems.impact.elements import numbers_of, with_numbers
-from dynkit.systems.impact.runs import trajectory_of
-from dynkit.systems.impact.starts import entered, start
-from dynkit.systems.impact.state import (
+from dynkit.systems.impact.elements.element import numbers_of, with_numbers
+from dynkit.systems.impact.simulation.driven_structure import OF_TABLE, DrivenStructure
+from dynkit.systems.impact.simulation.runs import trajectory_of
+from dynkit.systems.impact.simulation.starts import entered, start
+from dynkit.systems.impact.simulation.state import (
     ImpactState,
     on_section,
     packed,
@@ -30,7 +29,8 @@ from dynkit.systems.impact.state import (
     sheet_of,
     unpacked,
 )
-from dynkit.systems.impact.trajectory import Trajectory
+from dynkit.systems.impact.simulation.trajectory import Trajectory
+from dynkit.systems.impact.variational.map_derivative import impact_derivative, parameter_derivative
 
 if TYPE_CHECKING:
     from dynkit.dynamics.attractor import Attractor
@@ -249,7 +249,7 @@ class ImpactMap(DrivenStructure, Map):
     def stretching(self, state: Array, n: int) -> Stretching:
         if self._mapped:
             return super().stretching(state, n)
-        from dynkit.systems.impact.tangents import stretching
+        from dynkit.systems.impact.variational.tangents import stretching
 
         return stretching(self, state, n, self.accuracy)
 

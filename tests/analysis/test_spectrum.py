@@ -14,7 +14,7 @@ from dynkit.core.validation import Array
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
-from dynkit.systems.impact.attractor import ImpactAttractor
+from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 
 
 def attractor_of(frequency: float = 0.87) -> ImpactAttractor:

@@ -8,7 +8,7 @@ from time import process_time
 import numpy as np
 
 from dynkit.systems import BouncingBall, ImpactChain
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from tests.benchmarks.report import table
 
 CASES: tuple[tuple[str, ImpactOscillator], ...] = (

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.systems import ImpactChain, MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from tests.benchmarks.report import table
 
 Array = NDArray[np.float64]

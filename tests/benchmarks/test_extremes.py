@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from dynkit.systems import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.benchmarks.extremes import WrongCases, extremes
 from tests.benchmarks.extremes.__main__ import main
 from tests.benchmarks.extremes.cases import GROUPS, Case, read_cases

@@ -15,7 +15,7 @@ from dynkit import ParameterMap, Sweep, basins, parameter_map, sweep
 from dynkit.analysis import BifurcationDiagram, ChatterRatios, LyapunovSpectrum, TimeSeries
 from dynkit.core.reprs import table
 from dynkit.systems import Henon, ImpactChain, Logistic, Lorenz
-from dynkit.systems.impact import record as records
+from dynkit.systems.impact.records import record as records
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from tests.project.test_costs_and_errors import RESULTS
 

@@ -10,14 +10,14 @@ import numpy as np
 from hypothesis import assume, strategies as st
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.state import ImpactState
 
 RESTITUTIONS = st.floats(1e-3, 1.0) | st.sampled_from([0.0, 1.0])
 

@@ -20,7 +20,7 @@ from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.impact_map import ImpactMap
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.reference.impact_chain import to_mpf
 
 DIGITS = 40

@@ -10,8 +10,8 @@ import numpy as np
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.reference.impact_chain import History, Impact, ReferenceChain
 
 

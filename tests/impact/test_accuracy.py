@@ -9,8 +9,8 @@ import pytest
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.impact.many_digits import Case, errors_before_contact, random_case
 from tests.reference.values import PAPER_CHAIN
 

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, assume, given, settings, strategies as st
 from dynkit import NoConvergence, Sweep, continue_orbit, sweep
 from dynkit.core.no_motion import NoMotion
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, begins, certain
 

@@ -9,8 +9,8 @@ import numpy as np
 from hypothesis import assume, given, strategies as st
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.effort import share
 from tests.impact.any_oscillator import (
     Begin,

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from dynkit.core.no_motion import NoCrossing
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 NAN, INF = math.nan, math.inf
 

@@ -12,9 +12,9 @@ from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.state import ImpactState
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.simulation.state import ImpactState
+from dynkit.systems.impact.simulation.trajectory import Ending
 from dynkit.systems.maps.high_bounce import HighBounce
 from tests.impact.one_mass import DIGITS, Real, flight_matrix, next_impact_derivative
 

@@ -10,10 +10,10 @@ import pytest
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.many_digits import reference_of, state_error, time_error
 from tests.reference.impact_chain import History
 

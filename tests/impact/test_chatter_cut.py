@@ -16,11 +16,11 @@ import pytest
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.impact_map import ImpactMap
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.reference.general_oscillator import GeneralOscillator, History, Impact
 
 BITS, LAST = 256, 1e-9

@@ -11,7 +11,7 @@ import pytest
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from tests.impact import test_play as play, test_single as single
 from tests.impact.one_mass import DIGITS, Orbit
 

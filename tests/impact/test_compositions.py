@@ -22,8 +22,8 @@ from dynkit.systems import (
     SoftStop,
     Watch,
 )
-from dynkit.systems.impact.elements import IMPACT, EventKind
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.elements.element import IMPACT, EventKind
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.6, name="table")
 CUSHION = SoftStop(0, offset=0.05, stiffness=7.0, damping=0.6)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.testing import (
     AttractorCheck,
     MapCheck,

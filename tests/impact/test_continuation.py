@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.state import Motion
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.simulation.state import Motion
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 STICKING = (0.16, 0.202, 0.408)
 

@@ -16,15 +16,17 @@ from dynkit import sweep
 from dynkit.core.validation import Array
 from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
-from dynkit.systems.impact import runs, structure, tangents
-from dynkit.systems.impact.bases import Basis, CoupledModes, NormalModes
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.forced import Forced
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.runs import Course
-from dynkit.systems.impact.trajectory import Ending, Impacts
+from dynkit.systems.impact.modes import structure
+from dynkit.systems.impact.modes.bases import Basis, CoupledModes, NormalModes
+from dynkit.systems.impact.modes.steady_response import Forced
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation import runs
+from dynkit.systems.impact.simulation.runs import Course
+from dynkit.systems.impact.simulation.trajectory import Ending, Impacts
+from dynkit.systems.impact.variational import tangents
 
 
 def terms(system: ImpactOscillator) -> int:
@@ -196,7 +198,7 @@ def test_twins_search_for_no_longer_than_the_run_whose_error_they_give(
         twins.append(Course(*given, **choices))
         return twins[-1]
 
-    monkeypatch.setattr("dynkit.systems.impact.record.Course", counted)
+    monkeypatch.setattr("dynkit.systems.impact.records.record.Course", counted)
     assert len(record.error) == len(record) > 0
     assert len(twins) == 3
     # a search to its own end would take a million cells
@@ -223,7 +225,7 @@ def test_the_error_is_infinite_from_the_impact_that_a_twin_cannot_decide(
             monkeypatch.setattr(course, "advance", advance)
         return course
 
-    monkeypatch.setattr("dynkit.systems.impact.record.Course", cut)
+    monkeypatch.setattr("dynkit.systems.impact.records.record.Course", cut)
     error = record.error
     assert seeds == [1, 2, 3]
     assert np.isinf(error).tolist() == [i >= decided for i in range(5)]

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from dynkit.exponential.sums import ExponentialSum, RootKind
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.state import in_turn
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
+from dynkit.systems.impact.simulation.state import in_turn
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.exact import exact_errors
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 

@@ -10,10 +10,10 @@ from mpmath import mp
 
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
-from dynkit.systems.impact.elements import EventKind
-from dynkit.systems.impact.motion import sample_run
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.trajectory import Ending, Trajectory
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 
 SPRING = 7.0
@@ -304,7 +304,7 @@ def test_a_spring_that_is_not_touched_costs_nothing() -> None:
 
 
 def test_more_guards_and_modes_are_not_compiled_for() -> None:
-    from dynkit.systems.impact import kernels
+    from dynkit.systems.impact.simulation import loop_kernels as kernels
 
     motion(machine(masses=2, frequency=0.9, restitution=0.6), 5)
     compiled: Any = kernels.run
@@ -319,13 +319,14 @@ def test_more_guards_and_modes_are_not_compiled_for() -> None:
 
 
 def test_more_modes_than_fit_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dynkit.systems.impact.automaton.MOST_NUMBERS", 1 << 9)
+    monkeypatch.setattr("dynkit.systems.impact.simulation.automaton.MOST_NUMBERS", 1 << 9)
     with pytest.raises(MemoryError, match=r"more modes than fit into 256 MB; got \d+"):
         machine().simulate(impacts=20)
 
 
 def test_kernels_and_elements_number_events_alike() -> None:
-    from dynkit.systems.impact import elements, event_kernels
+    from dynkit.systems.impact.elements import element as elements
+    from dynkit.systems.impact.simulation import event_kernels
 
     for name in ("IMPACT", "SWITCH", "JAM", "HALT", "JUMP"):
         assert getattr(event_kernels, name) == getattr(elements, name)
@@ -383,7 +384,7 @@ def test_moments_through_an_element_are_those_of_samples() -> None:
 def test_a_motion_without_impacts_comes_to_an_end(
     offset: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dynkit.systems.impact.runs.MOST_SWITCHES", 100)
+    monkeypatch.setattr("dynkit.systems.impact.simulation.runs.MOST_SWITCHES", 100)
     forces = [0.5, 0.0]
     weight = [-20.0, -200.0] if offset > 0 else [0.0, 0.0]
     chain = machine(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dynkit.systems import BouncingBall, ImpactChain, ImpactOscillator, PlayOscillator
-from dynkit.systems.impact.elements import EventKind
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.records.record import ImpactRecord
 
 SYSTEMS: dict[str, ImpactOscillator] = {
     "chatter": ImpactChain(masses=3, frequency=0.408),

@@ -9,12 +9,12 @@ import pytest
 
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import Propagators
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.reference.general_oscillator import GeneralOscillator
 
 

@@ -18,18 +18,18 @@ from dynkit.exponential import sums
 from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import ImpactChain
-from dynkit.systems.impact import (
+from dynkit.systems.impact.modes import mode
+from dynkit.systems.impact.records import second_moments
+from dynkit.systems.impact.simulation import (
     clock_kernels,
-    kernels,
-    mode,
+    loop_kernels as kernels,
     runs,
-    second_moments,
-    tangents,
     trajectory,
 )
-from dynkit.systems.impact.runs import trajectory_of
-from dynkit.systems.impact.state import ImpactState
-from dynkit.systems.impact.trajectory import Trajectory
+from dynkit.systems.impact.simulation.runs import trajectory_of
+from dynkit.systems.impact.simulation.state import ImpactState
+from dynkit.systems.impact.simulation.trajectory import Trajectory
+from dynkit.systems.impact.variational import tangents
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, begins
 
@@ -184,7 +184,7 @@ def test_pairs_counted_in_pieces_are_the_same(euclidean: bool) -> None:
 ENDLESS = """
 import os, signal, threading
 from dynkit.systems import ImpactChain
-from dynkit.systems.impact import clock_kernels, kernels
+from dynkit.systems.impact.simulation import clock_kernels, loop_kernels as kernels
 
 # shells let what runs in the background ignore it
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dynkit.labels.label import OrbitKind
-from dynkit.systems.impact.attractor import ImpactAttractor
-from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
+from dynkit.systems.impact.oscillators.chain import ImpactChain
 from tests.impact.many_digits import state_error
 from tests.reference.impact_chain import ReferenceChain
 

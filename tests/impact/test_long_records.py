@@ -14,8 +14,8 @@ from dynkit import basins, parameter_map
 from dynkit.analysis import PowerSpectrum, TimeSeries
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.systems import Henon, ImpactChain
-from dynkit.systems.impact import record as records
-from dynkit.systems.impact.attractor import ImpactAttractor
+from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
+from dynkit.systems.impact.records import record as records
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, begins
 

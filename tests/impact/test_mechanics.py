@@ -10,9 +10,9 @@ import pytest
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.reference.brute_force import BruteForceChain
 
 UNEQUAL: dict[str, Any] = {"masses": (1.0, 0.5, 2.0), "springs": (1.0, 3.0, 0.7)}

@@ -14,12 +14,12 @@ import pytest
 
 from dynkit import sweep
 from dynkit.core.validation import Array
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
+from dynkit.systems.impact.simulation.trajectory import Ending
 from dynkit.testing import (
     AttractorCheck,
     MapCheck,

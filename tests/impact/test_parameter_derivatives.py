@@ -12,8 +12,8 @@ from dynkit.core.no_motion import replaced
 from dynkit.dynamics.map import Map
 from dynkit.exponential.propagators import Propagators
 from dynkit.systems import BouncingBall, ImpactChain, PlayOscillator
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 BALL = BouncingBall(amplitude=1.3, frequency=1.0, restitution=0.5)

@@ -14,10 +14,10 @@ from mpmath import mp, mpf
 
 from dynkit.labels.label import OrbitKind
 from dynkit.systems.impact.impact_map import ImpactMap
-from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.state import ImpactState
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.play import PlayOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.state import ImpactState
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.one_mass import DIGITS, Orbit, Real, periodic_orbits
 
 ROUNDING = 2.0**-52

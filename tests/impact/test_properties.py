@@ -10,10 +10,10 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.state import Motion
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.state import Motion
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.effort import share, shorter_searches
 from tests.impact.any_oscillator import Begin, balls, begins, chains, plays, singles, table_at
 

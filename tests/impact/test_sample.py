@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 UNEQUAL: dict[str, Any] = {
     "masses": (1.0, 0.5, 2.0),

@@ -11,9 +11,9 @@ import pytest
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.record import ImpactRecord
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.reference.general_oscillator import BITS, GeneralOscillator, History
 
 ONE = {"M": [[1.0]], "C": [[0.0]], "K": [[1.0]]}

@@ -11,8 +11,8 @@ import pytest
 from dynkit.core.validation import Array
 from dynkit.systems import BouncingBall, ImpactChain
 from dynkit.systems.impact.impact_map import ImpactMap
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.benchmarks.extremes.cases import Case, read_cases
 
 # The lowest natural frequency of three equal masses.

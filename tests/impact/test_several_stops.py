@@ -10,8 +10,8 @@ import dynkit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.no_motion import NoDerivative, Refused
 from dynkit.systems import HardStop, ImpactChain, MatrixOscillator, PlayOscillator
-from dynkit.systems.impact.elements import EventKind
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.85, name="table")
 GEAR = HardStop((0, 1), offset=-0.02, restitution=0.5, name="gear")

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from dynkit.systems.impact.single import SingleImpactOscillator
-from dynkit.systems.impact.state import ImpactState
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
+from dynkit.systems.impact.simulation.state import ImpactState
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.one_mass import DIGITS, Orbit, Real, flight_matrix, periodic_orbits
 
 ROUNDING = 2.0**-52

@@ -17,8 +17,8 @@ from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.exact import BITS, ExactMotion, chain_matrices
 from tests.structure.reference import links_matrix
 

@@ -12,9 +12,9 @@ import pytest
 import scipy.linalg
 from mpmath import mp, mpf
 
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.trajectory import Ending
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.exact import exact_errors
 from tests.structure.reference import links_matrix
 

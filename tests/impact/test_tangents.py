@@ -11,16 +11,16 @@ import pytest
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
-from dynkit.systems.impact.derivatives import _lift
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.tangent_kernels import stretch
-from dynkit.systems.impact.tangents import growth, steps_of
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.variational.map_derivative import _lift
+from dynkit.systems.impact.variational.tangent_kernels import stretch
+from dynkit.systems.impact.variational.tangents import growth, steps_of
 from tests.impact.test_structures import Rod
 from tests.impact_orbits.structures import SYSTEMS
 
 if TYPE_CHECKING:
     from dynkit.core.validation import Array
-    from dynkit.systems.impact.state import ImpactState
+    from dynkit.systems.impact.simulation.state import ImpactState
 
 ROUNDING = 2.0**-52
 

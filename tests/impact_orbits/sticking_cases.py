@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 
 TURN = 2.0 * math.pi

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
 from dynkit.systems.structure.chain import chain_kinetic, chain_links
 from tests.impact.test_blocks import CRITICAL, DOUBLE, FOURFOLD, TRIPLE, Matrices, graded
 

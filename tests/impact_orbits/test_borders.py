@@ -14,12 +14,12 @@ from dynkit import continue_orbit
 from dynkit.core.validation import Array
 from dynkit.orbits.events import Condition
 from dynkit.orbits.newton import solve
-from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.flights import smallest_minimum
 from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
 from tests.impact_orbits.gaps import dip, gap, lowest, stops
 from tests.impact_orbits.structures import SYSTEMS
 from tests.impact_orbits.test_many_impacts import FREQUENCIES, SEARCHED, searched, settled

@@ -23,9 +23,9 @@ import sympy
 from scipy.optimize import linear_sum_assignment
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.oscillators.chain import ImpactChain
 from tests.impact_orbits.exact_orbits import exact_orbit
 from tests.impact_orbits.structures import ALL
 

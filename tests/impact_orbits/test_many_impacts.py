@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
 from tests.impact.test_labels import PAPER
 from tests.impact_orbits.exact_orbits import distance, exact_orbit
 from tests.impact_orbits.structures import SYSTEMS

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.orbits.finding import Found
 from dynkit.systems.impact.orbits.impulses.guesses import random_guesses
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.play import PlayOscillator
-from dynkit.systems.impact.single import SingleImpactOscillator
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
+from dynkit.systems.impact.oscillators.single import SingleImpactOscillator
 from tests.impact.one_mass import Orbit, periodic_orbits
 from tests.impact_orbits.exact_orbits import (
     ExactOrbit,

@@ -14,12 +14,12 @@ import pytest
 
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.problem import PeriodicOrbit
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.oscillator import ImpactOscillator
-from dynkit.systems.impact.play import PlayOscillator
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
 from tests.impact_orbits import sticking_cases
 from tests.impact_orbits.structures import SYSTEMS
 from tests.impact_orbits.test_many_impacts import FREQUENCIES, SEARCHED, searched, settled

@@ -18,9 +18,9 @@ from dynkit.continuation.branch import Branch
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import solve
 from dynkit.orbits.problem import shortest
-from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.simulation.state import TWO_PI
 from tests.continuation.doublings import growth_of_born
 from tests.impact_orbits.sticking_cases import differences, orbit_of, releases_of, returned
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.chain import ImpactChain
-from dynkit.systems.impact.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
 CHAIN = ImpactChain(masses=2, frequency=0.408, restitution=0.3)
 

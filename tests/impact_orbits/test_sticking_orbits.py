@@ -11,10 +11,10 @@ from mpmath import mp, mpf
 from scipy.optimize import brentq
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.ball import BouncingBall
-from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.play import PlayOscillator
+from dynkit.systems.impact.oscillators.ball import BouncingBall
+from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.play import PlayOscillator
 from tests.impact_orbits.sticking_cases import (
     SEVERAL,
     SYSTEMS,

@@ -11,7 +11,7 @@ from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.orbits.harmonics import harmonics_needed, harmonics_of
 from dynkit.systems import BouncingBall, ImpactChain, Logistic
-from dynkit.systems.impact.attractor import ImpactAttractor
+from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 
 TWO_PI = 2.0 * np.pi
 DAMPING = 0.1

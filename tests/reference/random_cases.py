@@ -27,8 +27,8 @@ import numpy as np
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.simulation.state import ImpactState
 from tests.reference.general_oscillator import GeneralOscillator, History
 
 FILE: Final = Path(__file__).with_name("random_cases.npz")

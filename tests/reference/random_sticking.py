@@ -20,8 +20,8 @@ import numpy as np
 from flint import ctx
 from mpmath import mp, mpf
 
-from dynkit.systems.impact.matrices import MatrixOscillator
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from tests.impact_orbits.exact_sticking import BITS, ExactSticking
 from tests.impact_orbits.sticking_cases import Releases, exact_of, releases_of
 from tests.reference.random_cases import Kept, at_most, few, grid, network

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from dynkit.systems.impact.chain import ImpactChain
+from dynkit.systems.impact.oscillators.chain import ImpactChain
 from tests.impact.exact import ExactMotion
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
 from tests.reference.impact_chain import ReferenceChain

@@ -10,7 +10,7 @@ from flint import acb, acb_mat, arb, ctx
 
 from dynkit.analysis import POD
 from dynkit.core.validation import Array
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.impact_orbits.exact_orbits import BITS, ImpactMap
 from tests.reference.random_cases import STARTS, random_case
 

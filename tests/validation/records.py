@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.matrices import MatrixOscillator
-from dynkit.systems.impact.record import ImpactRecord
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
 from tests.reference.random_cases import STARTS, Kept, random_case
 
 TURN = 2.0 * math.pi

@@ -24,11 +24,11 @@ from dynkit.systems.impact.orbits.impulses.guesses import (
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.orbits.passages.guesses import course_of, courses
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem, has_table_alone
-from dynkit.systems.impact.state import ImpactState
+from dynkit.systems.impact.simulation.state import ImpactState
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
-    from dynkit.systems.impact.record import ImpactRecord
+    from dynkit.systems.impact.records.record import ImpactRecord
 
 
 def find_orbits(

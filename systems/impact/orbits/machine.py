@@ -27,9 +27,9 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.driven import DrivenStructure
     from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
     from dynkit.systems.impact.orbits.passages.passage import Passage
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""
@@ -43,9 +43,9 @@ _DIFFERENCE = 1e-3
 
 def numbers_of(oscillator: DrivenStructure) -> Array:
     """All numbers that its motion depends on, (3 + stops + 3N + 3N^2,)."""
-    o, drive = oscillator, oscillator._drive
+    o, excitation = oscillator, oscillator._excitation
     places = [stop.offset for stop in o._stops]
-    forces = [drive.harmonic.real, drive.harmonic.imag, drive.constant]
+    forces = [excitation.harmonic.real, excitation.harmonic.imag, excitation.constant]
     matrices = [o.mass, o.damping_matrix, o.stiffness]
     parts: list[Any] = [o.frequency, o.restitution, o.amplitude, places, *forces, *matrices]
     return np.concatenate([np.ravel(part) for part in parts])

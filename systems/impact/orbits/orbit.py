@@ -12,7 +12,7 @@ from dynkit.core.validation import Array, finite_array
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.orbits.solution import Solution
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -232,7 +232,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         -------
         Axes
         """
-        from dynkit.systems.impact.drawing import draw
+        from dynkit.systems.impact.records.drawing import draw
 
         begin, ends = float(self.phases[0]), [] if self.sticks else [self.period]
         impacts = np.append(self.bounces[:, 0], ends)

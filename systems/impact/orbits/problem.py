@@ -20,7 +20,7 @@ from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.orbits.machine import Changes
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.solution import Solution
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap

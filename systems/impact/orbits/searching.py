@@ -15,6 +15,7 @@ from dynkit.core.validation import Array, positive_integer
 from dynkit.labels.recurrence import Recurrences
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.search import OrbitSearch
+from dynkit.systems.impact.modes.impulse_responses import forced_motion
 from dynkit.systems.impact.orbits.finding import Found
 from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
 from dynkit.systems.impact.orbits.impulses.guesses import (
@@ -26,15 +27,14 @@ from dynkit.systems.impact.orbits.impulses.guesses import (
     solvable,
     with_impulses,
 )
-from dynkit.systems.impact.orbits.impulses.responses import forced_motion
 from dynkit.systems.impact.orbits.impulses.terms import Terms
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import has_table_alone
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
-    from dynkit.systems.impact.record import ImpactRecord
+    from dynkit.systems.impact.records.record import ImpactRecord
 
 GUESSED = 3
 """Orbits of at most so many impacts are sought from random phases, too."""
@@ -94,7 +94,7 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         state = record.final
         size = np.maximum(size, abs(record.states).max(axis=0, initial=0.0))
         yield record
-    terms = Terms.of(oscillator, forced_motion(oscillator._contact, oscillator._drive))
+    terms = Terms.of(oscillator, forced_motion(oscillator._contact, oscillator._excitation))
     places = oscillator.degrees_of_freedom - 1
     size[:places] = np.maximum(size[:places], abs(terms.drive))
     size[places:-1] = np.maximum(size[places:-1], abs(terms.drive) * terms.frequency)

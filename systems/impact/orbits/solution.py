@@ -11,7 +11,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.flights import Flight
-from dynkit.systems.impact.trajectory import Trajectory
+from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 SAME = 1e-6
 """In units of a period: how far a simulated event may be from that of the orbit."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.oscillator import ImpactOscillator
-    from dynkit.systems.impact.state import ImpactState
+    from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+    from dynkit.systems.impact.simulation.state import ImpactState
 
 GROUPS = (
     "restitution",
@@ -78,8 +78,8 @@ class Case:
 
     def system(self) -> ImpactOscillator:
         """Make the oscillator."""
-        from dynkit.systems.impact.chain import ImpactChain
-        from dynkit.systems.impact.matrices import MatrixOscillator
+        from dynkit.systems.impact.oscillators.chain import ImpactChain
+        from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 
         arguments = dict(self.arguments)
         if "harmonic_forces" in arguments:

@@ -12,7 +12,7 @@ import numpy as np
 from tests.benchmarks.extremes.cases import Case, ExactImpact
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.record import ImpactRecord
+    from dynkit.systems.impact.records.record import ImpactRecord
 
 _TWO_PI = Decimal("6.28318530717958647692528676655900576839")
 

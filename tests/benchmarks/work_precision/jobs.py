@@ -58,7 +58,7 @@ def read_starts() -> list[dict[str, Any]]:
 def exact_impacts(entry: dict[str, Any]) -> ExactImpacts:
     """Make a start and its exact impacts from what is written."""
     from dynkit.analysis.work_precision.exact import ExactImpacts
-    from dynkit.systems.impact.chain import ImpactChain
+    from dynkit.systems.impact.oscillators.chain import ImpactChain
 
     own = {name: value for name, value in entry.items() if name not in ("job", "system")}
     return ExactImpacts(system=ImpactChain(**entry["system"]), **own)

@@ -8,17 +8,18 @@ from typing import Any, NamedTuple, Self, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.impulse_responses import FreeMotion, forced_motion
+from dynkit.systems.impact.modes.structure import Contact
 from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.orbits.impulses import neutral
 from dynkit.systems.impact.orbits.impulses.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.impulses.openness import flights_are_open
-from dynkit.systems.impact.orbits.impulses.responses import FreeMotion, forced_motion
 from dynkit.systems.impact.orbits.impulses.solution import ROUNDING, ImpulseSolution
-from dynkit.systems.impact.orbits.impulses.terms import EXACT, Terms, changes_alone
+from dynkit.systems.impact.orbits.impulses.terms import Terms
 from dynkit.systems.impact.orbits.machine import difference, residual_change
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
-from dynkit.systems.impact.state import TWO_PI
-from dynkit.systems.impact.structure import Contact
+from dynkit.systems.impact.simulation.parameters import EXACT, changes_alone
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 LEAST = 1e-13
 """Smaller impulses are rounding: at resonance those of all orbits are zero."""
@@ -63,13 +64,13 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
             changes = dict(zip(self._names, p.tolist(), strict=True))
             return Scene(contact, motion, Terms.of(self.oscillator, motion, changes))
         system = self.system(p)
-        motion = forced_motion(system._contact, system._drive)
+        motion = forced_motion(system._contact, system._excitation)
         return Scene(system._contact, motion, Terms.of(system, motion))
 
     @cached_property
     def _here(self) -> Scene:
         """At the oscillator's parameters."""
-        motion = forced_motion(self.oscillator._contact, self.oscillator._drive)
+        motion = forced_motion(self.oscillator._contact, self.oscillator._excitation)
         return Scene(self.oscillator._contact, motion, Terms.of(self.oscillator, motion))
 
     def _solution(self, x: Array, scene: Scene) -> ImpulseSolution:

@@ -10,12 +10,12 @@ import numpy as np
 
 from dynkit.core.validation import Array, within_memory
 from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.modes.impulse_responses import forced_motion
 from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
-from dynkit.systems.impact.orbits.impulses.responses import forced_motion
 from dynkit.systems.impact.orbits.impulses.terms import Terms
 from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.orbits.problem import APART
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -43,7 +43,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ImpulseEqua
     ValueError
         When nothing drives the oscillator.
     """
-    motion = forced_motion(oscillator._contact, oscillator._drive)
+    motion = forced_motion(oscillator._contact, oscillator._excitation)
     try:
         terms = Terms.of(oscillator, motion)
     except NoSolution as refusal:

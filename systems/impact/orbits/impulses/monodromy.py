@@ -9,10 +9,10 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.systems.impact.orbits.impulses.solution import LATE, ROUNDING
-from dynkit.systems.impact.transitions import saltation
+from dynkit.systems.impact.variational.saltation import saltation
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.mode import Transitions
+    from dynkit.systems.impact.modes.mode import Transitions
     from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
 
 LARGE = 50

@@ -9,7 +9,7 @@ import numpy as np
 from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.impulses.responses import FreeMotion
+    from dynkit.systems.impact.modes.impulse_responses import FreeMotion
     from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
 
 

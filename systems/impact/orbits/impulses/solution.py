@@ -8,13 +8,13 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.mode import Transitions
+from dynkit.systems.impact.modes.impulse_responses import FreeMotion
+from dynkit.systems.impact.modes.mode import Transitions
+from dynkit.systems.impact.modes.structure import Contact
 from dynkit.systems.impact.orbits.flights import Curve, Flight
-from dynkit.systems.impact.orbits.impulses.responses import FreeMotion
 from dynkit.systems.impact.orbits.impulses.terms import Terms
 from dynkit.systems.impact.orbits.solution import Solution
-from dynkit.systems.impact.state import TWO_PI
-from dynkit.systems.impact.structure import Contact
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 ROUNDING = 32.0 * 2.0**-52
 """Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""

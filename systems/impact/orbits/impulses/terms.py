@@ -10,28 +10,13 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.simulation.parameters import EXACT
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.driven import DrivenStructure
-    from dynkit.systems.impact.orbits.impulses.responses import FreeMotion
-
-EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
-"""Parameters by which derivatives are in closed form."""
-
-OUTSIDE = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
-"""What acts on the structure from outside."""
+    from dynkit.systems.impact.modes.impulse_responses import FreeMotion
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 _NO_CHANGES: Mapping[str, float] = {}
-
-
-def changes_alone(oscillator: Any, name: str) -> bool:
-    """Whether a parameter is one of `EXACT`, and changes nothing but itself."""
-    here = oscillator
-    if name not in EXACT or name not in here.parameters or not math.isfinite(getattr(here, name)):
-        return False
-    there = here.replace(**{name: 0.5 * getattr(here, name) or 0.5})
-    same = all(getattr(here, other) == getattr(there, other) for other in OUTSIDE if other != name)
-    return same and there._contact is here._contact
 
 
 @final
@@ -117,7 +102,7 @@ def _steady_response(
 
     Where some of the motion has no restoring force, the place is that of the rest of it.
     """
-    harmonic, constant = oscillator._drive.harmonic, oscillator._drive.constant
+    harmonic, constant = oscillator._excitation.harmonic, oscillator._excitation.constant
     shape, by_frequency, still = harmonic, harmonic, constant
     try:
         if harmonic.any():

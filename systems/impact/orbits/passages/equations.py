@@ -17,7 +17,7 @@ from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.orbits.passages.passage import PASSED, Passage, Scene, Word
 from dynkit.systems.impact.orbits.passages.solution import PassageSolution
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 _ROUNDING = 2.0**-52
 _COMMON = 16.0 * _ROUNDING / PASSED
@@ -53,7 +53,7 @@ class PassageEquations(ImpactProblem[PassageSolution]):
 
     def _scene(self, p: Array) -> Scene:
         system = self.system(p)
-        if not system._drive.turns:
+        if not system._excitation.turns:
             raise NoSolution("nothing drives the system")
         return Scene(system)
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.motion import sample_run
 from dynkit.systems.impact.orbits.passages.equations import PassageEquations
 from dynkit.systems.impact.orbits.passages.passage import Scene, Word
-from dynkit.systems.impact.state import TWO_PI, ImpactState
-from dynkit.systems.impact.trajectory import Indices, Trajectory
+from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
+from dynkit.systems.impact.simulation.trajectory import Indices, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -42,7 +42,7 @@ def courses(oscillator: ImpactMap, periods: int) -> Iterator[Course]:
     ValueError
         When nothing drives the oscillator.
     """
-    if not oscillator._drive.turns:
+    if not oscillator._excitation.turns:
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
     scene = Scene(oscillator)
     for state in _starts(oscillator, scene):

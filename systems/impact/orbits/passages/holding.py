@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.state import ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.state import ImpactState, Motion, state_of
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap

@@ -11,16 +11,16 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.mode import Mode
-from dynkit.systems.impact.motion import sample_run
+from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
+from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.impulses.responses import FreeMotion, free_motion
 from dynkit.systems.impact.orbits.passages.holding import Holding, seen, seen_change
 from dynkit.systems.impact.orbits.solution import SAME, follows
-from dynkit.systems.impact.state import TWO_PI, Motion, state_of
-from dynkit.systems.impact.tangents import chatter_carried
-from dynkit.systems.impact.trajectory import Trajectory
-from dynkit.systems.impact.transitions import by_time, closing, release, reset
+from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.state import TWO_PI, Motion, state_of
+from dynkit.systems.impact.simulation.trajectory import Trajectory
+from dynkit.systems.impact.variational.saltation import by_time, closing, release, reset
+from dynkit.systems.impact.variational.tangents import chatter_carried
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap

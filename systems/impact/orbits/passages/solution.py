@@ -12,7 +12,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.orbits.passages.passage import Passage
 from dynkit.systems.impact.orbits.solution import Solution
-from dynkit.systems.impact.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 
 @final

@@ -1,0 +1,1 @@
+"""What acts on a structure: stops, soft stops, dry friction."""

@@ -1,0 +1,1 @@
+"""Linear modes of the motion: structures, their modal bases, held coordinates, forced response."""

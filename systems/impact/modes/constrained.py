@@ -1,0 +1,184 @@
+"""Modes of a structure that elements hold or leave free, and what their guards watch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import Element, Watch
+from dynkit.systems.impact.modes.mode import Mode
+from dynkit.systems.impact.modes.steady_response import HIDDEN, Forced, Load
+from dynkit.systems.impact.modes.sticking import stuck
+from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Held, Structure
+
+
+def mode_of(
+    structure: Structure,
+    excitation: Excitation,
+    held: Sequence[Element],
+    sticking: Sequence[Element],
+    watched: Sequence[Array],
+    hit: Sequence[Array],
+) -> Mode:
+    """The mode in which elements hold what they act along, or its rate.
+
+    Rows (N,) of all coordinates are watched, and impulses act along some of them.
+    """
+    w, s = excitation.frequency, structure
+    others, pivots, ties = np.arange(s.size), None, None
+    shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
+    inner: Structure | None = s
+    grip = _grip(s, held) if held else None
+    if grip is not None:
+        others, pivots, ties, inner = grip.others, grip.pivots, grip.ties, grip.structure
+        shape[pivots] = grip.told @ [element.phasor for element in held]
+        rest[pivots] = grip.told @ [element.offset for element in held]
+    if sticking:
+        # Besides a constant rate they move as their surfaces do, less what those that hold do.
+        both = _grip(s, [*held, *sticking])
+        phasors = [element.phasor for element in (*held, *sticking)]
+        shape[both.pivots] = both.told @ phasors
+        rows = [element.row(s.size) for element in sticking]
+        assert inner is not None
+        inner = stuck(inner, np.array([grip.leaves(row) if grip else row for row in rows]))
+    harmonic, constant = excitation.harmonic, excitation.constant
+    for p in np.flatnonzero(shape).tolist():
+        dynamic = s.stiffness[:, p] + 1j * w * s.damping[:, p] - w * w * s.mass[:, p]
+        harmonic = harmonic - dynamic * shape[p]
+    for p in np.flatnonzero(rest).tolist():
+        constant = constant - s.stiffness[:, p] * rest[p]
+    turning, still = harmonic[others], constant[others]
+    if ties is not None:
+        turning = turning + ties.T @ harmonic[pivots]
+        still = still + ties.T @ constant[pivots]
+    load = Load(w, turning, still, shape, rest)
+    forced = Forced(None if inner is None else inner.free, others, load, pivots, ties)
+    pulls = []
+    if held or sticking:
+        for row in _grip(s, [*held, *sticking]).weights:
+            pulls += [row @ part for part in (s.stiffness, s.damping, s.mass)]
+    return _mode(inner, forced, excitation, [*pulls, *watched], hit)
+
+
+def _grip(structure: Structure, held: Sequence[Element]) -> Held:
+    return structure.holding(np.array([element.row(structure.size) for element in held]))
+
+
+def _mode(
+    structure: Structure | None,
+    forced: Forced,
+    excitation: Excitation,
+    watched: Sequence[Array],
+    hit: Sequence[Array],
+) -> Mode:
+    """The mode, whose searches see the modes with a share in what is watched, or hit."""
+    if structure is None:
+        return Mode(None, forced, excitation, np.ones(0, dtype=bool))
+    rows, along = ([forced.gathered(row) for row in part] for part in (watched, hit))
+    key = tuple(frozenset(row.tobytes() for row in part) for part in (rows, along))
+    if key not in structure.seen:
+        shares = [structure.free.position_row(row) for row in rows]
+        shares += [structure.contact(row).kick[:2] for row in along]
+        share = abs(np.concatenate(shares))
+        largest = share.max(axis=1, keepdims=True, initial=0.0)
+        structure.seen[key] = (share > HIDDEN * largest).any(axis=0)
+    return Mode(structure, forced, excitation, structure.seen[key])
+
+
+def rides(structure: Structure, held: Sequence[Element], element: Element) -> bool | None:
+    """Whether an element's gap stays as it is; None where it changes as what is held moves it.
+
+    Else it depends on coordinates that are not held.
+    """
+    row = element.row(structure.size)
+    if not held or (grip := _grip(structure, held)).leaves(row).any():
+        return False
+    shares = row[grip.pivots] @ grip.told
+    for own, told in (
+        (element.phasor, [other.phasor for other in held]),
+        (element.drift, [other.drift for other in held]),
+    ):
+        if abs(own - shares @ told) > ROUNDING * max(abs(own), *map(abs, told)):
+            return None
+    return True
+
+
+def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tuple[int, bool]:
+    """Which closed stop an impact opens, -1 for none, and whether it pushes against another one.
+
+    By Newton's law with complementarity: the closed ones have impulses p >= 0 and rates u >= 0
+    after it with p u = 0, whatever the size of the impact. Of several that open, the fastest.
+
+    References
+    ----------
+    J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, in Nonsmooth
+    Mechanics and Applications, Springer 1988, 1-82.
+    """
+    from scipy.optimize import nnls
+
+    stops = [*closed, hit]
+    rows = np.array([stop.sign * stop.row(structure.size) for stop in stops])
+    effect = rows @ np.linalg.solve(structure.mass, rows.T)
+    effect /= np.sqrt(np.outer(np.diag(effect), np.diag(effect)))
+    own, by_hit = effect[:-1, :-1], effect[:-1, -1]
+    root = np.linalg.cholesky(own)
+    impulse, _ = nnls(root.T, -np.linalg.solve(root, by_hit))
+    rates = by_hit + own @ impulse
+    rates[impulse > ROUNDING] = 0.0
+    fastest = int(np.argmax(rates))
+    return (fastest if rates[fastest] > ROUNDING else -1), bool((impulse > ROUNDING).any())
+
+
+def moves(structure: Structure, closed: Sequence[Element], hit: Element, other: Element) -> bool:
+    """Whether an impact changes the rate of what another element acts along."""
+    rows = [element.row(structure.size) for element in (*closed, hit)]
+    effect = np.linalg.solve(structure.mass, np.array(rows).T)
+    inertia = np.array(rows) @ effect
+    impulse = np.linalg.solve(inertia, np.eye(len(rows))[-1])  # the closed ones stay closed
+    change = effect @ impulse
+    row = other.row(structure.size)
+    return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+
+
+def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
+    """What a guard watches of an element's gap, as an exponential sum."""
+    along, sign = element.row(len(mode.forced.rest)), element.sign
+    row = mode.row(along)
+    if mode.layout.table >= 0:
+        row[:, mode.layout.table] -= element.phasor.real, element.phasor.imag
+    total, offset = watch.gap * row, watch.gap * (along @ mode.forced.rest - element.offset)
+    if watch.rate:
+        total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
+        offset -= watch.rate * element.drift
+    return mode.sum(sign * total, sign * offset + watch.level)
+
+
+def force_of(
+    mode: Mode,
+    structure: Structure,
+    excitation: Excitation,
+    held: Sequence[Element],
+    element: Element,
+    watch: Watch,
+) -> Any:
+    """What a guard watches of the force by which an element holds the structure, or sticks to it.
+
+    Towards its side, together with others that do.
+    """
+    s, weights = structure, _grip(structure, held).weights[list(held).index(element)]
+    row = mode.row(weights @ s.stiffness)
+    row = row + mode.pairs.derivative_rows(mode.row(weights @ s.damping), 1)
+    row = row + mode.pairs.derivative_rows(mode.row(weights @ s.mass), 2)
+    if mode.layout.table >= 0:
+        own = weights @ excitation.harmonic
+        row[:, mode.layout.table] -= own.real, own.imag
+    offset = weights @ s.stiffness @ mode.forced.rest - weights @ excitation.constant
+    if mode.layout.constant >= 0:
+        # Accelerations of what nothing holds.
+        offset += row[0, mode.layout.constant]
+        row[0, mode.layout.constant] = 0.0
+    sign = element.sign * watch.force
+    return mode.sum(sign * row, sign * float(offset) + watch.level)

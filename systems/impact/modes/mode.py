@@ -1,0 +1,311 @@
+"""Linear modes of the motion: how states evolve, and how they change, in the kernels' slots."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.validation import Array
+from dynkit.exponential.modes import Pairs
+from dynkit.exponential.propagators import cells_of_a_call, ladder, workspace
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.impact.modes.bases import row_by_row
+from dynkit.systems.impact.modes.steady_response import Forced
+from dynkit.systems.impact.modes.structure import Contact, Excitation, Structure
+
+
+@final
+class Mode:
+    """A linear mode of the motion, in the slots of the kernels: free flight, or contact.
+
+    Attributes
+    ----------
+    structure : Structure or None
+        Of the coordinates that are not held.
+    forced : Forced
+    layout : Layout
+    propagators : Propagators
+        The steps of all slots.
+    """
+
+    def __init__(
+        self,
+        structure: Structure | None,
+        forced: Forced,
+        excitation: Excitation,
+        seen: NDArray[np.bool_],
+    ) -> None:
+        self.structure = structure
+        self.forced = forced
+        self.layout, self.propagators = forced.arranged(~seen, turns=excitation.turns)
+        self._known: dict[bytes, tuple[Any, Any, Array]] = {}
+
+    @property
+    def pairs(self) -> Pairs:
+        """How the numbers in all slots evolve."""
+        return self.propagators.pairs
+
+    def row(self, coefficients: Array) -> Array:
+        """Row (2, slots) of a sum (N,) of positions, without their rest."""
+        out = np.zeros((2, self.layout.slots))
+        if self.forced.basis is not None:
+            own = self.forced.gathered(coefficients)
+            out[:, self.layout.modes] = self.forced.basis.position_row(own)
+        if self.layout.table >= 0:
+            turn = coefficients @ self.forced.shape
+            out[:, self.layout.table] = turn.real, turn.imag
+        return out
+
+    def placed(self, rows: Array) -> Array:
+        """Numbers (..., slots): those of the modes, (..., m), as given, and the rest zero."""
+        out = np.zeros((*rows.shape[:-1], self.layout.slots))
+        out[..., self.layout.own] = rows
+        return out
+
+    def states(self, q: Array, sine: Any, cosine: Any) -> Array:
+        """States (..., 2, slots) of coordinates (..., 2, m) and the phase."""
+        out = self.placed(q)
+        if self.layout.table >= 0:
+            out[..., 0, self.layout.table], out[..., 1, self.layout.table] = sine, cosine
+        if self.layout.constant >= 0:
+            out[..., 0, self.layout.constant] = 1.0
+        return out
+
+    def parts(self, states: Array) -> tuple[Array, Array, Array]:
+        """Coordinates (..., 2, m), sine and cosine (...) of states (..., 2, slots)."""
+        q = states[..., self.layout.own]
+        if self.layout.table < 0:
+            none = np.zeros(q.shape[:-2])
+            return q, none, none
+        return q, states[..., 0, self.layout.table], states[..., 1, self.layout.table]
+
+    def units(self) -> tuple[Array, Array]:
+        """Positions and velocities (2 slots, N) of unit states, less those at rest."""
+        forced, layout = self.forced, self.layout
+        x, v = np.zeros((2, 2, layout.slots, len(forced.rest)))
+        if forced.basis is not None:
+            for part, own in zip((x, v), forced.basis.units(), strict=True):
+                part[:, layout.modes] = forced.spread(own).reshape(2, len(layout.modes), -1)
+        if layout.table >= 0:
+            x[:, layout.table] = forced.shape.real, forced.shape.imag
+            v[:, layout.table] = forced.turning.real, forced.turning.imag
+        shape = 2 * layout.slots, len(forced.rest)
+        return x.reshape(shape), v.reshape(shape)
+
+    def driven(self) -> tuple[Array, Array]:
+        """Positions and velocities (3, N) of the sine, of the cosine, and at rest."""
+        forced = self.forced
+        x = np.stack([forced.shape.real, forced.shape.imag, forced.rest])
+        v = np.stack([forced.turning.real, forced.turning.imag, forced.drift])
+        return x, v
+
+    def contact(self, row: Array) -> Contact:
+        """What impulses along a row (N,) of coordinates do, among those that are not held."""
+        assert self.structure is not None
+        return self.structure.contact(self.forced.gathered(row))
+
+    def pushed(self, row: Array) -> Array:
+        """Velocity changes (N,) of an impulse that changes the rate of a row (N,) by one."""
+        return self.forced.spread(self.contact(row).kick_velocity)
+
+    def seen_from(self, one: Mode, stop: Element | None = None) -> Array:
+        """Affine change of basis (2 slots, 2 slots of another mode + 1) from that mode.
+
+        Nothing jumps but, where a stop is given, the rate of its gap, which is lost.
+        """
+        x, v = one.driven()
+        if stop is not None:
+            row, told = stop.row(len(one.forced.rest)), 1j * self.forced.frequency * stop.phasor
+            lost = v @ row - (told.real, told.imag, 0.0)
+            v -= np.outer(lost, one.pushed(row))
+        (sine, cosine), forced = np.eye(2, 3), self.forced
+        x[2] -= forced.rest
+        v[2] -= forced.drift
+        driven = self.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
+        a, b = one.layout, self.layout
+        if b.constant >= 0:
+            driven[:2, 0, b.constant] = 0.0
+        out = np.zeros((2 * b.slots, 2 * a.slots + 1))
+        places = (np.append(layout.modes, layout.slots + layout.modes) for layout in (b, a))
+        out[np.ix_(*places)] = self._modes_from(one, stop)
+        if a.table >= 0:
+            out[:, a.table], out[:, a.slots + a.table] = driven[:2].reshape(2, -1)
+        out[:, -1] = driven[2].ravel()
+        return out
+
+    def _modes_from(self, one: Mode, stop: Element | None) -> Array:
+        """That of the modes alone, (2 modes, 2 modes of the other one); kept with the basis."""
+        basis, other = self.forced.basis, one.forced.basis
+        if basis is None or other is None:
+            return np.zeros((2 * len(self.layout.modes), 2 * len(one.layout.modes)))
+        row = None if stop is None else stop.row(len(one.forced.rest))
+        key = other, None if row is None else row.tobytes()
+        if key not in basis.changes:
+            x, v = map(one.forced.spread, other.units())
+            if row is not None:
+                v = v - np.outer(v @ row, one.pushed(row))
+            units = basis.coordinates(self.forced.own(x), self.forced.own(v))
+            basis.changes[key] = np.ascontiguousarray(units.reshape(len(units), -1).T)
+        return basis.changes[key]
+
+    def sum(self, row: Array, offset: float) -> Any:
+        """The exponential sum ``offset + row . y`` as the kernels take it."""
+        row = row[:, : self.layout.seen]
+        return ladder(row, offset, self.propagators, self.layout.table)
+
+    # --- the motion -------------------------------------------------------------------------------
+
+    def motion(self, states: Array) -> tuple[Array, Array]:
+        """Positions and velocities (k, N) of states (k, 2, slots)."""
+        q, sine, cosine = self.parts(states)
+        return self.forced.positions(q, sine, cosine), self.forced.velocities(q, sine, cosine)
+
+    def after(self, starts: Array, which: Any, durations: Array) -> Array:
+        """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""
+        from dynkit.exponential.sampling_kernels import sample
+
+        ladder, work = self.propagators.ladder, self._work
+        out, starts = np.empty((len(durations), *starts.shape[1:])), np.ascontiguousarray(starts)
+        size = cells_of_a_call(starts.shape[2])
+        for begin in range(0, len(durations), size):
+            now = slice(begin, begin + size)
+            sample(ladder, starts, which[now], durations[now], work, out[now])
+        return out
+
+    @cached_property
+    def _work(self) -> Any:
+        """Buffers of `after`: no other thread runs while a kernel does."""
+        return workspace(self.layout.slots)
+
+    def flown(self, start: Array, durations: Array) -> Array:
+        """States (m, 2, slots) at durations (m,) from one start, (2, slots)."""
+        return self.after(start[None], np.zeros(len(durations), dtype=np.intp), durations)
+
+    def rate(self, states: Array) -> Array:
+        """Rates of change (..., 2, slots) of states."""
+        ladder = self.propagators.ladder
+        g = ladder.generator
+        out: Array = g[0:4:2] * states[..., :1, :] + g[1:4:2] * states[..., 1:, :]
+        for (t, s), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
+            out[..., t] += states[..., s] @ b.reshape(2, 2).T
+        return out
+
+    def _apart(self, slots: Any) -> tuple[Any, Any, Array]:
+        """Slots that nothing links, and those that something does, each ascending; unit states.
+
+        The latter, (2 + 2b, 2, slots), are those of all alone at once, and of each of b linked.
+        """
+        key = slots.tobytes()
+        if key not in self._known:
+            linked = np.intersect1d(self.propagators.links, slots)
+            alone = np.setdiff1d(slots, linked)
+            starts = np.zeros((2 + 2 * len(linked), 2, self.layout.slots))
+            starts[0, 0, alone] = starts[1, 1, alone] = 1.0
+            for i, slot in enumerate(linked.tolist()):
+                starts[2 + 2 * i, 0, slot] = starts[3 + 2 * i, 1, slot] = 1.0
+            self._known[key] = alone, linked, starts
+        return self._known[key]
+
+    def transitions(self, durations: Array, among: Any = None) -> Transitions:
+        """Transitions over the durations (k,) among some slots, the modes by default."""
+        alone, linked, starts = self._apart(self.layout.modes if among is None else among)
+        count, k = len(starts), len(durations)
+        ends = self.after(starts, np.arange(k * count) % count, durations.repeat(count))
+        ends = ends.reshape(k, count, 2, self.layout.slots)
+        return Transitions(
+            alone,
+            linked,
+            ends[:, :2].transpose(0, 2, 1, 3),
+            ends[:, 2:][..., linked].transpose(0, 2, 3, 1),
+        )
+
+
+@final
+class Transitions:
+    """What becomes of all states in some durations.
+
+    Parameters
+    ----------
+    alone, linked : (a,), (b,)
+        Slots of the pairs that nothing links, and of those that something does.
+    own : (k, 2, 2, slots)
+        Transition matrices of the former; zero in other slots.
+    joint : (k, 2, b, 2 b)
+        Of the latter; columns are both numbers of a slot, one slot after the other.
+    """
+
+    def __init__(self, alone: Any, linked: Any, own: Array, joint: Array) -> None:
+        self.alone, self.linked, self.own, self.joint = alone, linked, own, joint
+
+    def __getitem__(self, part: slice) -> Transitions:
+        return Transitions(self.alone, self.linked, self.own[part], self.joint[part])
+
+    @cached_property
+    def _dense(self) -> Array:
+        """Joint matrices (k, 2 b, 2 b), rows ordered as the columns are."""
+        k, _, b, _ = self.joint.shape
+        return self.joint.transpose(0, 2, 1, 3).reshape(k, 2 * b, 2 * b)
+
+    def matrices(self, slots: Any) -> Array:
+        """Transition matrices (k, 2 N, 2 N) of the states of some slots (N,), both rows in turn."""
+        k, n = len(self.own), len(slots)
+        out, order, i = np.zeros((k, 2, n, 2, n)), np.argsort(slots), np.arange(2)[:, None]
+        at = order[np.searchsorted(slots, self.alone, sorter=order)]
+        out[:, i[:, None], at, i, at] = self.own[..., self.alone]
+        if len(self.linked):
+            at = order[np.searchsorted(slots, self.linked, sorter=order)]
+            joint = self.joint.reshape(k, 2, len(at), len(at), 2)
+            for j in range(2):
+                out[:, :, at[:, None], j, at[None, :]] = joint[..., j].transpose(0, 1, 2, 3)
+        return out.reshape(k, 2 * n, 2 * n)
+
+    def amplification(self, slots: int) -> Array:
+        """By how much the rounding of the first of them grows, (slots,), in a periodic response.
+
+        It is large near a resonance without damping.
+        """
+        out = np.zeros(slots)
+        parts = [(self.alone, np.moveaxis(self.own[0][..., self.alone], -1, 0))]
+        if len(self.linked):
+            parts.append((self.linked, self._dense[:1]))
+        for at, matrices in parts:
+            back = np.linalg.inv(np.eye(matrices.shape[-1]) - matrices)
+            out[at] = np.linalg.norm(back @ matrices, 2, axis=(1, 2))
+        return out
+
+    def periodic(self, state: Array, multiplier: complex = 1.0) -> Any:
+        """Return z, (2, slots), with z = state + transition(z) / multiplier, over the first one.
+
+        The state just after a kick that is repeated after every period, multiplied each time; of
+        what has no transition that after one kick.
+
+        Raises
+        ------
+        NoSolution
+            When the multiplier is one of the free motion's own.
+        """
+        (a, b), (c, d) = self.own[0] / multiplier
+        a, d = 1.0 - a, 1.0 - d
+        determinant = a * d - b * c
+        if not determinant.all():
+            raise NoSolution("the free motion of the structure has that multiplier itself")
+        y, z = state
+        out = np.array([d * y + b * z, a * z + c * y]) / determinant
+        if len(self.linked):
+            flat = state[:, self.linked].T.ravel()
+            matrix = np.eye(flat.size) - self._dense[0] / multiplier
+            out[:, self.linked] = np.linalg.solve(matrix, flat).reshape(-1, 2).T
+        return out
+
+
+def transformed(matrix: Array, states: Array) -> Array:
+    """States (k, 2, slots) in the other basis, by a `change_of_basis`."""
+    flat = states.reshape(len(states), states.shape[1] * states.shape[2])
+    out = np.broadcast_to(matrix[:, -1], (len(flat), len(matrix)))
+    if flat.shape[1]:  # a single mass on a table at rest has no state
+        out = row_by_row(flat, matrix[:, :-1]) + out
+    return np.asarray(out.reshape(len(states), 2, len(matrix) // 2))

@@ -1,0 +1,126 @@
+"""Structures of which friction holds rates: what sticks keeps its rate, and drags others along."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.exponential.modes import Pairs
+from dynkit.systems.impact.modes.bases import Basis, row_by_row
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.structure import Held, Structure
+
+_CONSISTENT = 1e-9
+
+
+@final
+class StuckModes(Basis):
+    """Coordinates of a structure in which sums z = J x, (h,), have constant rates.
+
+    First those of the structure in which they are held, then the pairs (z, z'). With T and U the
+    positions that follow the others and z, x = T x_o + U z, the others are A z + B z' and what
+    their own basis adds: K_o A = -T' K U, K_o B = -T' C U - C_o A.
+    """
+
+    def __init__(self, structure: Structure, rows: Array, held: Held) -> None:
+        s, n = structure, structure.size
+        self._rows, self._others = rows, held.others
+        self._inner: Basis | None = None
+        self._mass, self._stiffness = s.mass, s.stiffness
+        h, m = len(rows), len(held.others)
+        spread = np.zeros((n, m))
+        spread[held.others] = np.eye(m)
+        if held.ties is not None:
+            spread[held.pivots] = held.ties
+        told = np.zeros((n, h))
+        told[held.pivots] = held.told
+        self._spread = spread
+        none = np.zeros(h)
+        own = Pairs.oscillators(none, none, none, none)[0]
+        place, drag = np.zeros((2, m, h))
+        if held.structure is None:
+            self.pairs = own
+        else:
+            self._inner = held.structure.free
+            self.pairs = Pairs.join(self._inner.pairs, own)
+            inner = held.structure
+            place = _solved(inner.stiffness, -spread.T @ s.stiffness @ told)
+            pull = -spread.T @ s.damping @ told - inner.damping @ place
+            drag = _solved(inner.stiffness, pull)
+        self._place, self._drag = place, drag
+        self._by_place, self._by_rate = told + spread @ place, spread @ drag
+
+    def _parts(self, y: Array) -> tuple[Array, Array, Array]:
+        m = len(self._others)
+        return y[..., :m], y[..., 0, m:], y[..., 1, m:]
+
+    def positions(self, y: Array) -> Array:
+        own, z, rate = self._parts(y)
+        out = row_by_row(z, self._by_place) + row_by_row(rate, self._by_rate)
+        if self._inner is not None:
+            out = out + row_by_row(self._inner.positions(own), self._spread)
+        return out
+
+    def velocities(self, y: Array) -> Array:
+        own, _, rate = self._parts(y)
+        out = row_by_row(rate, self._by_place)
+        if self._inner is not None:
+            out = out + row_by_row(self._inner.velocities(own), self._spread)
+        return out
+
+    def coordinates(self, position: Array, velocity: Array) -> Array:
+        z, rate = position @ self._rows.T, velocity @ self._rows.T
+        own = np.stack([z, rate], axis=-2)
+        if self._inner is None:
+            return own
+        x = position[..., self._others] - z @ self._place.T - rate @ self._drag.T
+        v = velocity[..., self._others] - rate @ self._place.T
+        return np.concatenate([self._inner.coordinates(x, v), own], axis=-1)
+
+    def position_row(self, coefficients: Array) -> Array:
+        own = np.stack([coefficients @ self._by_place, coefficients @ self._by_rate])
+        if self._inner is None:
+            return own
+        return np.concatenate([self._inner.position_row(coefficients @ self._spread), own], axis=1)
+
+    def units(self) -> tuple[Array, Array]:
+        n = len(self._spread)
+        y = np.eye(2 * n).reshape(2 * n, 2, n)
+        return self.positions(y), self.velocities(y)
+
+    def pushes(self, force: Array) -> Array:
+        none = np.zeros((*force.shape[:-1], 2, len(self._rows)))
+        if self._inner is None:
+            return none
+        return np.concatenate([self._inner.pushes(force @ self._spread), none], axis=-1)
+
+    def energies(self, y: Array) -> Array:
+        x, v = self.positions(y), self.velocities(y)
+        momentum, force = row_by_row(v, self._mass), row_by_row(x, self._stiffness)
+        return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
+
+
+def stuck(structure: Structure, rows: Array) -> Structure:
+    """The same structure, of which rows (h, N) of coordinates have constant rates; kept.
+
+    Impacts act as if none had: what holds the rates is finite.
+    """
+    key = rows.tobytes()
+    if key not in structure.stuck:
+        basis = StuckModes(structure, rows, structure.holding(rows))
+        structure.stuck[key] = structure.with_basis(basis)
+    return structure.stuck[key]
+
+
+def _solved(stiffness: Array, forces: Array) -> Array:
+    """Where forces (m, h) push a structure that other than rigid motions have."""
+    found = np.asarray(np.linalg.lstsq(stiffness, forces)[0])
+    off = abs(stiffness @ found - forces).max(initial=0.0)
+    if off > _CONSISTENT * abs(forces).max(initial=0.0):
+        raise NotImplementedError(
+            "what sticks must not push, by springs or dashpots, what else could move away freely"
+        )
+    return found

@@ -1,0 +1,274 @@
+"""Structures under impacts: mass, damping, stiffness and contact, and what drives them."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import Element, Regime
+from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row
+from dynkit.systems.structure.lagrangian import LagrangianStructure
+from dynkit.systems.structure.modes import Derivation
+
+
+@final
+class Structure:
+    """What follows from mass, damping and stiffness: shared by all other parameters.
+
+    Attributes
+    ----------
+    mass, damping, stiffness : (N, N)
+    size : int
+    free : Basis
+    seen, stuck : dict
+        Modes that take part in the motion of some coordinates, filled in `contact`; structures of
+        which some coordinates stick, filled in `stuck`.
+    """
+
+    def __init__(self, given: Derivation) -> None:
+        self.mass = given.mass.dense
+        self.damping = given.damping.dense
+        self.stiffness = given.stiffness.dense
+        self.free: Basis = basis_of(given)
+        self.size = len(self.mass)
+        # A copy, as structures are kept for as long as `given` lives.
+        self._given = replace(given)
+        self._stiffened: dict[tuple[bytes, float, float], Structure] = {}
+        self._contacts: dict[bytes, Contact] = {}
+        self._held: dict[bytes, Held] = {}
+        self.stuck: dict[bytes, Structure] = {}
+        self.seen: dict[Any, Any] = {}
+
+    def with_basis(self, basis: Basis) -> Structure:
+        """The same in another basis."""
+        other = copy.copy(self)
+        other.free, other._contacts, other.seen = basis, {}, {}
+        return other
+
+    def stiffened(self, row: Array, stiffness: float, damping: float) -> Structure:
+        """The same with a spring and a dashpot more along a row (N,) of coordinates; kept."""
+        if stiffness == damping == 0.0:
+            return self
+        key = row.tobytes(), stiffness, damping
+        if key not in self._stiffened:
+            along = np.outer(row, row)
+            c, k = self.damping + damping * along, self.stiffness + stiffness * along
+            self._stiffened[key] = Structure(Derivation.from_matrices(self.mass, c, k))
+        return self._stiffened[key]
+
+    def contact(self, row: Array) -> Contact:
+        """What impulses along a row (N,) of coordinates do; kept."""
+        key = row.tobytes()
+        if key not in self._contacts:
+            self._contacts[key] = Contact(self, row)
+        return self._contacts[key]
+
+    def holding(self, rows: Array) -> Held:
+        """The structure of which rows (h, N) of coordinates are held; kept."""
+        key = rows.tobytes()
+        if key not in self._held:
+            self._held[key] = Held(self._given, rows)
+        return self._held[key]
+
+
+@final
+class Held:
+    """A structure of which the sums z = J x are held, J (h, N): some coordinates follow the others.
+
+    These are x_p = told z + ties x_o.
+
+    Attributes
+    ----------
+    others, pivots : (m,), (h,)
+        Places of the coordinates that are left, and of those that follow.
+    told : (h, h)
+    ties : (h, m), or None where they do not depend on the others
+    weights : (h, N)
+        Give the forces that hold, along J, as sums of those on the coordinates.
+    structure : Structure or None
+        Of the coordinates that are left.
+    """
+
+    def __init__(self, given: Derivation, rows: Array) -> None:
+        self.pivots = pivots = np.array(_pivots(rows), dtype=np.intp)
+        self.others = np.delete(np.arange(rows.shape[1]), pivots)
+        self.told: Array = np.asarray(np.linalg.inv(rows[:, pivots]), dtype=float)
+        ties = -self.told @ rows[:, self.others]
+        self.ties = ties if ties.any() else None
+        self.weights = np.zeros_like(rows)
+        self.weights[:, pivots] = self.told.T
+        left = given.without(pivots, self.ties) if len(self.others) else None
+        self.structure = None if left is None else Structure(left)
+
+    def leaves(self, row: Array) -> Array:
+        """A sum (N,) of all coordinates as one, (m,), of those that are left; zero for rounding."""
+        out = row[self.others]
+        if self.ties is not None:
+            out = out + row[self.pivots] @ self.ties
+        return out if abs(out).max(initial=0.0) > ROUNDING * abs(row).max() else np.zeros_like(out)
+
+    def put(self, x: Array, totals: Array) -> None:
+        """Make what is held of positions or velocities (..., N) these, (..., h)."""
+        x[..., self.pivots] = row_by_row(totals, self.told)
+        if self.ties is not None:
+            x[..., self.pivots] += row_by_row(x[..., self.others], self.ties)
+
+
+ROUNDING = 1e-12
+"""Of a sum of coordinates that is held, the part that rounding may leave."""
+
+
+def place_of(row: Array) -> int:
+    """Of the largest number in a row (N,), the last of them."""
+    return int(len(row) - 1 - np.argmax(abs(row[::-1])))
+
+
+def _pivots(rows: Array) -> list[int]:
+    """Of each row (h, N) the place of its largest number, those above it eliminated."""
+    left, found = rows.copy(), []
+    for k, row in enumerate(left):
+        found.append(place_of(row))
+        left[k + 1 :] -= np.outer(left[k + 1 :, found[k]] / row[found[k]], row)
+    return found
+
+
+@final
+class Contact:
+    """A row (N,) of a structure's coordinates along which a stop acts.
+
+    Attributes
+    ----------
+    structure : Structure
+    row : (N,)
+    place : int
+        Of the coordinate that an impact leaves by its row: the one with the largest part in it.
+    others : (N - 1,)
+        Places of all others.
+    """
+
+    def __init__(self, structure: Structure, row: Array) -> None:
+        self.structure, self.row = structure, row
+        self.place = place_of(row)
+        self.others = np.delete(np.arange(structure.size), self.place)
+
+    def put(self, x: Array, total: Any) -> None:
+        """Make the row's sums of positions or velocities (..., N) these, (...), at its place."""
+        rest = self.row[None, self.others]
+        if rest.any():
+            total = total - row_by_row(x[..., self.others], rest)[..., 0]
+        x[..., self.place] = total / self.row[self.place]
+
+    @cached_property
+    def kick_velocity(self) -> Array:
+        """Velocity changes (N,) of an impulse that changes the rate of the row by one."""
+        return np.asarray(self.response / (self.row @ self.response))
+
+    @cached_property
+    def response(self) -> Array:
+        """Velocity changes (N,) of a unit impulse along the row."""
+        return np.asarray(np.linalg.solve(self.structure.mass, self.row), dtype=float)
+
+    @cached_property
+    def kick(self) -> Array:
+        """(4, N) change of the coordinates by `kick_velocity`, then its low parts."""
+        return self.structure.free.kick(self.kick_velocity, self.row)
+
+    @cached_property
+    def brief(self) -> Array:
+        """(2, N) change of the coordinates by an `excursion`."""
+        return self.structure.free.coordinates(*self.excursion)
+
+    @cached_property
+    def excursion(self) -> Array:
+        """Changes (2, N) of positions and velocities by brief excursions of the sum J x.
+
+        To leading order, where its time integral is one. In coordinates of which J x is one the
+        positions of the others jump by m^-1 f and their velocities by m^-1 (g - c m^-1 f), with f =
+        -C k, g = -K k and k `kick_velocity`; m and c are the others' parts of M and C.
+        """
+        place, (m, c, _) = np.ix_(self.others, self.others), self._matrices
+        out = np.zeros((2, len(m)))
+        out[0, self.others] = x = self._answer(1)
+        out[1, self.others] = self._answer(2) - np.linalg.solve(m[place], c[place] @ x)
+        out[:, self.place] = out @ self._back
+        return out
+
+    @cached_property
+    def coupling(self) -> float:
+        """Largest change by an `excursion`.
+
+        Springs and dashpots may cancel, which leaves terms that are smaller by a power of the
+        duration; what the springs do counts by itself, too.
+        """
+        largest = abs(self.excursion).max()
+        if len(self.others):
+            largest = max(largest, abs(self._answer(2)).max())
+        # no other, or none that is tied to it: then the contact coordinate itself
+        return float(largest) or 1.0
+
+    @property
+    def _back(self) -> Array:
+        """The coordinate at its place as a sum (N,) of the others and, there, J x."""
+        back = -self.row / self.row[self.place]
+        back[self.place] = 1.0 / self.row[self.place]
+        return np.asarray(back)
+
+    @cached_property
+    def _matrices(self) -> list[Array]:
+        """Mass, damping and stiffness in coordinates of which J x is one, at its place."""
+        s, p, change = self.structure, self.place, self._back
+        change[p] -= 1.0
+        if not change.any():
+            return [s.mass, s.damping, s.stiffness]
+        half = [part + np.outer(part[:, p], change) for part in (s.mass, s.damping, s.stiffness)]
+        return [part + np.outer(change, part[p]) for part in half]
+
+    def _answer(self, part: int) -> Array:
+        """Accelerations (N - 1,) of the others by their part of C k or K k, k `kick_velocity`."""
+        place, kick = np.ix_(self.others, self.others), self.kick_velocity.copy()
+        kick[self.place] = 1.0
+        forces = self._matrices[part][self.others] @ kick
+        return np.asarray(-np.linalg.solve(self._matrices[0][place], forces))
+
+
+_structures: WeakKeyDictionary[Any, Structure] = WeakKeyDictionary()
+
+
+def structure_of(given: LagrangianStructure) -> Structure:
+    """The shared part, computed once for all oscillators of equal structure."""
+    if given._derivation not in _structures:
+        _structures[given._derivation] = Structure(given._derivation)
+    return _structures[given._derivation]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """What acts from outside at one frequency, phase' = frequency: forces on all coordinates (N,).
+
+    Attributes
+    ----------
+    turns : bool
+        Whether anything depends on the phase, these forces or motions of elements.
+    """
+
+    frequency: float
+    harmonic: Any
+    constant: Array
+    turns: bool
+
+    def pulled(self, element: Element, regime: Regime) -> Excitation:
+        """The same with what an element, which moves, adds to the forces."""
+        k, c, row = regime.stiffness, regime.damping, element.row(len(self.constant))
+        if k == c == regime.push == 0.0:
+            return self
+        push = element.phasor * (k + 1j * self.frequency * c) * row
+        own = k * element.offset + c * element.drift + element.sign * regime.push
+        constant = self.constant + own * row
+        return replace(self, harmonic=self.harmonic + push, constant=constant)

@@ -1,0 +1,1 @@
+"""Oscillators made of a structure, its excitation and its elements."""

@@ -1,0 +1,344 @@
+"""Attractors of impact oscillators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.reprs import Facts
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.attractor import Attractor
+from dynkit.labels.label import OrbitLabel
+from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
+from dynkit.orbits.harmonics import harmonics_needed
+from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, displacement, draw_points
+from dynkit.systems.impact.records.event_counts import event_counts
+from dynkit.systems.impact.records.record import ImpactRecord, batch_size, twin_errors
+from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
+from dynkit.systems.impact.simulation.state import ImpactState
+from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
+from dynkit.systems.impact.variational.tangents import growth, returned
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.orbits.problem import PeriodicOrbit
+    from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.records.second_moments import SecondMoments
+
+TWO_PI = 2.0 * math.pi
+
+# Samples for harmonics, to begin with: at least, and for each period of the table.
+_SAMPLES, _A_PERIOD = 512, 64
+
+MOST_NUMBERS = 1 << 27
+"""Of a record that is simulated on for a late time: a gigabyte."""
+# Releases this near, in periods of the motion, to one period apart are one period apart: a label
+# that the end of the budget decided is near to its orbit by a hundredth.
+_RETURN = 1e-2
+
+
+@final
+class ImpactAttractor(Attractor):
+    """The motion of an impact oscillator after a transient, made by `ImpactOscillator.attractor`.
+
+    Attributes
+    ----------
+    record : ImpactRecord
+        The impacts that were kept; its time counts from the last impact that was skipped.
+    final : ImpactState
+        The state after the last impact.
+    """
+
+    def __init__(
+        self,
+        system: ImpactMap,
+        transient: int,
+        record: ImpactRecord,
+        before: Trajectory | None,
+    ) -> None:
+        self._system = system
+        self._transient = transient
+        self._before = before
+        self.record = self._longest = record
+
+    @property
+    def system(self) -> ImpactMap:
+        return self._system
+
+    @property
+    def transient(self) -> int:
+        return self._transient
+
+    @property
+    def final(self) -> ImpactState:
+        """The state after the last impact."""
+        return self.record.final
+
+    @property
+    def ending(self) -> Ending:
+        """Why the simulation ended; fewer impacts than asked for when it ended by itself."""
+        return self.record.ending
+
+    @property
+    def _kept(self) -> int:
+        return len(self.record)
+
+    def _facts(self) -> Facts:
+        contacts = len(self.record.sticking)
+        return {**super()._facts(), "contacts": contacts, "ending": self.ending.value}
+
+    def observable(self, name: str) -> Array:
+        """Return one of the system's `observables` at the kept impacts, (n,)."""
+        if self._system._strobed:
+            return super().observable(name)
+        values: Array = getattr(self.record, name)
+        return values
+
+    @cached_property
+    def states(self) -> Array:
+        """Section coordinates of the kept impacts, (n, 2N): see `ImpactOscillator`."""
+        states = self.record.states
+        states.setflags(write=False)
+        return states
+
+    @property
+    def cost(self) -> Cost:
+        cost = self.record.cost
+        if self._before is not None:
+            cost = ImpactRecord(self._system, self._before).cost + cost
+        return cost
+
+    @cached_property
+    def error(self) -> float:
+        """Estimate of the largest error of the kept states, that of the transient included."""
+        if self._before is None:
+            return float(self.record.error.max(initial=0.0))
+        count = self._before.impacts + len(self.record)
+        before, kept = self._before, self.record._run
+        longest = max(before.longest, kept.longest)
+        if max(before.ambiguous, kept.ambiguous) >= 0:
+            return math.inf
+        whole = replace(before, cells=before.cells + kept.cells, longest=longest)
+        parts = twin_errors(self._system, whole, self._anew(whole, count), count)
+        return max((float(part.max()) for part in parts), default=0.0)
+
+    def _anew(self, whole: Trajectory, count: int) -> Iterator[ImpactRecord]:
+        """The impacts from the start of the transient on, in batches."""
+        course = Course(self._system, whole.start, noise=0.0, seed=1, most_cells=MOST_CELLS)
+        size = batch_size(self._system)
+        for low in range(0, count, size):
+            log = course.advance(min(size, count - low), store=True)
+            yield ImpactRecord(self._system, whole.holding(log))
+
+    @cached_property
+    def label(self) -> OrbitLabel:
+        orbit = _ImpactOrbit(self.record)
+        return orbit.named(label_orbit(orbit, kept=max(len(self.record), 1)))
+
+    def label_within(self, budget: int) -> OrbitLabel:
+        """Return the label as far as so many impacts tell; the kept ones are always looked at."""
+        orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
+        return orbit.named(label_orbit(orbit, kept=kept, budget=budget))
+
+    def settled_label(self, budget: int = 100_000) -> OrbitLabel:
+        """Return the label of what the motion settles on, chaos before that included.
+
+        See `dynkit.labels.labelling.settled_label`; at most so many impacts are looked at besides
+        those kept.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> print(ImpactChain(frequency=0.35).attractor().settled_label().kind.value)
+        periodic
+        """
+        orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
+        return orbit.named(settled_label(orbit, kept=kept, budget=budget))
+
+    def periodic_orbit(self) -> PeriodicOrbit:
+        """Return the periodic orbit that this attractor is, by Newton's method.
+
+        Returns
+        -------
+        ImpactOrbit
+            Or, of a machine with elements, a `MapOrbit`.
+
+        Raises
+        ------
+        ValueError
+            When the attractor is neither P(n,m) nor P(inf,m).
+        NoConvergence
+            When its motion is still too far from it.
+        """
+        from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit
+        from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
+
+        n, m = self.label.iterates, self.label.periods
+        if m is None:
+            raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
+        if n is None:
+            return sticking_orbit_of(self._system, self.final, m)
+        rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
+        record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
+        if self._system._own:
+            return map_orbit(self._system, record.states)
+        return orbit_of_motion(record, n, m)
+
+    def second_moments(self, batches: int = 32) -> SecondMoments:
+        """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
+        return self.record.second_moments(batches)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw its section: the relative velocity after the kept impacts against the phase.
+
+        Without a hard stop the velocity of the last coordinate against its place, as periods begin.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; by default a new figure of column width.
+
+        Returns
+        -------
+        Axes
+        """
+        if self._system._strobed:
+            own = np.stack([self.record.position[:, -1], self.record.velocity[:, -1]], axis=1)
+            n = self._system.degrees_of_freedom
+            return draw_points(ax, own, (displacement(n - 1), f"velocity $v_{{{n}}}$"))
+        points = np.stack([self.record.phase, self.record.relative_velocity], axis=1)
+        return draw_points(ax, points, (PHASE, RELATIVE_VELOCITY))
+
+    def time_series(self, times: Array) -> Array:
+        """Positions and velocities, (k, 2N), at times from the last skipped impact on."""
+        asked = finite_array("times", times, (None,))
+        record = self.record_until(float(asked.max(initial=0.0)))
+        return np.concatenate(record.sample(asked), axis=1)
+
+    def record_until(self, latest: float) -> ImpactRecord:
+        """Return the record of the kept impacts, and of those after them up to a time at least.
+
+        Raises
+        ------
+        ValueError
+            When the time is so late that the record would not fit into a gigabyte.
+        """
+        record, count = self._longest, len(self._longest)
+        most = MOST_NUMBERS // (2 * self._system.degrees_of_freedom + 4)
+        while record.ending is Ending.COUNT_REACHED and record.time[-1] < latest:
+            ended = float(record.time[-1])
+            if 2 * count > most or latest * len(record) > most * ended > 0.0:
+                raise ValueError(
+                    f"times must not exceed {most / count * ended:.3g}, or {most} impacts after "
+                    f"the transient; got {latest}"
+                )
+            count *= 2
+            record = self._system.simulate(impacts=count, start=record.start)
+            self._longest = record  # later times need not begin anew
+        return record
+
+
+class _ImpactOrbit:
+    """The motion of an impact oscillator as `label_orbit` follows it."""
+
+    def __init__(self, record: ImpactRecord) -> None:
+        self.system = record.system
+        self.accuracy = record.system.accuracy
+        self.record: ImpactRecord = record
+        self.fresh = True
+        self.clock = 0.0
+
+    def more(self, count: int) -> Window:
+        if not self.fresh:
+            self.clock += float(self.record.time[-1])
+            self.record = self.system.simulate(impacts=count, start=self.record.final)
+        self.fresh = False
+        record = self.record
+        period, states = TWO_PI / self.system.frequency, record._without_phase
+        releases = release_times = release_error = None
+        after = _after_releases(record)
+        if len(after):
+            releases = states[after]
+            release_times = (self.clock + record.time[after]) / period
+
+            def release_error(n: int) -> float:
+                return float(record._until(int(after[n])).error[-1])
+
+        times = (self.clock + record.time) / period
+        if self.system._several:
+            states = np.column_stack([states, record.element])
+        return Window(states, times, releases, release_times, release_error)
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return np.asarray(a - b)
+
+    def growth(self, steps: int) -> Array:
+        if not self.system._mapped:
+            return growth(self.system, self.record.final, steps)
+        try:
+            return self.system.stretching(self.record.states[-1], steps).logs[:, 0]
+        except NoCrossing:
+            return np.full(steps, -np.inf)
+
+    def named(self, label: OrbitLabel) -> OrbitLabel:
+        """Return the label of what was looked at so far: can count harmonics, has a multiplier."""
+        if label.periods is None:
+            return label
+        here = self.system, self.record.final, label.periods
+        label = replace(
+            label,
+            count_harmonics=partial(_harmonics, *here),
+            count_events=partial(event_counts, *here),
+        )
+        impacts = self._a_period_apart(label)
+        if impacts is None:
+            return label
+        if self.system._mapped:
+            factors = [self.system.jacobian(s) for s in self.record.states[impacts[0] : impacts[2]]]
+            before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
+        else:
+            before, last = returned(self.system, self.record._run, impacts)[:, None]
+        return with_multiplier(label, last, before, self.system.accuracy)
+
+    def _a_period_apart(self, label: OrbitLabel) -> list[int] | None:
+        """Three impacts of the last window, a period apart; None where it has no such."""
+        record, n = self.record, label.iterates
+        if n is not None:
+            k = len(record) - 1
+            return [k - 2 * n, k - n, k]
+        after = _after_releases(record)
+        if not len(after):
+            return None
+        period = TWO_PI / self.system.frequency * (label.periods or 1)
+        ago = (record.time[after[-1]] - record.time[after]) / period
+        near = [int(np.argmin(abs(ago - periods))) for periods in (2.0, 1.0, 0.0)]
+        # how often it is released in a period is not known: another release may be nearer
+        there = np.max(abs(ago[near] - [2.0, 1.0, 0.0])) < _RETURN
+        return after[near].tolist() if there else None
+
+
+def _after_releases(record: ImpactRecord) -> Any:
+    """The next impact after each release, which is a function of it and stands for it."""
+    ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
+    after = np.searchsorted(record.time, np.sort(ends))
+    return after[after < len(record)]
+
+
+def _harmonics(system: ImpactMap, start: ImpactState, periods: int) -> int:
+    """Harmonics of the contact coordinate that matter on a periodic motion, from a state on it."""
+    motion = ImpactAttractor(system, 0, system.simulate(impacts=1, start=start), None)
+    samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * periods)))
+    coordinate = system.contact % system.degrees_of_freedom
+    return harmonics_needed(
+        lambda times: motion.time_series(times)[:, coordinate],
+        periods * TWO_PI / system.frequency,
+        samples,
+    )

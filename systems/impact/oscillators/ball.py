@@ -1,0 +1,90 @@
+"""A ball on a vibrating table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from dynkit.core.validation import positive
+from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+
+if TYPE_CHECKING:
+    import sympy
+
+
+@dataclass(frozen=True, kw_only=True)
+class BouncingBall(ImpactOscillator):
+    """A ball that falls onto a table at amplitude sin(phase): x'' = -gravity in flight.
+
+    The exact motion of which `HighBounce` is the limit of high bounces. The section coordinates are
+    (u, phase): the velocity relative to the table just after an impact, and the phase of the table.
+    The default start is at rest, at height one.
+
+    What matters is the restitution r and the table's largest acceleration over gravity, Gamma =
+    amplitude frequency^2 / gravity. A ball on the table is lifted off where sin(phase) = 1 / Gamma.
+    Bounces of n table periods each have
+
+        cos(phase) = b / Gamma,   u = 2 pi n gravity r / ((1 + r) frequency),
+        b = pi n (1 - r) / (1 + r).
+
+    They are born at Gamma = b. Those with sin(phase) > 0 are stable up to Gamma =
+    sqrt(b^2 + (2 (1 + r^2) / (1 + r)^2)^2), where they double their period. Their periodic orbits
+    P(n,m), from `periodic_orbit`, are n bounces in m table periods; branches of them continue
+    beyond grazing, where they are marked as inadmissible.
+
+    Parameters
+    ----------
+    gravity : float
+        Acceleration of the fall, positive; one when times are in units of sqrt(length / gravity).
+    amplitude : float
+        Of the table; not negative.
+    frequency, restitution, chatter_tolerance : float
+        As for `ImpactOscillator`.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    References
+    ----------
+    P. J. Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table, Journal of
+    Sound and Vibration 84 (1982) 173-189. J. M. Luck, A. Mehta, Bouncing ball with a finite
+    restitution: chattering, locking, and chaos, Physical Review E 48 (1993) 3988-3997.
+
+    Examples
+    --------
+    >>> ball = BouncingBall(amplitude=0.1, frequency=3.0, restitution=0.5)
+    >>> ball.attractor().ending.value
+    'the mass stays on the table for ever'
+    >>> print(ball.replace(amplitude=0.16).attractor().label)
+    P(inf,1)
+    """
+
+    gravity: float = 1.0
+    offset: float = field(init=False, repr=False, default=0.0)
+    contact: int = field(init=False, repr=False, default=0)
+    side: str = field(init=False, repr=False, default="above")
+    play: float = field(init=False, repr=False, default=math.inf)
+    harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
+    constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
+    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
+
+    degrees_of_freedom = 1
+
+    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
+        "gravity"
+    }
+
+    def __post_init__(self) -> None:
+        self._set("gravity", positive("gravity", self.gravity))
+        self._set("constant_forces", (-self.gravity,))
+        super().__post_init__()
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return v[0] ** 2 / 2
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return 0 * x[0]

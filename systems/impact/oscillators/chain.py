@@ -1,0 +1,93 @@
+"""The chain of Cusumano & Bai: masses in a line, the last one free to hit a vibrating table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.core.validation import positive_integer, within_memory
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.structure.chain import chain_kinetic, chain_links, element_values
+
+if TYPE_CHECKING:
+    import sympy
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactChain(ImpactOscillator):
+    """N masses in a line, the first tied to a wall, the last free to hit a vibrating table.
+
+    A new structure is a subclass with other energies: override `kinetic`, `potential`,
+    `dissipation`.
+
+    Parameters
+    ----------
+    masses : int or array_like, shape (N,)
+        How many unit masses, or the masses from the wall outwards, positive.
+    springs : float or array_like, shape (N,)
+        Spring constants, not negative; the first spring holds mass 1 to the wall. With 0 there the
+        chain is free.
+    damping : float or array_like, shape (N,)
+        One number: every dashpot constant is this times its spring constant. An array: the dashpot
+        constants themselves. Not negative.
+    frequency, restitution, amplitude, offset, play, chatter_tolerance : float
+    contact : int
+    side : str
+    harmonic_forces, constant_forces : array_like, shape (N,)
+        As for `ImpactOscillator`.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    Examples
+    --------
+    >>> chain = ImpactChain(masses=10, frequency=0.87)
+    >>> record = chain.simulate(impacts=100)
+    >>> record.ending.name, float(record.relative_velocity[-1].round(3))
+    ('COUNT_REACHED', 0.147)
+    >>> print(chain.attractor(transient=700, impacts=100).label)
+    P(1,3)
+    """
+
+    masses: int | tuple[float, ...] = 10
+    springs: float | tuple[float, ...] = 1.0
+    damping: float | tuple[float, ...] = 0.1
+
+    def __post_init__(self) -> None:
+        if isinstance(self.masses, int | float | np.generic):
+            count = positive_integer("masses", self.masses)
+            # mass, damping, stiffness and modes
+            self._set("masses", within_memory("masses", count, 4.0 * 8.0 * count * count))
+        else:
+            self._set("masses", element_values("masses", self.masses, None, zero=False))
+        for name in ("springs", "damping"):
+            values = element_values(name, getattr(self, name), self.degrees_of_freedom)
+            alone = isinstance(getattr(self, name), int | float | np.generic)
+            self._set(name, values[0] if alone else values)
+        super().__post_init__()
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        return self.masses if isinstance(self.masses, int) else len(self.masses)
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        n = len(v)
+        return chain_kinetic((1.0,) * n if isinstance(self.masses, int) else self.masses, v)
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return chain_links(self._springs, x)
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        if isinstance(self.damping, tuple):
+            return chain_links(self.damping, v)
+        # Exact products: the damping stays exactly proportional to the stiffness.
+        return chain_links([Fraction(self.damping) * Fraction(k) for k in self._springs], v)
+
+    @property
+    def _springs(self) -> tuple[float, ...]:
+        return element_values("springs", self.springs, self.degrees_of_freedom)

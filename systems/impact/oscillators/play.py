@@ -1,0 +1,119 @@
+"""One mass with play between two stops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from dynkit.core.validation import finite_scalar, non_negative, positive
+from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.simulation.state import ImpactState
+
+if TYPE_CHECKING:
+    import sympy
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayOscillator(ImpactOscillator):
+    """x'' + damping x' + spring x = force sin(phase), between stops at amplitude sin(phase) +- s/2.
+
+    s is the play. The mass is the unit of mass; both stops belong to one housing, which may move.
+    Without spring, dashpot and force it is a free mass in a vibrating housing: an impact damper, or
+    the rattle of a gear. Spring and dashpot are tied to the ground. Were they tied to the housing,
+    the motion relative to it would be that with amplitude 0 and the force amplitude frequency^2.
+
+    The section coordinates are (u, phase): the velocity relative to the stop just after an impact,
+    positive at the lower stop and negative at the upper one, and the phase. An orbit P(n,m) has n
+    impacts in m periods, those with both stops counted. The motion is symmetric: -x half a period
+    later is a motion too, (u, phase) becomes (-u, phase + pi).
+
+    Parameters
+    ----------
+    play : float
+        Distance that the mass has between the stops, positive.
+    spring, damping : float
+        Spring and dashpot constant, not negative.
+    force : float
+        Amplitude of the force on the mass; negative when it is against the motion of the housing.
+    amplitude : float
+        Of the housing; not negative.
+    frequency, restitution, chatter_tolerance : float
+        As for `ImpactOscillator`.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    References
+    ----------
+    S. W. Shaw, The dynamics of a harmonically excited system having rigid amplitude constraints,
+    Journal of Applied Mechanics 52 (1985) 453-464. M. S. Heiman, P. J. Sherman, A. K. Bajaj, On the
+    dynamics and bifurcations of an inclined impact pair, Journal of Sound and Vibration 114 (1987)
+    535-547 (the free mass).
+
+    Examples
+    --------
+    >>> pair = PlayOscillator(play=1.0, amplitude=0.2, frequency=1.0, restitution=0.5)
+    >>> attractor = pair.attractor()
+    >>> print(attractor.label)
+    P(2,1)
+    >>> attractor.states[:2, 0].round(6)
+    array([-0.274039,  0.274039])
+    """
+
+    play: float = 1.0
+    spring: float = 0.0
+    damping: float = 0.0
+    force: float = 0.0
+    offset: float = field(init=False, repr=False, default=0.0)
+    contact: int = field(init=False, repr=False, default=0)
+    side: str = field(init=False, repr=False, default="above")
+    harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
+    constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
+    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
+
+    degrees_of_freedom = 1
+
+    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
+        "force"
+    }
+
+    def __post_init__(self) -> None:
+        self._set("play", positive("play", self.play))
+        self._set("spring", non_negative("spring", self.spring))
+        self._set("damping", non_negative("damping", self.damping))
+        self._set("force", finite_scalar("force", self.force))
+        self._set("offset", -0.5 * self.play)
+        self._set("harmonic_forces", (complex(self.force),))
+        super().__post_init__()
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return v[0] ** 2 / 2
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return self.spring * x[0] ** 2 / 2
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return self.damping * v[0] ** 2 / 2
+
+    def state(
+        self, position: object = None, velocity: object = None, phase: float = 0.0
+    ) -> ImpactState:
+        """Return a state to start from; as for `ImpactOscillator`, but for the default.
+
+        Parameters
+        ----------
+        position, velocity : (1,) array_like
+            By default the mass lies on the lower stop and moves with it.
+        phase : float
+            Phase of the housing, taken modulo 2 pi.
+        """
+        if position is None:
+            angle = finite_scalar("phase", phase)
+            position = [self.amplitude * math.sin(angle) + self.offset]
+            if velocity is None:
+                velocity = [self.amplitude * self.frequency * math.cos(angle)]
+        return super().state(position, velocity, phase)

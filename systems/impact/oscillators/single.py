@@ -1,0 +1,123 @@
+"""One mass on a spring that a harmonic force drives against a stop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from dynkit.core.validation import finite_scalar, non_negative
+from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.simulation.state import ImpactState
+
+if TYPE_CHECKING:
+    import sympy
+
+
+@dataclass(frozen=True, kw_only=True)
+class SingleImpactOscillator(ImpactOscillator):
+    """x'' + 2 damping_ratio x' + x = force cos(phase) for x < stop; x' becomes -r x' at the stop.
+
+    Dimensionless: the unit of mass is the mass, that of time makes the natural frequency one. From
+    mass m, spring k, dashpot c and force P cos(Omega t), with lengths in units of L:
+
+        frequency = Omega sqrt(m / k),   damping_ratio = c / (2 sqrt(k m)),   force = P / (k L).
+
+    The section coordinates are (u, phase): the velocity away from the stop just after an impact,
+    and the phase of the force.
+
+    Parameters
+    ----------
+    damping_ratio : float
+        Part of the critical damping; not negative.
+    force : float
+        Amplitude of the force; not negative.
+    stop : float
+        Where the stop is; 0 is where the spring is slack, and below it the spring is always under
+        load.
+    frequency, restitution, chatter_tolerance : float
+        As for `ImpactOscillator`.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+
+    References
+    ----------
+    S. W. Shaw, P. J. Holmes, A periodically forced piecewise linear oscillator, Journal of Sound
+    and Vibration 90 (1983) 129-155 (the limit of impacts). A. B. Nordmark, Non-periodic motion
+    caused by grazing incidence in an impact oscillator, Journal of Sound and Vibration 145 (1991)
+    279-297.
+
+    Examples
+    --------
+    >>> oscillator = SingleImpactOscillator(frequency=4.0, restitution=0.8)
+    >>> print(oscillator.attractor().label)
+    P(1,2)
+    >>> distant = oscillator.replace(stop=0.1)
+    >>> round(distant.grazing_force, 6)
+    1.500533
+    >>> distant.attractor().ending.value
+    'the mass cannot reach the table any more'
+    """
+
+    damping_ratio: float = 0.05
+    force: float = 1.0
+    stop: float = 0.0
+    amplitude: float = field(init=False, repr=False, default=0.0)
+    offset: float = field(init=False, repr=False, default=0.0)
+    contact: int = field(init=False, repr=False, default=0)
+    side: str = field(init=False, repr=False, default="below")
+    play: float = field(init=False, repr=False, default=math.inf)
+    harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
+    constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
+    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
+
+    degrees_of_freedom = 1
+
+    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
+        "force",
+        "stop",
+    }
+
+    def __post_init__(self) -> None:
+        self._set("damping_ratio", non_negative("damping_ratio", self.damping_ratio))
+        self._set("force", non_negative("force", self.force))
+        self._set("stop", finite_scalar("stop", self.stop))
+        self._set("offset", self.stop)
+        self._set("harmonic_forces", (1j * self.force,))
+        super().__post_init__()
+
+    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return v[0] ** 2 / 2
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return x[0] ** 2 / 2
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return self.damping_ratio * v[0] ** 2
+
+    def state(
+        self, position: object = None, velocity: object = None, phase: float = 0.0
+    ) -> ImpactState:
+        """Return a state to start from; as for `ImpactOscillator`, but for the default position.
+
+        Parameters
+        ----------
+        position, velocity : (1,) array_like
+            By default at rest, a distance of one from the stop.
+        phase : float
+            Phase of the force, taken modulo 2 pi.
+        """
+        return super().state([self.stop - 1.0] if position is None else position, velocity, phase)
+
+    @property
+    def grazing_force(self) -> float:
+        """Force at which the response of the oscillator without stop just reaches the stop.
+
+        With less of it that response is a motion without impacts. Zero for stops at or below zero.
+        """
+        w = self.frequency
+        return max(self.stop, 0.0) * math.hypot((1.0 - w) * (1.0 + w), 2.0 * self.damping_ratio * w)

@@ -1,0 +1,1 @@
+"""Records of motions and what they measure: time averages, energies, counts, figures."""

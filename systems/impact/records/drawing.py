@@ -1,0 +1,105 @@
+"""Figures of records and of periodic orbits of impact oscillators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.plotting.figures import ink, print_style
+from dynkit.plotting.points import displacement, draw_motion
+from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.systems.impact.impact_map import ImpactMap
+
+# Samples in each period; periods drawn at most, at least where the motion ended by itself, and
+# after its last impact then.
+_SAMPLES, _MOST, _LEAST, _AFTER = 100, 1000, 12, 2
+
+# Positions that are worked out at a time.
+_NUMBERS = 2**20
+
+
+def shown_until(period: float, time: Array, ending: Ending) -> float:
+    """Up to when the motion of a record is drawn, as `ImpactRecord.plot` says."""
+    end = float(time[-1]) if len(time) else 0.0
+    if ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER):
+        end = max(end + _AFTER * period, _LEAST * period)
+    return min(end, _MOST * period)
+
+
+def draw(
+    ax: Axes | None,
+    system: ImpactMap,
+    sample: Callable[[Array], tuple[Array, Array]],
+    phase: float,
+    end: float,
+    impacts: Array,
+    along: Element | None = None,
+) -> Axes:
+    """Draw what an element acts along, the stops there and the impacts, from a phase on."""
+    count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
+    times = np.union1d(np.linspace(0.0, end, count), impacts)
+    first = system._elements[0] if along is None else along
+    row = first.row(system.degrees_of_freedom)
+    parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
+    place = np.concatenate([sample(part)[0] @ row for part in parts])
+    turn = phase + system.frequency * times
+    named = zip(element_names(system), system._elements, strict=True)
+    places = {
+        name.replace("_", " "): stop.swing(np.sin(turn), np.cos(turn)) + stop.offset
+        for name, stop in named
+        if stop.coordinate == first.coordinate and "sticks" not in stop.doing
+    }
+    at = place[np.searchsorted(times, impacts)]
+    return draw_motion(ax, times, place, _named(first.coordinate), places, (impacts, at))
+
+
+@print_style()
+def shade(ax: Axes, run: Trajectory, along: Element, end: float) -> None:
+    """Shade while what acts along the same is in contact or pressed, hatch while it sticks."""
+    regimes = np.array(run.regimes)[run.segments.mode]
+    begins = np.append(run.segments.begin, np.inf).clip(0.0, end)
+    for k, element in enumerate(run.start._system._elements):
+        if element.coordinate != along.coordinate:
+            continue
+        doing = np.array(element.doing)[regimes[:, k]]
+        for what, label, face, hatch in _SHADES:
+            (now,) = np.nonzero((doing == what) & (np.diff(begins) > 0.0))
+            spans = list(zip(begins[now], np.diff(begins)[now], strict=True))
+            if spans:
+                ax.broken_barh(
+                    spans,
+                    (0.0, 1.0),
+                    transform=ax.get_xaxis_transform(),
+                    linewidth=0.0,
+                    zorder=0.0,
+                    label=label,
+                    facecolor=ink(face),
+                    edgecolor=ink(0.6),
+                    hatch=hatch,
+                )
+
+
+_SHADES = (
+    ("contacts", "in contact", 0.75, None),
+    ("presses", "pressed", 0.9, None),
+    ("sticks", "sticks", 1.0, "////"),
+)
+
+
+def _named(along: Any) -> str:
+    """How what a stop acts along is written on an axis."""
+    if isinstance(along, int):
+        return displacement(along)
+    if isinstance(along[0], int):
+        return f"displacement $x_{{{along[1] + 1}}} - x_{{{along[0] + 1}}}$"
+    return "displacement $J x$"

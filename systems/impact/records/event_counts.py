@@ -1,0 +1,68 @@
+"""How often what happens in a period of a motion, by element."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.systems.impact.elements.element import EventKind, HardStop, names_of
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
+from dynkit.systems.impact.simulation.trajectory import Ending
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+
+_LASTING = 2.0**-40
+"""Parts of a period: what is shorter is passed through."""
+
+
+def element_names(system: ImpactMap) -> list[str]:
+    """Names of the elements as those of their parameters, hard stops first."""
+    if not system.elements:
+        return ["table", "far_stop"][: len(system._stops)]
+    pairs = zip(names_of(system.elements), system.elements, strict=True)
+    return [name for name, _ in sorted(pairs, key=lambda pair: not isinstance(pair[1], HardStop))]
+
+
+def event_counts(system: ImpactMap, start: ImpactState, periods: int) -> dict[str, float] | None:
+    """Counts of a motion that repeats after some periods of the forcing, from a state on it.
+
+    Of hard stops impacts, infinite where they accumulate, and contacts; of others how often they
+    begin to push (presses), and to stick. None where the motion ends.
+    """
+    length, impacts = periods * TWO_PI / system.frequency, 64
+    record = system.simulate(impacts=impacts, start=start)
+    while not record._run.duration > 3.0 * length:
+        if record.ending is not Ending.COUNT_REACHED:
+            return None
+        impacts *= 2
+        record = system.simulate(impacts=impacts, start=start)
+    run = record._run
+    s, switches = run.segments, run.switches
+    # From the middle of the longest time without an event, so that none is on the border.
+    last = s.begin[-1]
+    border = np.append(last - length, s.begin[s.begin > last - length])
+    longest = int(np.argmax(np.diff(border)))
+    end = 0.5 * (border[longest] + border[longest + 1])
+
+    def within(times: Any) -> Any:
+        return (times > end - length) & (times <= end)
+
+    lasts = np.diff(s.begin, append=np.inf) > _LASTING * length
+    modes, begin = s.mode[lasts], s.begin[lasts]
+    regimes = np.array(run.regimes)
+    impact = within(s.begin[1:]) & (s.kind[1:] == EventKind.IMPACT)
+    found: dict[str, float] = {}
+    for k, (name, element) in enumerate(zip(element_names(system), system._elements, strict=True)):
+        if isinstance(element, HardStop):
+            cut = (switches.speed > 0.0) & (run.guards[switches.guard, 1] == k)
+            hits = int((impact & (s.element[1:] == k)).sum())
+            found[f"{name}.impacts"] = math.inf if within(switches.time[cut]).any() else hits
+        doing = np.array(element.doing)[regimes[modes, k]]
+        for what in sorted(filter(None, set(element.doing))):
+            on = doing == what
+            begins = on & ~np.append(True, on[:-1])
+            found[f"{name}.{what}"] = int((begins & within(begin)).sum())
+    return found

@@ -1,0 +1,348 @@
+"""Time averages of the motion: integrals of positions and of their products, in closed form."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.modes.eigen_coordinates import EigenCoordinates
+from dynkit.systems.impact.modes.mode import Mode
+from dynkit.systems.impact.simulation.runs import band_factor
+from dynkit.systems.impact.simulation.state import Motion
+from dynkit.systems.impact.simulation.trajectory import Trajectory, in_steps
+from dynkit.systems.impact.variational.tangents import before_impacts
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+_EPS = 2.0**-52
+
+# A sum of two rates below this part of one over the mean time is not divided by: integrals of
+# single intervals are summed up instead.
+_SLOW = 1e-3
+
+# Closed forms are replaced by quadrature when rounding may have cost them more than this part.
+_LOST = 1e-10
+
+# Gauss-Legendre panels: so many nodes, and the largest product of rate and length. Of a term exp(z
+# s) a panel is wrong by less than |z h|^32 (16!)^4 / (33 (32!)^3) = 3e-26 for |z h| = 8: ten digits
+# to spare for what grows like a polynomial.
+_NODES, _REACH = 16, 8.0
+# Products of two coordinates at which a call of the kernel ends: some ten milliseconds.
+_PRODUCTS_OF_A_CALL = 1 << 20
+
+_CHUNK, MOST_NODES = 1 << 16, 1 << 25
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SecondMoments:
+    """Integrals over time of the positions x and of x x^T, in batches of successive impacts.
+
+    Attributes
+    ----------
+    products : (b, N, N)
+        Integrals of x x^T over each batch.
+    sums : (b, N)
+        Integrals of x.
+    durations : (b,)
+    error, mean_error : float
+        Bounds, to leading order, of what rounding and the rests of chatters, replaced by contact,
+        changed in any entry of the means of x x^T and of x. That single states of a chaotic motion
+        cannot be computed, but only their distribution, is not part of it.
+    cost : Cost
+        Seconds; impacts, and nodes of quadrature where closed forms would have lost digits.
+    """
+
+    products: Array
+    sums: Array
+    durations: Array
+    error: float
+    mean_error: float
+    cost: Cost
+
+    def __repr__(self) -> str:
+        batches, coordinates = self.sums.shape
+        time = f"time {self.durations.sum():.6g} in {batches} batches"
+        return f"<SecondMoments of {coordinates} coordinates: {time}, error {self.error:.1e}>"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Successive intervals in one mode: states at their begins, durations, numbers of impacts."""
+
+    mode: Mode
+    starts: Array
+    durations: Array
+    impact: NDArray[np.intp]
+
+
+def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -> SecondMoments:
+    """Moments of a run from its start to its last impact, which must be later."""
+    began = time.perf_counter()
+    n = oscillator.degrees_of_freedom
+    edges = (np.arange(batches + 1) * run.impacts) // batches
+    moments = np.zeros((batches, n + 1, n + 1))
+    lost = np.zeros((n + 1, n + 1))
+    nodes = 0
+    for part in intervals(run):
+        inner, own_lost = _closed_form(part, edges)
+        largest = inner[:, :n, :n].sum(axis=0).max(initial=0.0)
+        if not own_lost[:n, :n].max(initial=0.0) <= _LOST * largest:
+            other, other_lost, count = _quadrature(part, edges)
+            nodes += count
+            if not own_lost.max() <= other_lost.max():
+                inner, own_lost = other, other_lost
+        moments += inner
+        lost += own_lost
+    for element, kick in _kicks(oscillator):
+        lost += np.outer(kick, _left_out(oscillator, run, moments, element))
+    lost += _clock_error(oscillator, run)
+    if not oscillator._strobed:
+        lost += _impact_error(oscillator, run, moments.sum(axis=0))
+    if not np.isfinite(lost).all():
+        raise ValueError(
+            f"intervals must not need more than {MOST_NODES} nodes of quadrature where modes merge"
+        )
+    total = float(moments[:, n, n].sum())
+    return SecondMoments(
+        moments[:, :n, :n],
+        moments[:, :n, n],
+        moments[:, n, n],
+        float(lost[:n, :n].max()) / total,
+        float(lost[:n, n].max()) / total,
+        Cost(time.perf_counter() - began, {"impacts": run.impacts, "nodes": nodes}),
+    )
+
+
+def intervals(run: Trajectory) -> Iterator[Intervals]:
+    """What lies before the last impact, by the mode."""
+    parts = run.segments
+    last = int(np.searchsorted(parts.point, run.impacts))
+    durations = np.diff(parts.begin)[:last]
+    # Flights from a release are apart: those in a chatter are much shorter.
+    for after in (False, True):
+        now = np.flatnonzero((parts.kind[:last] != EventKind.IMPACT) == after)
+        for mode, here in run.modes(parts.mode[now]):
+            some = now[here]
+            yield Intervals(mode, parts.of(mode, some), durations[some], parts.point[some])
+
+
+def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Moments (b, N + 1, N + 1), the number one last, and a bound of the errors of their sum."""
+    from dynkit.systems.impact.records import moment_kernels
+
+    eigen = EigenCoordinates.of(part.mode)
+    out = np.zeros((len(edges) - 1, *(2 * [len(eigen.back)])))
+    if not np.isfinite(eigen.condition):
+        return out, np.full(out.shape[1:], np.inf)
+    rates, back = eigen.rates, eigen.back
+    mean = float(part.durations.mean()) if len(part.durations) else 1.0
+    turning = [rates[:, None] + rates, rates[:, None] + rates.conj()]
+    slow = [abs(mu) * mean < _SLOW for mu in turning]
+    divisor = [np.where(s, 1.0, mu) for s, mu in zip(slow, turning, strict=True)]
+    listed = np.array(
+        [(a, b, kind) for kind in range(2) for a, b in np.argwhere(slow[kind]).tolist()],
+        dtype=np.intp,
+    ).reshape(-1, 3)
+    forward = np.concatenate([eigen.forward.real, eigen.forward.imag])
+    parts = np.stack([rates.real, rates.imag])
+    real_back = np.concatenate([back.real, -back.imag], axis=1)
+    m = len(rates)
+    norms = np.zeros((4, m))
+    places = np.searchsorted(part.impact, edges)
+    flat = part.starts.reshape(len(part.starts), 2 * part.mode.layout.slots)
+    work, block = np.empty((4, m)), np.empty((2 * m, 2 * m))
+    # Of whole blocks: sums do not depend on the size.
+    step = moment_kernels.BLOCK * max(_PRODUCTS_OF_A_CALL // (moment_kernels.BLOCK * m * m), 1)
+    for batch, now in enumerate(map(slice, places[:-1], places[1:])):
+        gram, grown = np.zeros((2 * m, 2 * m)), np.zeros((2, len(listed)))
+        for begin in range(now.start, now.stop, step):
+            some = slice(begin, min(begin + step, now.stop))
+            moment_kernels.sum_products(
+                flat[some],
+                part.durations[some],
+                forward,
+                parts,
+                eigen.fastest,
+                listed,
+                work,
+                block,
+                gram,
+                norms,
+                grown,
+            )
+        gram = np.triu(gram) + np.triu(gram, 1).T
+        own, mixed, imaginary = gram[:m, :m], gram[:m, m:], gram[m:, m:]
+        # sums of c c^T and of c c^*, at the ends less at the begins
+        changes = (
+            own - imaginary + 1j * (mixed + mixed.T),
+            own + imaginary + 1j * (mixed.T - mixed),
+        )
+        plain, crossed = (change / d for change, d in zip(changes, divisor, strict=True))
+        for kind, integral in enumerate((plain, crossed)):
+            these = listed[:, 2] == kind
+            integral[listed[these, 0], listed[these, 1]] = grown[0, these] + 1j * grown[1, these]
+        # integrals of products of real and imaginary parts
+        mixed = 0.5 * (plain.imag - crossed.imag)
+        gram[:m, :m], gram[:m, m:] = 0.5 * (crossed.real + plain.real), mixed
+        gram[m:, :m], gram[m:, m:] = mixed.T, 0.5 * (crossed.real - plain.real)
+        out[batch] = real_back @ gram @ real_back.T
+    begins, ends, turned, over_time = np.sqrt(norms)
+    size = _EPS * (8 + len(rates)) * eigen.condition
+    ends_error = size * (np.outer(begins, begins) + np.outer(ends, ends))
+    ends_error += 4.0 * _EPS * (np.outer(turned, ends) + np.outer(ends, turned))
+    lost = np.zeros(out.shape[1:])
+    for s, d in zip(slow, divisor, strict=True):
+        entry = np.where(s, 2.0 * size * np.outer(over_time, over_time), ends_error / abs(d))
+        lost += 0.5 * abs(back) @ entry @ abs(back).T
+    return out, lost
+
+
+def quadrature(part: Intervals) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+    """Nodes of Gauss-Legendre quadrature over intervals: of which, their weights, and states there.
+
+    (k,), (k,) and (k, 2, slots), in batches; fine enough for products of two sums.
+    """
+    panels = _panels(part)
+    repeats = panels.astype(np.intp)
+    which = np.repeat(np.arange(len(repeats)), repeats)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    length = (part.durations / panels)[which]
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    size = _CHUNK // _NODES
+    for low in range(0, len(which), size):
+        now = slice(low, low + size)
+        at = (place[now, None] + 0.5 * (nodes + 1.0)) * length[now, None]
+        weight = 0.5 * weights * length[now, None]
+        row = np.repeat(which[now], _NODES)
+        yield row, weight.ravel(), part.mode.after(part.starts, row, at.ravel())
+
+
+def nodes_needed(part: Intervals) -> int | None:
+    """How many nodes these are; None for too many."""
+    count = _panels(part).sum() * _NODES
+    return int(count) if count <= MOST_NODES else None
+
+
+def _panels(part: Intervals) -> Array:
+    return np.maximum(np.ceil(part.durations * _fastest(part) / _REACH), 1.0)
+
+
+def _fastest(part: Intervals) -> float:
+    return 2.0 * float(part.mode.pairs.rates[0].max(initial=0.0))
+
+
+def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
+    """As `_closed_form`, and the number of nodes, by `quadrature` of the exact motion."""
+    mode = part.mode
+    n, count = len(mode.forced.rest), nodes_needed(part)
+    out = np.zeros((len(edges) - 1, n + 1, n + 1))
+    if count is None:
+        return out, np.full(out.shape[1:], np.inf), 0
+    batch = np.searchsorted(edges, part.impact, side="right") - 1
+    for row, weights, states in quadrature(part):
+        x = np.ones((len(row), n + 1))
+        x[:, :n] = mode.forced.positions(*mode.parts(states))
+        weighted = x * weights[:, None]
+        for b in np.unique(batch[row]).tolist():
+            own = batch[row] == b
+            out[b] += weighted[own].T @ x[own]
+    root = np.sqrt(np.diagonal(out.sum(axis=0)))
+    # Positions are rounded as the terms are of which they are sums.
+    terms = np.sqrt(part.durations @ _terms(part) ** 2)
+    phases = _fastest(part) * float(part.durations.max(initial=0.0))
+    lost = 0.5 * _EPS * (8.0 + 2.0 * n + phases) * (np.outer(terms, root) + np.outer(root, terms))
+    return out, lost, count
+
+
+def _terms(part: Intervals) -> Array:
+    """Bounds (k, N + 1) of the sums of absolute terms of positions in each interval, and one."""
+    mode, rest = part.mode, part.mode.forced.rest_terms
+    rows = np.stack([mode.row(unit) for unit in np.eye(len(rest))])
+    weights = mode.pairs.bounds(rows, float(part.durations.max(initial=0.0)))
+    terms = np.einsum("nij,kij->kn", weights, abs(part.starts)) + rest
+    return np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
+
+
+def _clock_error(oscillator: DrivenStructure, run: Trajectory) -> Array:
+    """Bound (N + 1, N + 1) of what rounded times, whose differences are durations, changed."""
+    root = np.sqrt(_EPS * (run.time @ _positions(oscillator, run) ** 2))
+    return np.asarray(np.outer(root, root))
+
+
+def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) -> Array:
+    """Bound (N + 1, N + 1) of what impacts where the gap is zero but for rounding changed.
+
+    Where rounding leaves g in a gap that closes at the rate u and bends by a, the impact is late by
+    s = g / |u|, at most sqrt(2 g / |a|). g is a part of the terms of which the gap is the sum, or,
+    after a flight of duration t from the table, of t^2 / 2 times those of the acceleration. The
+    position moves by (1 + r) g times that of a kick k, which is rounding like any other; velocities
+    after it by (1 + r) (|a| s + h) k, h the rounding of u, and positions in the next flight, of
+    duration t, by that times t at most: its integral of x_i x_j by as much times t (|k_i x_j| +
+    |k_j x_i|) / 2. The last impact is where the averages R end: they move by (x x^T - R) s over the
+    whole duration.
+    """
+    free = oscillator._free
+    x, states = _positions(oscillator, run), run.free_states[1:]
+    rates, bends = before_impacts(oscillator, run)
+    flights = np.diff(run.time, prepend=0.0)
+    from_table = np.full(run.impacts, True)
+    from_table[0] = run.start.motion is Motion.TABLE
+    from_table[run.before[: run.ended]] = False
+    terms = np.empty((3, run.impacts))
+    for element, gap in enumerate(oscillator._gaps):
+        rows, (own,) = abs(gap.rows[:6]).reshape(3, 2, -1), np.nonzero(run.element == element)
+        for now in (own[part] for part in in_steps(len(own))):
+            terms[:, now] = np.einsum("oij,kij->ok", rows, abs(states[now, :, : rows.shape[2]]))
+        terms[0, own] += abs(gap.offset)
+    place, speed, bent = band_factor(free.layout.slots) * _EPS * terms
+    left = np.where(from_table, np.minimum(place, 0.5 * bent * flights**2), place)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        late = np.fmin(left / abs(rates), np.sqrt(2.0 * left / abs(bends)))
+    late = np.where(np.isfinite(late), late, 0.0)
+    # What comes to rest on the table forgets how fast it was.
+    following = np.append(np.where(from_table, flights, 0.0)[1:], 0.0)
+    restitution = np.array([stop.restitution for stop in oscillator._stops])[run.element]
+    pushed = (1.0 + restitution) * (abs(bends) * late + speed) * following**2
+    moved = np.zeros((x.shape[1], x.shape[1]))
+    for element, kick in _kicks(oscillator):
+        own = run.element == element
+        moved += 0.5 * np.outer(kick, pushed[own] @ abs(x[own]))
+    ended = abs(np.outer(x[-1], x[-1]) - moments / moments[-1, -1]) * late[-1]
+    return np.asarray(moved + moved.T + ended)
+
+
+def _positions(oscillator: DrivenStructure, run: Trajectory) -> Array:
+    """Positions (impacts, N + 1) at the impacts, the number one last."""
+    n, forced = oscillator.degrees_of_freedom, oscillator._free.forced
+    x = np.empty((run.impacts, n + 1))
+    x[:, n] = 1.0
+    for now in in_steps(run.impacts):
+        x[now, :n] = forced.positions(*(part[now] for part in run.coordinates))
+    return x
+
+
+def _kicks(oscillator: DrivenStructure) -> Iterator[tuple[int, Array]]:
+    """Of all stops what a unit jump of the gap's rate changes at most in velocities, (N + 1,)."""
+    for element, contact in enumerate(oscillator._contacts):
+        yield element, np.append(abs(contact.kick_velocity), 0.0)
+
+
+def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array, element: int) -> Array:
+    """Bound (N + 1,) of the integrals that bounces, replaced by contact, would have added."""
+    parts, stop = run.segments, oscillator._stops[element]
+    own = (parts.element == element) & (parts.speed > 0.0) & (parts.point < run.impacts)
+    # The first bounce, a parabola, is the highest.
+    height = 0.25 * parts.speed[own] * parts.rest[own] * (1.0 - stop.restitution)
+    squares = np.diagonal(moments.sum(axis=0))
+    return np.asarray(2.0 * np.sqrt((height**2 * parts.rest[own]).sum() * squares))

@@ -1,0 +1,254 @@
+"""Sketches of machines: masses, springs and dashpots, stops and friction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.plotting.figures import ink, new_figure, print_style
+from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.impact.records.event_counts import element_names
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dynkit.systems.impact.impact_map import ImpactMap
+
+_HALF, _APART, _TOP = 0.4, 2.4, 1.1
+"""Of a mass half its side; from one mass to the next; how high the walls above are."""
+
+_LANES, _LANE = -0.95, 0.75
+"""Where the first row of elements is, and from one row to the next."""
+
+_SCALE, _WIDEST, _LETTER = 0.32, 7.0, 0.063
+"""In inches: a unit, what is widest, a letter."""
+
+_MOST, _NONE = 20, 1e-9
+
+
+@print_style()
+def sketch(ax: Axes | None, system: ImpactMap) -> Axes:
+    """Draw a machine, as `ImpactOscillator.plot` says."""
+    n = system.degrees_of_freedom
+    if n > _MOST:
+        raise ValueError(f"degrees_of_freedom must not exceed {_MOST} in a sketch; got {n}")
+    figure, (axes,) = (None, (ax,)) if ax is not None else new_figure()
+    pen = _Pen(axes, n)
+    for k in range(n):
+        pen.mass(k)
+    for matrix, kind in ((system.stiffness, "spring"), (system.damping_matrix, "dashpot")):
+        least = _NONE * abs(matrix).max(initial=0.0)
+        for i in range(n):
+            if abs(matrix[i].sum()) > least:
+                pen.to_wall(kind, i)
+            for j in range(i + 1, n):
+                if abs(matrix[i, j]) > least:
+                    pen.between(kind, i, j)
+    named = zip(element_names(system), system._elements, strict=True)
+    # Surfaces last: below them nothing hangs on the same mass.
+    for name, element in sorted(named, key=lambda pair: "sticks" in pair[1].doing):
+        pen.element(name.replace("_", " "), element)
+    axes.set_aspect("equal")
+    axes.margins(0.02, 0.05)
+    axes.axis("off")
+    if figure is not None:
+        width, height = (high - low for low, high in (axes.get_xlim(), axes.get_ylim()))
+        scale = min(_SCALE, _WIDEST / width)
+        figure.set_layout_engine("none")
+        figure.set_size_inches(scale * width, scale * height)
+        axes.set_position((0.0, 0.0, 1.0, 1.0))
+    return axes
+
+
+@final
+class _Pen:
+    """Draws masses side by side; positive displacements are to the right."""
+
+    def __init__(self, ax: Axes, size: int) -> None:
+        self._ax, self._last = ax, size - 1
+        self._lanes: list[list[tuple[float, float]]] = []
+        self._letter = _LETTER / min(_SCALE, _WIDEST / (_APART * size))
+
+    # --- strokes ----------------------------------------------------------------------------------
+
+    def _line(self, x: Any, y: Any, **look: Any) -> None:
+        self._ax.plot(x, y, **{"color": ink(), "linewidth": 0.8, **look})
+
+    def _box(self, x: float, y: float, width: float, height: float, **look: Any) -> None:
+        from matplotlib.patches import Rectangle
+
+        usual = {"facecolor": ink(1.0), "edgecolor": ink(), "linewidth": 0.8, "zorder": 3}
+        self._ax.add_patch(Rectangle((x, y), width, height, **{**usual, **look}))
+
+    def _text(self, x: float, y: float, text: str, **look: Any) -> None:
+        usual = {"ha": "center", "va": "center", "fontsize": 7.0, "zorder": 4}
+        self._ax.text(x, y, text, **{**usual, **look})
+
+    def _wall(self, x: float, y: float, width: float, height: float) -> None:
+        self._box(x, y, width, height, hatch="//////", linewidth=0.0, edgecolor=ink(0.4))
+
+    def _link(self, kind: str, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """A spring or a dashpot from point to point."""
+        a, b = np.array(start), np.array(end)
+        along = (b - a) / np.hypot(*(b - a))
+        across = 0.1 * np.array([-along[1], along[0]])
+        if kind == "spring":
+            bends = np.array([0, 0, 1, -1, 1, -1, 1, -1, 0, 0])
+            places = np.array([0.0, 0.2, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.8, 1.0])
+            self._line(*(a + np.outer(places, b - a) + np.outer(bends, across)).T)
+            return
+        middle = 0.5 * (a + b)
+        rim = [middle + 0.12 * along + side * across for side in (1.0, -1.0)]
+        cup = [rim[0], *(middle - 0.12 * along + side * across for side in (1.0, -1.0)), rim[1]]
+        self._line(*np.array([a, middle - 0.12 * along]).T)
+        self._line(*np.array(cup).T)
+        self._line(*np.array([middle - 0.6 * across, middle + 0.6 * across]).T)
+        self._line(*np.array([middle, b]).T)
+
+    def _arrow(self, x: float, y: float, velocity: float) -> None:
+        """Of what moves with a velocity, or of what swings."""
+        back = -0.3 if velocity < 0.0 else 0.3
+        look = {"arrowstyle": "->" if velocity else "<->", "linewidth": 0.7, "color": ink()}
+        look |= {"shrinkA": 0.0, "shrinkB": 0.0}
+        self._ax.annotate("", (x + back, y), (x - back, y), arrowprops=look)
+
+    # --- the structure ----------------------------------------------------------------------------
+
+    def mass(self, k: int) -> None:
+        """A box with its number."""
+        self._box(k * _APART - _HALF, -_HALF, 2.0 * _HALF, 2.0 * _HALF)
+        if self._last < 12:
+            self._text(k * _APART, 0.0, f"$x_{{{k + 1}}}$")
+        else:
+            self._text(k * _APART, 0.0, f"{k + 1}", fontsize=5.0)
+
+    def to_wall(self, kind: str, k: int) -> None:
+        """A spring or dashpot between a mass and a wall: at its free side, or above."""
+        off = 0.2 if kind == "spring" else -0.1
+        x = k * _APART
+        if 0 < k < self._last:
+            self._link(kind, (x + off + 0.05, _HALF), (x + off + 0.05, _TOP))
+            self._wall(x - 0.17, _TOP, 0.55, 0.2)
+            self._line([x - 0.17, x + 0.38], [_TOP, _TOP])
+            return
+        side = -1.0 if k == 0 else 1.0
+        edge, end = x + side * _HALF, x + side * (_APART - _HALF)
+        self._link(kind, (edge, off), (end, off))
+        self._wall(end if side > 0.0 else end - 0.2, -_HALF, 0.2, 2.0 * _HALF)
+        self._line([end, end], [-_HALF, _HALF])
+
+    def between(self, kind: str, i: int, j: int) -> None:
+        """A spring or dashpot between two masses: straight, or over those in between."""
+        off = 0.2 if kind == "spring" else -0.1
+        start, end = i * _APART, j * _APART
+        if j == i + 1:
+            self._link(kind, (start + _HALF, off), (end - _HALF, off))
+            return
+        y, off = _TOP + 0.35 * (j - i) + off, -0.28 - 0.3 * off
+        for x in (start + off, end + off):
+            self._line([x, x], [_HALF, y])
+        self._link(kind, (start + off, y), (end + off, y))
+
+    # --- elements ---------------------------------------------------------------------------------
+
+    def element(self, name: str, element: Element) -> None:
+        """A stop or friction, below the masses that it acts on, with its name."""
+        row = element.row(self._last + 1)
+        places = (np.flatnonzero(row) * _APART).tolist()
+        low, high = places[0], places[-1]
+        pair, rubs = sorted(row[row != 0.0].tolist()) == [-1.0, 1.0], "sticks" in element.doing
+        back, ahead = (0.0, 0.0) if pair else (0.8, 0.8) if rubs else (0.9, 0.0)
+        if _by(element) is None and not (pair or rubs):
+            back = 0.6
+        if element.sign < 0 and not rubs:
+            back, ahead = ahead, back
+        end = high + ahead + 0.15
+        y = self._lane(low - back, end + self._letter * len(name))
+        for x in places:
+            self._line([x, x], [-_HALF, y], linestyle="-" if pair or low == high else ":")
+        if pair and rubs:
+            self._rub(low, high, y)
+        elif pair:
+            stretched = element.sign * row[np.flatnonzero(row)[-1]] < 0.0
+            (self._cage if stretched else self._stop)(low, high, y, _by(element))
+        else:
+            self._line([low, high], [y, y])
+            x = low if rubs or element.sign > 0 else high
+            (self._surface if rubs else self._post)(x, y, element)
+        self._text(end, y, name, ha="left")
+
+    def _lane(self, begin: float, end: float) -> float:
+        """The height of a row where this stretch is free."""
+        for lane in self._lanes:
+            if all(end < low or begin > high for low, high in lane):
+                lane.append((begin, end))
+                break
+        else:
+            self._lanes.append([(begin, end)])
+        y = _LANES - _LANE * next(k for k, lane in enumerate(self._lanes) if (begin, end) in lane)
+        self._ax.update_datalim([(begin, y - 0.4), (end, y)])
+        return y
+
+    def _plate(self, x: float, y: float) -> None:
+        self._line([x, x], [y - 0.16, y + 0.16], linewidth=2.0)
+
+    def _post(self, x: float, y: float, element: Element) -> None:
+        """A wall beside what is stopped; that of a soft stop has a spring."""
+        side, by = -element.sign, _by(element)
+        face, wall = x + 0.25 * side, x + (0.7 if by else 0.25) * side
+        self._plate(x, y)
+        self._plate(face, y)
+        if by:
+            self._link(by, (wall, y), (face, y))
+        self._wall(min(wall, wall + 0.2 * side), y - 0.22, 0.2, 0.44)
+        self._line([wall, wall], [y - 0.22, y + 0.22])
+        if element.amplitude:
+            self._arrow(wall + 0.1 * side, y - 0.33, 0.0)
+
+    def _surface(self, x: float, y: float, element: Element) -> None:
+        """A surface below a slider."""
+        self._box(x - 0.3, y - 0.12, 0.6, 0.2)
+        self._line([x - 0.8, x + 0.8], [y - 0.12] * 2)
+        self._wall(x - 0.8, y - 0.26, 1.6, 0.14)
+        if element.amplitude or element.drift:
+            self._arrow(x, y - 0.36, 0.0 if element.amplitude else element.drift)
+
+    def _stop(self, low: float, high: float, y: float, by: str | None) -> None:
+        """Between two masses that come close."""
+        left, right = (0.5 * (low + high) + side * 0.12 for side in (-1.0, 1.0))
+        self._rod(low, left, y, by)
+        self._line([right, high], [y, y])
+        self._plate(left, y)
+        self._plate(right, y)
+
+    def _cage(self, low: float, high: float, y: float, by: str | None) -> None:
+        """Between two masses that move apart: a rod with a plate, in a cage."""
+        left, right = (0.5 * (low + high) + side * 0.3 for side in (-1.0, 1.0))
+        self._rod(low, right - 0.25, y, by)
+        self._plate(right - 0.25, y)
+        for side in (-1.0, 1.0):
+            x, up = [left, left, right, right], [0.06, 0.24, 0.24, 0.0]
+            self._line(x, [y + side * height for height in up], linewidth=1.2)
+        self._line([right, high], [y, y])
+
+    def _rod(self, start: float, end: float, y: float, by: str | None) -> None:
+        if by:
+            self._link(by, (start, y), (end, y))
+        else:
+            self._line([start, end], [y, y])
+
+    def _rub(self, low: float, high: float, y: float) -> None:
+        """Between two masses: one slides along the other."""
+        middle = 0.5 * (low + high)
+        self._box(middle - 0.3, y - 0.12, 0.6, 0.24)
+        self._line([low, middle - 0.3], [y, y])
+        self._line([middle - 0.6, high, high], [y - 0.12, y - 0.12, y])
+        self._wall(middle - 0.6, y - 0.26, 1.2, 0.14)
+
+
+def _by(element: Element) -> str | None:
+    """By what a soft stop pushes."""
+    if "presses" not in element.doing:
+        return None
+    return "spring" if any(regime.stiffness for regime in element.regimes) else "dashpot"

@@ -1,0 +1,1 @@
+"""The loop over flights and events: states, kernels, trajectories."""

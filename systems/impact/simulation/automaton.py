@@ -1,0 +1,405 @@
+"""Modes of an oscillator and the guards that join them, as the kernels take them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from threading import RLock
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.validation import Array
+from dynkit.exponential.stacks import LadderStack, Stack
+from dynkit.systems.impact.elements.element import (
+    HALT,
+    IMPACT,
+    JAM,
+    JUMP,
+    LAIN,
+    RELEASED,
+    SWITCH,
+    Element,
+    EventKind,
+    HardStop,
+    Watch,
+)
+from dynkit.systems.impact.modes.constrained import force_of, mode_of, moves, pushed, sum_of
+from dynkit.systems.impact.modes.mode import Mode, transformed
+from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
+from dynkit.systems.impact.simulation.regimes import Parts
+
+MOST_NUMBERS = 1 << 25
+"""Of the changes of bases between all modes: 256 MB."""
+
+
+@final
+@dataclass(eq=False)
+class Guard:
+    """What ends a flight in a mode, and what then happens.
+
+    Attributes
+    ----------
+    mode, element : int
+        Numbers of the mode that it is of, and of what it belongs to.
+    watch : Watch
+    sum : the exponential sum that is positive before
+    target, partner : int
+        The mode that it leads to, for an impact that of contact, and the first guard of the same
+        element there; -1 where it has not been entered.
+    change : (2 slots, 2 slots + 1), of both modes, or None
+        What becomes of the state, and one.
+    opens : int
+        The closed stop from which an impact pulls away, or what sticks and it moves; -1 for none.
+    ambiguous : bool
+        Whether an impact pushes against a closed stop.
+    """
+
+    mode: int
+    element: int
+    watch: Any
+    sum: Any
+    target: int = -1
+    partner: int = -1
+    change: Any = None
+    opens: int = -1
+    ambiguous: bool = False
+
+
+class Grip(NamedTuple):
+    """Contact with one stop.
+
+    Attributes
+    ----------
+    mode : Mode
+    force : its force, as an exponential sum
+    to_stuck, to_free : changes of basis from free flight, whose relative velocity is lost, and back
+    """
+
+    mode: Mode
+    force: Any
+    to_stuck: Array
+    to_free: Array
+
+
+@final
+class Automaton:
+    """The modes that motions of one oscillator entered so far; in the first all regimes are 0.
+
+    Attributes
+    ----------
+    modes : list of Mode
+    regimes : list of tuple
+        Of each mode, those of all elements.
+    parts : Parts
+        What these are.
+    guards : list of Guard
+        In the order of their modes.
+    table : (guards, 4)
+        Of each guard its mode, its element, the mode that it leads to, and the kind of this switch.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        excitation: Excitation,
+        elements: Sequence[Element],
+        tolerance: float,
+    ) -> None:
+        self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
+        self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
+        self._size, self._slots, self._joined = structure.size, 0, set[int]()
+        self.parts = Parts(self._elements, structure)
+        self._tolerance = tolerance
+        self._hit = any(isinstance(element, HardStop) for element in self._elements)
+        self._lock = RLock()
+        self._tables: Any = None
+        self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
+        self.modes: list[Mode] = []
+        self.regimes: list[tuple[int, ...]] = []
+        self.guards: list[Guard] = []
+        self._grips: dict[int, Grip] = {}
+        self._number((0,) * len(self._elements))
+
+    def mode(self, regimes: tuple[int, ...]) -> Mode:
+        """The mode of some regimes, built where no motion has entered it."""
+        return self.modes[self._number(regimes)]
+
+    def gap(self, regimes: tuple[int, ...], element: int) -> Any:
+        """The sum that the first guard of an element watches in a mode."""
+        return self.guards[self.guard(self._number(regimes), element)].sum
+
+    def guard(self, mode: int, element: int) -> int:
+        """The first guard of an element in a mode; where it has none, that of the mode."""
+        own = [k for k, g in enumerate(self.guards) if g.mode == mode]
+        return next((k for k in own if self.guards[k].element == element), own[0])
+
+    def held(self, element: int) -> Grip:
+        """Contact with one element, the others in their first regime."""
+        if element not in self._grips:
+            regimes = self.parts.settled([int(k == element) for k in range(len(self._elements))])
+            mode, free = self.mode(regimes), self.modes[0]
+            force, stop = self.gap(regimes, element), self._elements[element]
+            there, back = mode.seen_from(free, stop), free.seen_from(mode)
+            self._grips[element] = Grip(mode, force, there, back)
+        return self._grips[element]
+
+    def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:
+        """A state (2, slots) of a mode as one of the first mode, and the elements that held it."""
+        mode = self.modes[number]
+        states = state[None, :, : mode.layout.slots]
+        return transformed(self.modes[0].seen_from(mode), states)[0], self.parts.holding(
+            self.regimes[number]
+        )
+
+    def enter(self, number: int) -> None:
+        """Build the mode that a guard leads to, where no motion has done so."""
+        with self._lock:
+            guard = self.guards[number]
+            target = self._number(self._after(guard))
+            for g in (guard, *(g for g in self.guards if g.mode == target)):
+                if g.partner < 0 and g.opens < 0 and self._after(g) in self.regimes:
+                    self._join(g)
+                    self._tables = None
+
+    @property
+    def tables(self) -> Any:
+        """What the kernels take."""
+        with self._lock:
+            if self._tables is None:
+                self._tables = self._stacked()
+            return self._tables
+
+    def rest_terms(self) -> Array:
+        """Of what each guard watches the sum of the absolute terms of its rest, (guards,)."""
+        own, s = self.modes[0].forced.rest_terms, self._structure
+        along = [abs(element.row(s.size)) for element in self._elements]
+        gaps, forces = [r @ own for r in along], [r @ abs(s.stiffness) @ own for r in along]
+        watched = [(g.watch, gaps[g.element], forces[g.element]) for g in self.guards]
+        return np.array(
+            [abs(w.gap) * gap if w.gap or w.rate else force for w, gap, force in watched]
+        )
+
+    # --- building ---------------------------------------------------------------------------------
+
+    def _number(self, regimes: tuple[int, ...]) -> int:
+        with self._lock:
+            if regimes not in self.regimes:
+                self._build(regimes)
+            return self.regimes.index(regimes)
+
+    def _after(self, guard: Guard) -> tuple[int, ...]:
+        """The regimes that a guard leads to."""
+        regimes = list(self.regimes[guard.mode])
+        released = self.parts.now(regimes)[guard.element].holds
+        regimes[guard.element] = LAIN if released else guard.watch.to
+        return self.parts.settled(regimes)
+
+    def _build(self, regimes: tuple[int, ...]) -> None:
+        number, now = len(self.modes), self.parts.now(regimes)
+        structure, excitation = self._structure, self._excitation
+        for element, regime in zip(self._elements, now, strict=True):
+            row = element.row(structure.size)
+            structure = structure.stiffened(row, regime.stiffness, regime.damping)
+            excitation = excitation.pulled(element, regime)
+        grips = self.parts.grips(regimes)
+        held, sticking = ([self._elements[k] for k in part] for part in grips)
+        places = range(len(now))
+        both = grips[0] + grips[1]
+        riding = [self.parts.along(both if now[k].halts else grips[0], k) for k in places]
+        for k, regime in enumerate(now):
+            if regime.halts and riding[k]:
+                raise NotImplementedError(
+                    f"friction must not act along what other friction holds, which leaves its "
+                    f"force open; got {self._elements[k]!r}"
+                )
+            if isinstance(self._elements[k], HardStop) and riding[k] is False:
+                riding[k] = self.parts.along(both, k) or False  # what does not move reaches no stop
+        moving = [k for k in places if not riding[k]]
+        watched = [self._elements[k].row(structure.size) for k in moving]
+        hit = [
+            self._elements[k].row(structure.size)
+            for k in moving
+            if isinstance(self._elements[k], HardStop) and riding[k] is False
+        ]
+        mode = mode_of(structure, excitation, held, sticking, watched, hit)
+        self.modes.append(mode)
+        self.regimes.append(regimes)
+        for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
+            if k in both:
+                for watch in regime.guards:
+                    force = force_of(
+                        mode, structure, excitation, [*held, *sticking], element, watch
+                    )
+                    self.guards.append(Guard(number, k, watch, force))
+            elif k in moving:
+                for watch in _free_of(regime.guards, riding[k]):
+                    guard = Guard(number, k, watch, sum_of(mode, element, watch))
+                    if watch.event == IMPACT and riding[k] is None:
+                        guard.watch = replace(watch, event=JAM)
+                    elif watch.event == IMPACT:
+                        guard.opens, guard.ambiguous = self._pushed(regimes, element)
+                    self.guards.append(guard)
+
+    def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
+        """What sticks, or the closed stop, that an impact moves; whether it pushes against one."""
+        structure, (closed, sticking) = self._structure, self.parts.grips(regimes)
+        own = [self._elements[k] for k in closed]
+        for k in sticking:
+            if moves(structure, own, hit, self._elements[k]):
+                return k, False
+        if not closed:
+            return -1, False
+        opened, ambiguous = pushed(structure, own, hit)
+        return closed[opened] if opened >= 0 else -1, ambiguous
+
+    def _join(self, guard: Guard) -> None:
+        """Find what becomes of the state where a guard is zero."""
+        one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
+        guard.partner = self.guard(guard.target, guard.element)
+        stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
+        guard.change = self.modes[guard.target].seen_from(one, stop)
+        sticking = self.parts.grips(self.regimes[guard.target])[1]
+        if guard.watch.event == HALT and guard.element in sticking:
+            # Its rate is that of the surface, and not what rounding leaves of it.
+            layout = self.modes[guard.target].layout
+            own = layout.modes[sticking.index(guard.element) - len(sticking)]
+            guard.change[layout.slots + own] = 0.0
+            guard.change[layout.slots + own, -1] = self._elements[guard.element].drift
+
+    def _kind(self, guard: Guard) -> EventKind:
+        """What it is to be led to another mode."""
+        if guard.watch.event == IMPACT:
+            return EventKind.CONTACT
+        now = self.parts.now(self.regimes[guard.mode])[guard.element]
+        return EventKind.RELEASE if now.holds else EventKind.SWITCH
+
+    def _stacked(self) -> Any:
+        from dynkit.systems.impact.simulation.contact_kernels import Tables
+
+        modes, guards, stack = self.modes, self.guards, self._stack
+        for number in range(self._stacked_modes, len(modes)):
+            own = [k for k, guard in enumerate(guards) if guard.mode == number]
+            self._ladders.add([guards[k].sum for k in own])
+            layout = modes[number].layout
+            stack.put("slots", number, np.pad(layout.modes, (0, self._size - len(layout.modes))))
+            stack.put("lain", number, self.parts.lain(self.regimes[number]))
+            for k in own:
+                self._stack_guard(k)
+        self._stacked_modes = len(modes)
+        ladders = self._ladders.ladders
+        slots = ladders.step.shape[3]
+        if len(modes) > 1 and len(guards) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
+            raise MemoryError(
+                f"elements must not lead to more modes than fit into 256 MB; got {len(modes)}, "
+                "one for each set of what was pressed, closed or slipping: give fewer elements"
+            )
+        if slots != self._slots:
+            stack.drop("change")
+            self._joined, self._slots = set(), slots
+            stack.put("change", 0, np.zeros((2 * slots, 2 * slots + 1)))
+        for k, guard in enumerate(guards):
+            if guard.change is not None and k not in self._joined:
+                stack.put("change", k, _padded(guard.change, slots))
+                self._joined.add(k)
+        self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
+        given = {name: stack.take(name, len(guards)) for name in _OF_GUARDS}
+        return Tables(
+            ladders=ladders,
+            first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
+            slots=stack.take("slots", len(modes)),
+            lain=stack.take("lain", len(modes)),
+            counts=np.array([len(mode.layout.modes) for mode in modes]),
+            element=self.table[:, 1].copy(),
+            target=self.table[:, 2].copy(),
+            partner=np.array([g.partner for g in guards]),
+            change=stack.take("change", len(guards) if self._joined else 0),
+            tolerance=self._tolerance,
+            period=0.0 if self._hit else 2.0 * np.pi / self._excitation.frequency,
+            clock_rate=self._excitation.frequency if modes[0].layout.table < 0 else 0.0,
+            **given,
+        )
+
+    def _stack_guard(self, k: int) -> None:
+        """Put what does not change of a guard into the tables."""
+        guard, put = self.guards[k], self._stack.put
+        mode, element, watch = self.modes[guard.mode], self._elements[guard.element], guard.watch
+        slots = mode.layout.slots
+        kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
+        coupling = restitution = drop = hold = 0.0
+        coupled = [False] * len(self._elements)
+        rubbed = coupled
+        if isinstance(element, HardStop) and watch.event == IMPACT:
+            contact = mode.contact(element.row(self._size))
+            seen = mode.layout.seen
+            kick[:, :seen] = element.sign * mode.placed(contact.kick)[:, :seen]
+            excursion = mode.placed(contact.brief)
+            coupling, restitution = contact.coupling, element.restitution
+            coupled = self._coupled(guard)
+            rubbed = self.parts.rubbed(self.regimes[guard.mode], guard.element)
+            drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
+        put("event", k, watch.event)
+        put("order", k, watch.order)
+        put("torn", k, _torn(watch))
+        put("kick", k, kick)
+        put("excursion", k, excursion)
+        put("coupling", k, float(coupling))
+        put("restitution", k, restitution)
+        put("drop", k, drop)
+        put("hold", k, hold)
+        put("opens", k, self.guard(guard.mode, guard.opens) if guard.opens >= 0 else -1)
+        put("ambiguous", k, guard.ambiguous)
+        put("coupled", k, coupled)
+        put("rubbed", k, rubbed)
+
+    def _coupled(self, guard: Guard) -> list[bool]:
+        """Of all elements whether an impact at a guard changes the rate of their gaps."""
+        size, out = self._structure.size, [False] * len(self._elements)
+        stops = [k for k, e in enumerate(self._elements) if isinstance(e, HardStop)]
+        if len(stops) > 1:
+            change = self.modes[guard.mode].pushed(self._elements[guard.element].row(size))
+            for k in stops:
+                row = self._elements[k].row(size)
+                out[k] = bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+        return out
+
+
+def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
+    """Guards of an element; without what others determine: that it comes to a halt and sticks."""
+    if along is not None or guards[0].event != HALT:
+        return guards
+    return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
+
+
+_OF_GUARDS = (
+    "event",
+    "order",
+    "torn",
+    "kick",
+    "excursion",
+    "coupling",
+    "restitution",
+    "drop",
+    "hold",
+    "opens",
+    "ambiguous",
+    "coupled",
+    "rubbed",
+)
+
+
+def _torn(watch: Watch) -> int:
+    """How many Taylor coefficients vanish of what follows where a force is too large at once."""
+    return 0 if not watch.force else 2 if watch.order == RELEASED else 1
+
+
+def _padded(change: Array, slots: int) -> Array:
+    """A change of basis (2 b, 2 a + 1) as (2 slots, 2 slots + 1)."""
+    b, a = len(change) // 2, change.shape[1] // 2
+    out = np.zeros((2, slots, 2 * slots + 1))
+    both = change.reshape(2, b, change.shape[1])
+    out[:, :b, :a] = both[..., :a]
+    out[:, :b, slots : slots + a] = both[..., a:-1]
+    out[:, :b, -1] = both[..., -1]
+    return out.reshape(2 * slots, -1)

@@ -1,0 +1,244 @@
+"""A linear structure, what drives it and what it hits: as numbers, and as kernels take them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    in_interval,
+    index_in,
+    non_negative,
+    positive,
+    positive_integer,
+    unmasked,
+)
+from dynkit.systems.impact.elements.element import Element, HardStop, checked_elements
+from dynkit.systems.impact.modes.mode import Mode
+from dynkit.systems.impact.modes.structure import (
+    Contact,
+    Excitation,
+    Structure,
+    place_of,
+    structure_of,
+)
+from dynkit.systems.impact.simulation.automaton import Automaton
+from dynkit.systems.structure.lagrangian import LagrangianStructure
+
+_OF_STOP = "restitution", "amplitude", "offset", "side"
+OF_TABLE = (*_OF_STOP, "contact", "play")
+"""Parameters of the table: with elements, those of its `HardStop`."""
+
+_CACHES = frozenset(
+    {
+        "_structure",
+        "_contact",
+        "_contacts",
+        "_excitation",
+        "_stops",
+        "_soft",
+        "_free",
+        "_gaps",
+        "_automaton",
+        "_default_start",
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenStructure(LagrangianStructure):
+    """A structure, its forces and its table: the parameters that `ImpactOscillator` describes.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
+    """
+
+    frequency: float
+    restitution: float = 0.85
+    amplitude: float = 0.1
+    offset: float = 0.0
+    contact: int = -1
+    side: str = "above"
+    play: float = math.inf
+    harmonic_forces: Any = ()  # kept as tuples
+    constant_forces: Any = ()
+    chatter_tolerance: float = 1e-16
+    elements: Any = ()  # kept as a tuple
+
+    structure_independent: ClassVar[frozenset[str]] = _CACHES | {
+        "frequency",
+        "restitution",
+        "amplitude",
+        "offset",
+        "contact",
+        "side",
+        "play",
+        "harmonic_forces",
+        "constant_forces",
+        "chatter_tolerance",
+        "elements",
+    }
+
+    def __post_init__(self) -> None:
+        if self.elements != ():
+            self._compose()
+        self._set("frequency", positive("frequency", self.frequency))
+        self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
+        self._set("amplitude", non_negative("amplitude", self.amplitude))
+        self._set("offset", finite_scalar("offset", self.offset))
+        if self.play != math.inf:
+            self._set("play", positive("play", self.play))
+        if self.side not in ("above", "below"):
+            raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
+        self._set("chatter_tolerance", non_negative("chatter_tolerance", self.chatter_tolerance))
+        n = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
+        self._set("contact", index_in("contact", self.contact, -n, n - 1))
+        for name, kind in (("harmonic_forces", complex), ("constant_forces", float)):
+            self._set(name, _forces(name, getattr(self, name), n, kind))
+
+    def _compose(self) -> None:
+        """Take the table from the elements: it is their first hard stop."""
+        elements = checked_elements(self.elements, self.degrees_of_freedom)
+        stop = next((element for element in elements if isinstance(element, HardStop)), None)
+        own = {entry.name: entry.default for entry in fields(self) if entry.name in OF_TABLE}
+        if stop is not None:
+            own |= {name: getattr(stop, name) for name in _OF_STOP}
+            own["contact"] = place_of(stop.row(self.degrees_of_freedom))
+        for entry in (entry for entry in fields(self) if entry.name in own):
+            given, taken = getattr(self, entry.name), own[entry.name]
+            if given not in (entry.default, taken):
+                raise ValueError(f"{entry.name} must not be given beside elements; got {given!r}")
+            self._set(entry.name, taken)
+        self._set("elements", elements)
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {k: v for k, v in super().__getstate__().items() if k not in _CACHES}
+
+    @property
+    def dimension(self) -> int:
+        """Number of section coordinates, 2N."""
+        return 2 * self.degrees_of_freedom
+
+    @property
+    def natural_frequencies(self) -> Array:
+        """Natural frequencies of the structure in free flight, undamped, ascending, (N,)."""
+        return self.modes.frequencies
+
+    @property
+    def modal_matrix(self) -> Array:
+        """Mass-normalised modal matrix, (N, N), one mode per column, its last row not negative."""
+        return self.modes.matrix
+
+    @cached_property
+    def _structure(self) -> Structure:
+        return structure_of(self)
+
+    @cached_property
+    def _contact(self) -> Contact:
+        """Where the first stop acts."""
+        return self._contacts[0]
+
+    @cached_property
+    def _contacts(self) -> tuple[Contact, ...]:
+        """Where the stops act."""
+        n, structure = self.degrees_of_freedom, self._structure
+        return tuple(structure.contact(stop.row(n)) for stop in self._stops)
+
+    @cached_property
+    def _excitation(self) -> Excitation:
+        n = self.degrees_of_freedom
+        harmonic = np.array(self.harmonic_forces or (0j,) * n)
+        constant = np.array(self.constant_forces or (0.0,) * n)
+        moved = any(element.phasor for element in self._elements)
+        return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
+
+    @cached_property
+    def _stops(self) -> tuple[HardStop, ...]:
+        if self.elements:
+            return tuple(stop for stop in self.elements if isinstance(stop, HardStop))
+        sign, c = 1 if self.side == "above" else -1, self.contact % self.degrees_of_freedom
+        own = {name: getattr(self, name) for name in _OF_STOP}
+        near = HardStop(c, **own)
+        if self.play == math.inf:
+            return (near,)
+        facing = "below" if sign > 0 else "above"
+        return near, replace(near, offset=self.offset + sign * self.play, side=facing)
+
+    @cached_property
+    def _soft(self) -> tuple[Element, ...]:
+        """What acts besides hard stops."""
+        return tuple(e for e in self.elements if not isinstance(e, HardStop))
+
+    @property
+    def _own(self) -> tuple[Element, ...]:
+        """What acts besides a table of one coordinate, in phase, and its play."""
+        plain = all(isinstance(stop.coordinate, int) and not stop.phase for stop in self._stops)
+        return self._soft if plain and not self._several else self._elements
+
+    @property
+    def _strobed(self) -> bool:
+        """Whether the section is where a period of the forcing begins: there is no hard stop."""
+        return not self._stops
+
+    @property
+    def _several(self) -> bool:
+        """Whether there are several hard stops, and no play."""
+        return bool(self.elements) and len(self._stops) > 1
+
+    @property
+    def _holding(self) -> int:
+        """Of how many elements a state says whether they hold: of none where only a table does."""
+        sticky = any(regime.sticks for element in self._soft for regime in element.regimes)
+        return len(self._elements) if self._several or sticky else 0
+
+    @property
+    def _mapped(self) -> bool:
+        """Whether disturbances are followed from impact to impact, whatever happens between."""
+        return bool(self._soft) or self._several
+
+    @property
+    def _faces(self) -> bool:
+        """Whether there is a play, whose far stop faces the first one."""
+        return not self.elements and len(self._stops) > 1
+
+    @property
+    def _elements(self) -> tuple[Element, ...]:
+        """All that acts, the hard stops first."""
+        return *self._stops, *self._soft
+
+    @cached_property
+    def _automaton(self) -> Automaton:
+        tolerance = self.chatter_tolerance
+        return Automaton(self._structure, self._excitation, self._elements, tolerance)
+
+    @cached_property
+    def _free(self) -> Mode:
+        return self._automaton.modes[0]
+
+    @cached_property
+    def _gaps(self) -> tuple[Any, ...]:
+        return tuple(guard.sum for guard in self._automaton.guards[: len(self._stops)])
+
+
+def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:
+    """Forces on all coordinates as a tuple, empty for none."""
+    if isinstance(given, tuple) and not given:
+        return given
+    unmasked(name, given)
+    array = np.asarray(given)
+    parts = [array.real, array.imag] if kind is complex and np.iscomplexobj(array) else [array]
+    for part in parts:
+        finite_array(name, part, (size,))
+    return tuple(array.astype(kind).tolist())

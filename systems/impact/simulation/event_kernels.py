@@ -1,0 +1,251 @@
+"""Kernels of what happens to the elements of a machine at an event."""
+
+from __future__ import annotations
+
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
+from dynkit.exponential.double_double_kernels import two_product
+from dynkit.exponential.evaluation_kernels import (
+    FOUND,
+    START,
+    Workspace,
+    expand,
+    expand_apart,
+    value_and_rates,
+)
+from dynkit.exponential.polynomial_kernels import polynomial
+from dynkit.exponential.stack_kernels import GROUP, ladder_at
+from dynkit.systems.impact.simulation.clock_kernels import (
+    BOUNCED,
+    BOUNCES,
+    FLIGHT,
+    GAP,
+    MOTION,
+    ORDER,
+    SPEED,
+    SWITCHED,
+)
+from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables, sign_of
+
+IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
+"""What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
+of the motion. Another mode, too, where a rate has become zero; or only where the guard is negative
+at once, after an event."""
+
+
+@kernel()
+def add_jump(kick: Array, jump: float, states: Array) -> None:
+    """The found state plus `jump` times the kick, rounded once, into the start state.
+
+    A kick in double precision would bias the energy, by the same 1e-17 or so at every impact.
+    """
+    for row in range(2):
+        for i in range(states.shape[2]):
+            before = states[FOUND, row, i]
+            change, rest = two_product(kick[row, i], jump)
+            total = before + change
+            back = total - before
+            lost = (before - (total - back)) + (change - back)
+            states[START, row, i] = total + (lost + (rest + kick[2 + row, i] * jump))
+
+
+@kernel()
+def copy(states: Array, k: int, to: int) -> None:
+    """State `k` into state `to`."""
+    for row in range(2):
+        for i in range(states.shape[2]):
+            states[to, row, i] = states[k, row, i]
+
+
+@kernel()
+def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> int:
+    """A guard that is negative at a start, or after an event at guard `g`; -1 if none.
+
+    Those of an element that has switched are zero but for rounding, or decided. What has just come
+    to a halt is looked at first: where it slips on, others may stick that would not if it stuck.
+    """
+    m = tables.ladders.integers[g, GROUP]
+    first, guards = tables.first[m], tables.first[m + 1] - tables.first[m]
+    for turn in range(guards):
+        k = first + (g - first + turn) % guards
+        if tables.event[k] not in (SWITCH, JUMP) or left[tables.element[k], MOTION] == SWITCHED:
+            continue
+        if sign_of(ladder_at(tables.ladders, k), states, START, 0, band_factor) < 0:
+            return int(k)
+    return -1
+
+
+@kernel()
+def bounced(tables: Tables, m: int, left: Array) -> int:
+    """The first guard of an element that has just bounced in this mode; -1 if none."""
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] == IMPACT and left[tables.element[k], MOTION] == BOUNCED:
+            return int(k)
+    return -1
+
+
+@kernel()
+def disturbs(tables: Tables, g: int, u: float, lasts: float, states: Array) -> bool:
+    """Whether bounces at guard `g`, the first one at rate `u`, may take others to a switch.
+
+    Each of their impulses changes what others watch: all of them less than 2 u/(1 - r) of it.
+    """
+    kick, all_of_them = tables.kick[g], 2.0 * u / (1.0 - tables.restitution[g])
+    least = max(tables.tolerance, SMALLEST)
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] not in (SWITCH, HALT) or tables.rubbed[g, tables.element[k]]:
+            continue
+        guard = ladder_at(tables.ladders, k)
+        rows, at_once, in_time = guard.rows, 0.0, 0.0
+        for i in range(rows.shape[1]):
+            at_once += rows[0, i] * kick[0, i] + rows[1, i] * kick[1, i]
+            in_time += rows[2, i] * kick[0, i] + rows[3, i] * kick[1, i]
+        change = (abs(at_once) + abs(in_time) * lasts) * all_of_them
+        value, rate = value_and_rates(rows, guard.offset, states, START)[:2]
+        if change > least and value < 2.0 * (change + abs(rate) * lasts):
+            return True
+    return False
+
+
+@kernel()
+def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
+    """Whether stops are no longer lain at in mode `m`: then their gaps are zero, and at rest."""
+    found = False
+    for k in range(tables.first[m], tables.first[m + 1]):
+        element = tables.element[k]
+        if tables.event[k] == IMPACT and tables.lain[before, element] > tables.lain[m, element]:
+            found = True
+            left[element, MOTION] = BOUNCED
+            left[element, ORDER] = 0.0
+            left[element, SPEED] = 0.0
+    return found
+
+
+@kernel()
+def undecided(tables: Tables, g: int, left: Array) -> bool:
+    """Whether friction that rests where the stop of guard `g` is closed may slip, or stick."""
+    for element in range(left.shape[0]):
+        if tables.rubbed[g, element] and left[element, MOTION] != SWITCHED:
+            return True
+    return False
+
+
+@kernel()
+def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Workspace) -> None:
+    """Gaps after a flight that guard `g` ends, of stops that were left shortly before it.
+
+    Where friction switches in the middle of low bounces, the state would have their absolute
+    rounding.
+    """
+    m, c = tables.ladders.integers[g, GROUP], work.coefficients
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.event[k] not in (IMPACT, JAM):
+            continue
+        own = left[tables.element[k]]
+        order = int(own[ORDER])
+        rubbed = tables.event[g] != IMPACT or tables.drop[k] + tables.hold[k] > 0.0
+        if k == g or n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
+            own[GAP] = 0.0
+            continue
+        gap = ladder_at(tables.ladders, k)
+        if gap.apart:
+            expand_apart(gap, work.states, START, c)
+        else:
+            expand(gap.generator, gap.rows, gap.offset, work.states, START, c)
+        if order < 2:
+            c[order] = own[SPEED] if order == 1 else own[GAP]
+        value = polynomial(c, order, e)[0]
+        for _ in range(order):
+            value *= e
+        own[GAP] = max(value, 0.0)
+
+
+@kernel()
+def guard_of(tables: Tables, mode: int, element: int) -> int:
+    """The first guard of an element in a mode; where it has none, that of the mode."""
+    for k in range(tables.first[mode], tables.first[mode + 1]):
+        if tables.element[k] == element:
+            return int(k)
+    return int(tables.first[mode])
+
+
+@kernel()
+def lets_go(tables: Tables, g: int) -> int:
+    """The guard of a stop that an impact at guard `g` opens, in a mode not entered; -1 if none."""
+    while tables.opens[g] >= 0:
+        k = tables.opens[g]
+        if tables.partner[k] < 0:
+            return int(k)
+        g = guard_of(tables, tables.target[k], tables.element[g])
+    return -1
+
+
+@kernel()
+def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
+    """Whether another stop, which the impact at guard `g` pushes or pulls, is reached, too."""
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
+            continue
+        if sign_of(ladder_at(tables.ladders, k), states, FOUND, 0, band_factor) <= 0:
+            return True
+    return False
+
+
+@kernel()
+def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
+    """Rates of gaps that are zero and that the impact at guard `g` changed; if one closes."""
+    closes = False
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
+            continue
+        own = left[tables.element[k]]
+        if own[MOTION] != FLIGHT:
+            other = ladder_at(tables.ladders, k)
+            rate = value_and_rates(other.rows, other.offset, states, START)[1]
+            closes = closes or rate < 0.0
+            own[MOTION] = FLIGHT if rate < 0.0 else BOUNCED
+            own[ORDER] = 0.0
+            own[SPEED] = max(rate, 0.0)
+    return closes
+
+
+@kernel()
+def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
+    """In another mode, that of guard `g`, those that did not come to rest may do so.
+
+    And what slips from a halt does so at another rate, or not at all.
+    """
+    for element in range(left.shape[0]):
+        if left[element, MOTION] == BOUNCES:
+            left[element, MOTION] = BOUNCED
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        own = left[tables.element[k]]
+        if tables.event[k] == HALT and own[MOTION] == SWITCHED and own[ORDER] == 1.0:
+            guard = ladder_at(tables.ladders, k)
+            own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
+            if own[SPEED] <= 0.0:
+                own[MOTION] = FLIGHT
+                own[ORDER] = 0.0
+
+
+@kernel()
+def come_to_rest(tables: Tables, m: int, left: Array, y: Array, band_factor: float) -> bool:
+    """Whether nothing but rounding moves stops that are touched, which then have no rates."""
+    first, last = tables.first[m], tables.first[m + 1]
+    for k in range(first, last):
+        guard = ladder_at(tables.ladders, k)
+        touched = tables.event[k] == IMPACT and sign_of(guard, y, START, 0, band_factor) <= 0
+        if touched and sign_of(guard, y, START, 1, band_factor) != 0:
+            return False
+    for k in range(first, last):
+        guard = ladder_at(tables.ladders, k)
+        if tables.event[k] == IMPACT and sign_of(guard, y, START, 0, band_factor) <= 0:
+            element = tables.element[k]
+            left[element, MOTION] = BOUNCED
+            left[element, ORDER] = 0.0
+            left[element, SPEED] = 0.0
+    return True

@@ -1,0 +1,473 @@
+"""Kernels of linear modes joined by events: the loop over flights and transitions.
+
+Modal coordinates all the way: an impact adds a multiple of one vector, and nothing is transformed
+to positions.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.jit import kernel
+from dynkit.core.validation import Array
+from dynkit.exponential.bound_kernels import died_out, stays_in_band
+from dynkit.exponential.evaluation_kernels import (
+    EPSILON,
+    FOUND,
+    KEPT,
+    LEFT,
+    START,
+    Workspace,
+    start_sums,
+    value_and_rates,
+)
+from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
+from dynkit.exponential.sampling_kernels import fly
+from dynkit.exponential.search_kernels import FOREVER, first_root
+from dynkit.exponential.stack_kernels import GROUP, ladder_at
+from dynkit.systems.impact.simulation.clock_kernels import (
+    AMBIGUOUS,
+    AT_ONCE,
+    BOUNCED,
+    BOUNCES,
+    BUDGET,
+    CELLS,
+    CHATTER_ERROR,
+    FLIGHT,
+    GAP,
+    GUARD,
+    IMPACTS,
+    LEFT_FROM,
+    MOTION,
+    ORDER,
+    REMAINING,
+    SPEED,
+    SWITCHED,
+    SWITCHES,
+    TIME,
+    TOUCHES,
+    WANTED,
+    begin_period,
+    move_on,
+    normalise,
+    perturb,
+    perturb_cut,
+    perturb_reached,
+    perturb_released,
+    perturb_touch,
+)
+from dynkit.systems.impact.simulation.contact_kernels import (
+    Tables,
+    chatter_completes,
+    chatter_rest,
+    is_negative,
+    lifted,
+    order_at_rest,
+    transform,
+)
+from dynkit.systems.impact.simulation.event_kernels import (
+    HALT,
+    IMPACT,
+    JAM,
+    JUMP,
+    SWITCH,
+    add_jump,
+    appear,
+    bounced,
+    come_to_rest,
+    copy,
+    disturbs,
+    guard_of,
+    jumped,
+    know_gaps,
+    lets_go,
+    push,
+    together,
+    try_again,
+    undecided,
+)
+from dynkit.systems.impact.simulation.log_kernels import Impacts, Switches, enter, note_impact
+
+Indices = NDArray[np.intp]
+
+
+(
+    COUNT_REACHED,
+    NO_FURTHER_CONTACT,
+    CONTACT_FOR_EVER,
+    SEARCH_LIMIT,
+    DIED_OUT,
+    JAMMED,
+    COLLAPSED,
+    MODE_WANTED,
+    SWITCHES_FULL,
+    RUN_PAUSED,
+) = range(10)
+"""Endings of a run; after the last three the call is repeated."""
+
+SECTION = 100
+"""Outcome of a search where nothing happens within the period."""
+
+PER_EVENT = 4
+"""An event takes about as long as so many cells; where contact is tried, one more for each slot."""
+
+AT_REST, MOST_AT_ONCE = 10, 1000
+"""Impacts, one stop after another in no time, after which these stops are at rest if rounding hides
+that they are not; and for each stop so many after which a run ends."""
+
+FIRST_CELLS = 64
+"""Cells after which the search of one of several guards waits for that of the others."""
+
+WAITS, TURN, OUTCOME, STEPS, BEST = range(5)
+"""Of a paused search: whether it is paused, how many guards were searched, and the earliest root so
+far: its outcome, smallest steps and guard. Its remainder and rate are waiting, too."""
+
+
+@kernel(entry=True, nogil=True)
+def run(
+    tables: Tables,
+    clock: Array,
+    left: Array,
+    count: int,
+    noise: float | None,
+    band_factor: float,
+    limit: int,
+    pause: int,
+    impacts: Impacts,
+    switches: Switches,
+    work: Workspace,
+    waiting: Indices,
+    waits: Array,
+) -> tuple[int, int]:
+    """Simulate `count` impacts from (``work.states[START]``, `clock`), modified in place.
+
+    Parameters
+    ----------
+    left
+        (elements, 4) how each of them begins the flight, modified in place.
+    limit
+        Largest number of cells of one search.
+    pause
+        After so many cells, and twice as many at most, this call ends with RUN_PAUSED; a call with
+        the same arguments, for the impacts that remain, goes on from there, bit for bit.
+    noise
+        Relative size of a pseudo-random perturbation after each event, for error estimates. With
+        None, what perturbs is not compiled.
+    impacts, switches
+        Logs, modified in place; that of impacts has `count` rows or none.
+    work, waiting, waits
+        Buffers (5 integers, 2 numbers), modified in place.
+
+    Returns
+    -------
+    impacts, ending
+    """
+    y = work.states
+    ladders = tables.ladders
+    store = impacts.time.shape[0] > 0
+    # Not a literal: for every one of them the search would be compiled once more.
+    for_ever = FOREVER + (count - count)
+    spent = 0
+    done = 0
+    # Views of a guard are made where it is another one than before.
+    at = int(clock[GUARD])
+    gap = ladder_at(ladders, at)
+    while done < count:
+        if spent >= pause:
+            return done, RUN_PAUSED
+        if int(clock[SWITCHES]) + 2 + left.shape[0] > switches.time.shape[0]:
+            return done, SWITCHES_FULL
+        g = int(clock[GUARD])
+        if waiting[WAITS] == 0:
+            spent += PER_EVENT
+            if at != g:
+                at = g
+                gap = ladder_at(ladders, at)
+            # Nothing drives it: then it may die out.
+            if gap.steady < 0 and tables.period == 0.0 and died_out(gap, y, START):
+                return done, DIED_OUT
+            m = ladders.integers[g, GROUP]
+            changed = jumped(tables, g, left, y, band_factor)
+            if changed >= 0:
+                if tables.partner[changed] < 0:
+                    clock[WANTED] = changed
+                    return done, MODE_WANTED
+                transform(tables.change[changed], y, START, 0)
+                copy(y, 0, START)
+                there = guard_of(tables, tables.target[changed], tables.element[g])
+                enter(changed, there, clock, 0.0, 0.0, y, switches)
+                clock[LEFT_FROM] = -1.0
+                appear(tables, m, tables.target[changed], left)
+                try_again(tables, there, left, y)
+                # By a force that jumped the gap has an acceleration at once, or its rate a rate.
+                own = left[tables.element[changed]]
+                if tables.torn[changed] == 2:
+                    clock[GUARD] = tables.partner[changed]
+                    own[MOTION] = BOUNCED
+                    own[SPEED] = 0.0
+                elif tables.torn[changed] == 1:
+                    after = ladder_at(ladders, tables.partner[changed])
+                    own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
+                    if own[SPEED] > 0.0:
+                        own[MOTION] = SWITCHED
+                        own[ORDER] = 1.0
+                continue
+            k = bounced(tables, m, left)
+            if k >= 0:
+                if at != k:
+                    at = k
+                    gap = ladder_at(ladders, at)
+                own = left[tables.element[k]]
+                u = own[SPEED]
+                second, third, fourth, _ = start_sums(gap.rows, y, START)
+                r, drop = tables.restitution[k], tables.drop[k]
+                # Largest change of a position or velocity by the rest of a chatter, at first order.
+                error = tables.coupling[k] * lifted(r, drop, u, second)
+                rest = 0.0
+                if u > 0.0:
+                    order = 1
+                    sticks = chatter_completes(
+                        gap,
+                        tables.kick[k],
+                        r,
+                        drop,
+                        tables.hold[k],
+                        tables.tolerance,
+                        u,
+                        second,
+                        third,
+                        fourth,
+                        error,
+                    )
+                    if sticks:
+                        rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
+                        if left.shape[0] > 1 and disturbs(tables, k, u, rest, y):
+                            sticks = False
+                    loose = False
+                else:
+                    # Friction decides only what contact leaves to it.
+                    loose = undecided(tables, k, left)
+                    order = 0 if loose else order_at_rest(gap.rows, y, band_factor)
+                    if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
+                        # It would never leave the table by more: all that moves is rounding.
+                        order = 0
+                    sticks = order <= 0
+                held = tables.partner[k]
+                if sticks:
+                    if held < 0:
+                        clock[WANTED] = k
+                        return done, MODE_WANTED
+                    spent += y.shape[2]
+                    transform(tables.change[k], y, START, 0)
+                    if not loose and is_negative(ladder_at(ladders, held), y, 0, band_factor):
+                        # What rounding hid in flight is clear on the table: it does not hold the
+                        # mass.
+                        if u == 0.0:
+                            transform(tables.change[held], y, 0, START)
+                            normalise(y, gap.steady)
+                            order = order_at_rest(gap.rows, y, band_factor)
+                        sticks = order <= 0
+                own[MOTION] = BOUNCES
+                own[ORDER] = order
+                if sticks:
+                    if u > 0.0:
+                        clock[CHATTER_ERROR] += error
+                        if noise is not None:
+                            lost = lifted(r, drop, u, second)
+                            perturb_cut(tables.excursion[k], lost, y, clock)
+                            transform(tables.change[k], y, START, 0)
+                    copy(y, START, LEFT)
+                    clock[LEFT_FROM] = k
+                    copy(y, 0, START)
+                    appear(tables, m, tables.target[k], left)
+                    try_again(tables, held, left, y)
+                    own[MOTION] = FLIGHT if loose else SWITCHED
+                    own[ORDER] = 0.0
+                    enter(k, held, clock, rest, u, y, switches)
+                    g = held
+                if left.shape[0] > 1:
+                    continue  # another one may have bounced, or be torn off
+        m = ladders.integers[g, GROUP]
+        first = tables.first[m]
+        guards = tables.first[m + 1] - first
+        smallest = ladders.smallest[m]
+        # With several guards little is spent on each at first: what cannot be told of one of them
+        # for ever need not be, where another one is reached.
+        budget = int(clock[BUDGET])
+        if budget == 0:
+            budget = min(limit, FIRST_CELLS) if guards > 1 else limit
+        turn = 0
+        outcome = NEVER
+        n = 0
+        best = g
+        e = 0.0
+        rate = 0.0
+        if tables.period > 0.0:
+            outcome = SECTION
+            n = int(clock[REMAINING] / smallest)
+            e = clock[REMAINING] - n * smallest
+        if waiting[WAITS] != 0:
+            waiting[WAITS] = 0
+            turn, outcome, n, best = waiting[TURN], waiting[OUTCOME], waiting[STEPS], waiting[BEST]
+            e, rate = waits[0], waits[1]
+        while turn < guards:
+            k = g + turn  # the one that was left first
+            if k >= first + guards:
+                k -= guards
+            if at != k:
+                at = k
+                gap = ladder_at(ladders, at)
+            if tables.event[k] == JUMP:
+                turn += 1
+                continue
+            begins = k == first or tables.element[k - 1] != tables.element[k]
+            own = left[tables.element[k]]
+            order = int(own[ORDER]) if begins else 0
+            found, steps, d, slope, cells = first_root(
+                gap,
+                order,
+                own[SPEED] if order > 0 else own[GAP],
+                band_factor,
+                tables.event[k] == IMPACT,
+                budget,
+                pause,
+                for_ever if outcome == NEVER else n,
+                work,
+            )
+            if found == PAUSED:
+                waiting[WAITS], waiting[TURN] = 1, turn
+                waiting[OUTCOME], waiting[STEPS], waiting[BEST] = outcome, n, best
+                waits[0], waits[1] = e, rate
+                clock[BUDGET] = budget
+                return done, RUN_PAUSED
+            spent += cells
+            clock[CELLS] += cells
+            reached = found in (ROOT, TOUCH)
+            # At the limit of cells a search has come to n, and no further than another root.
+            if found == LIMIT or (reached and (outcome == NEVER or (steps - n) * smallest < e - d)):
+                outcome, n, best, e, rate = found, steps, k, d, slope
+                if guards > 1:
+                    copy(y, FOUND, KEPT)
+            turn += 1
+        clock[BUDGET] = 0.0
+        if outcome == LIMIT and budget < limit:
+            clock[BUDGET] = min(limit, 16 * budget)
+            continue
+        if outcome in (NEVER, LIMIT):
+            held = int(clock[LEFT_FROM])
+            if held >= 0:  # contact does not end: the last event is the impact before it
+                copy(y, LEFT, START)
+                clock[GUARD] = held
+                left[tables.element[held], MOTION] = BOUNCED
+                clock[LEFT_FROM] = -1.0
+            if outcome == LIMIT:
+                return done, SEARCH_LIMIT
+            return done, CONTACT_FOR_EVER if held >= 0 else NO_FURTHER_CONTACT
+        if outcome == SECTION:
+            fly(gap, n, e, y)
+            copy(y, FOUND, START)
+            move_on(clock, left, -1, n, smallest, e, tables.clock_rate)
+            begin_period(gap.steady, y, clock, tables.period)
+            clock[GUARD] = first
+            if noise is not None:
+                slots = tables.slots[m, : tables.counts[m]]
+                perturb(slots, gap.steady, y, clock, left[0], noise)
+                perturb_reached(gap.generator, slots, y, clock, noise)
+            if store:
+                note_impact(done, first, gap.steady, clock, math.nan, y, impacts)
+            done += 1
+            clock[IMPACTS] += 1.0
+            continue
+        if guards > 1:
+            copy(y, KEPT, FOUND)
+        own = left[tables.element[best]]
+        if tables.event[best] in (SWITCH, HALT):
+            if tables.partner[best] < 0:
+                clock[WANTED] = best
+                return done, MODE_WANTED
+            know_gaps(tables, best, n, e, left, work)
+            after = ladder_at(ladders, tables.partner[best])
+            target = tables.target[best]
+            slots = tables.slots[target, : tables.counts[target]]
+            transform(tables.change[best], y, FOUND, START)
+            normalise(y, after.steady)
+            if noise is not None:
+                perturb_released(tables.change[best], slots, after.steady, y, clock, own, noise)
+                perturb_reached(after.generator, slots, y, clock, noise)
+            move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
+            clock[LEFT_FROM] = -1.0
+            own[MOTION] = SWITCHED if tables.event[best] == SWITCH else FLIGHT
+            own[ORDER] = tables.order[best]
+            own[SPEED] = 0.0
+            if tables.order[best] == 1:
+                own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
+            appear(tables, m, target, left)
+            enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
+            continue
+        if tables.event[best] == JAM:
+            copy(y, FOUND, START)
+            move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
+            return done, JAMMED
+        wanted = lets_go(tables, best)
+        if wanted >= 0:
+            clock[WANTED] = wanted
+            return done, MODE_WANTED
+        if at != best:
+            at = best
+            gap = ladder_at(ladders, at)
+        if outcome == TOUCH:
+            clock[TOUCHES] += 1.0
+            if noise is not None:
+                rate = perturb_touch(gap, band_factor, y, clock)
+        rate = min(rate, 0.0)
+        if left.shape[0] > 1:
+            know_gaps(tables, best, n, e, left, work)
+        move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
+        ambiguous = tables.ambiguous[best] or (
+            guards > 1 and together(tables, best, y, band_factor)
+        )
+        if ambiguous and clock[AMBIGUOUS] < 0.0:
+            clock[AMBIGUOUS] = clock[IMPACTS]
+        appeared = False
+        while tables.opens[best] >= 0:  # a closed stop from which the impact pulls away
+            open_ = tables.opens[best]
+            before = ladders.integers[open_, GROUP]
+            at = best = guard_of(tables, tables.target[open_], tables.element[best])
+            gap = ladder_at(ladders, at)
+            transform(tables.change[open_], y, FOUND, START)
+            normalise(y, gap.steady)
+            copy(y, START, FOUND)
+            left[tables.element[open_], MOTION] = BOUNCED
+            appeared = appear(tables, before, tables.target[open_], left) or appeared
+            clock[LEFT_FROM] = -1.0
+            enter(open_, best, clock, 0.0, 0.0, y, switches)
+        m = ladders.integers[best, GROUP]
+        slots = tables.slots[m, : tables.counts[m]]
+        r = tables.restitution[best]
+        add_jump(tables.kick[best], -(1.0 + r) * rate, y)
+        normalise(y, gap.steady)
+        # What friction held at a stop is pushed against it.
+        if push(tables, best, left, y) and appeared and clock[AMBIGUOUS] < 0.0:
+            clock[AMBIGUOUS] = clock[IMPACTS]
+        if (n * smallest + e) > EPSILON * clock[TIME]:
+            clock[AT_ONCE] = 0.0
+        elif clock[GUARD] != best:
+            clock[AT_ONCE] += 1.0
+        clock[GUARD] = best
+        own[SPEED] = 0.0 - r * rate
+        own[MOTION] = BOUNCED
+        if noise is not None:
+            perturb(slots, gap.steady, y, clock, own, noise)
+            perturb_reached(gap.generator, slots, y, clock, noise)
+        if store:
+            note_impact(done, best, gap.steady, clock, own[SPEED], y, impacts)
+        done += 1
+        clock[IMPACTS] += 1.0
+        if clock[AT_ONCE] > AT_REST and come_to_rest(tables, m, left, y, band_factor):
+            clock[AT_ONCE] = 0.0
+        if clock[AT_ONCE] > MOST_AT_ONCE * left.shape[0]:
+            return done, COLLAPSED
+    return done, COUNT_REACHED

@@ -1,0 +1,22 @@
+"""Parameters by which derivatives are in closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
+"""Parameters by which derivatives are in closed form."""
+
+OUTSIDE = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
+"""What acts on the structure from outside."""
+
+
+def changes_alone(oscillator: Any, name: str) -> bool:
+    """Whether a parameter is one of `EXACT`, and changes nothing but itself."""
+    here = oscillator
+    if name not in EXACT or name not in here.parameters or not math.isfinite(getattr(here, name)):
+        return False
+    there = here.replace(**{name: 0.5 * getattr(here, name) or 0.5})
+    same = all(getattr(here, other) == getattr(there, other) for other in OUTSIDE if other != name)
+    return same and there._contact is here._contact

@@ -1,0 +1,278 @@
+"""One run of the kernels: buffers in, plain arrays out."""
+
+from __future__ import annotations
+
+import time
+from functools import cache
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.exponential.propagators import cells_of_a_call, workspace
+from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.modes.mode import transformed
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+MOST_CELLS = 1_000_000
+"""Cells after which the search for the next event gives up, with an ending that says so."""
+
+MOST_SWITCHES = 1 << 16
+"""Switches without an impact after which it gives up, too."""
+
+_FEW = 32
+"""Switches that there is room for at first."""
+
+_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
+_ENDINGS = tuple(Ending)
+
+
+@cache
+def _kernels() -> Any:
+    """Modules of the clock, of the run and of what it writes down, imported for the first run."""
+    from dynkit.systems.impact.simulation import clock_kernels, log_kernels, loop_kernels as kernels
+
+    return clock_kernels, kernels, log_kernels
+
+
+def band_factor(slots: int) -> float:
+    """Rounding band in units of 2^-52 times the sum of amplitudes."""
+    return 8.0 + slots
+
+
+def trajectory_of(
+    oscillator: DrivenStructure,
+    start: ImpactState,
+    count: int,
+    *,
+    store: bool,
+    noise: float = 0.0,
+    seed: int = 1,
+    most_cells: int = MOST_CELLS,
+) -> Trajectory:
+    """Simulate `count` impacts from a state of this oscillator; see `Course`."""
+    began = time.perf_counter()
+    course = Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
+    log = course.advance(count, store=store)
+    return course.trajectory(log, time.perf_counter() - began)
+
+
+@final
+class Course:
+    """A motion that is simulated on and on, in any pieces: the bits do not depend on them.
+
+    With noise every number of the start, and of the states after impacts, is changed by up to this
+    part of itself and a 32nd of it of what it becomes, pseudo-randomly, and the rest by this part
+    of the terms of which it is the sum. What a number becomes is bounded for flights of up to
+    `longest`, or the longest one so far. The search for an event gives up after `most_cells`.
+
+    Attributes
+    ----------
+    impacts : int
+        How many there were so far.
+    ending : Ending
+        Why it does not go on.
+    """
+
+    def __init__(
+        self,
+        oscillator: DrivenStructure,
+        start: ImpactState,
+        *,
+        noise: float,
+        seed: int,
+        most_cells: int,
+        longest: float = 0.0,
+    ) -> None:
+        clock_kernels, kernels, _ = _kernels()
+        free = oscillator._free
+        q, turn = start._coordinates, start._turn
+        clock = np.zeros(clock_kernels.CLOCK)
+        clock[clock_kernels.GUARD] = start.element
+        clock[clock_kernels.LEFT_FROM] = clock[clock_kernels.AMBIGUOUS] = -1
+        clock[clock_kernels.SEED] = seed
+        clock[clock_kernels.LONGEST] = longest
+        self._left = np.zeros((len(oscillator._elements), 4))
+        order = 3 if start.motion is Motion.RELEASE else 0
+        self._left[start.element, :3] = _MOTIONS.index(start.motion), order, start.speed
+        self._shifts: Array | None = None
+        if noise > 0.0:
+            random, n = np.random.default_rng(seed), oscillator.degrees_of_freedom
+            # What turning positions into coordinates rounds: half of the disturbance.
+            x, v = (
+                0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
+            )
+            q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
+            q += oscillator._structure.free.coordinates(x, v)
+            turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
+            self._left[start.element, 2] *= 1.0 + noise * random.uniform(-1.0, 1.0)
+            elements = max(len(oscillator._elements), 2)
+            self._shifts = noise * random.uniform(-1.0, 1.0, (elements, 2))
+        clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
+        if oscillator._strobed:
+            clock[clock_kernels.REMAINING] = (TWO_PI - start.phase) / oscillator.frequency
+        self._oscillator, self._start = oscillator, start
+        self._noise, self._most_cells = noise, most_cells
+        self._clock = clock
+        self._waiting = np.zeros(5, dtype=np.int64), np.zeros(2)
+        self._switches: Any = None
+        self._prepare(kernels.START, free.states(q, *turn)[None])
+        if noise > 0.0:
+            generator = oscillator._automaton.guards[0].sum.generator
+            slots = free.layout.modes
+            clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
+        for element in start.closed:
+            self._close(element)
+        self.impacts, self.ending = 0, Ending.COUNT_REACHED
+
+    def _close(self, element: int) -> None:
+        """Enter contact with a stop on which the motion begins."""
+        clock_kernels, kernels, log_kernels = _kernels()
+        automaton, clock = self._oscillator._automaton, self._clock
+        number = automaton.guard(automaton.guards[int(clock[clock_kernels.GUARD])].mode, element)
+        guard = automaton.guards[number]
+        if guard.element != element or guard.watch.event not in (IMPACT, HALT):
+            return  # it stays where it is, as others hold it
+        automaton.enter(number)
+        self._prepare(0, self._work.states)
+        states = self._work.states
+        begin = states[kernels.START][None]
+        states[kernels.START] = transformed(self._tables.change[number], begin)[0]
+        after = automaton.guard(guard.target, self._start.element)
+        log_kernels.enter(number, after, clock, 0.0, 0.0, states, self._switches)
+
+    def _prepare(self, first: int, states: Array) -> None:
+        """Tables and buffers of the modes that there are; these states are put in, from one on."""
+        self._tables = self._oscillator._automaton.tables
+        slots = self._tables.ladders.step.shape[3]
+        if self._shifts is not None:
+            # another thread may have entered more modes since
+            terms = self._oscillator._automaton.rest_terms()[: len(self._tables.event)]
+            self._tables = _displaced(self._tables, terms, self._shifts)
+        self._work = workspace(slots)
+        self._work.states[first : first + len(states), :, : states.shape[2]] = states
+        self._enlarge(slots)
+
+    def _enlarge(self, slots: int) -> None:
+        """Room for more switches."""
+        clock_kernels, _, log_kernels = _kernels()
+        old, rows = self._switches, _FEW + 2 * len(self._left)
+        if old is not None:
+            rows = max(rows, 2 * int(self._clock[clock_kernels.SWITCHES]))
+        before, guard = np.empty((2, rows), dtype=np.intp)
+        states = np.zeros((rows, 2, slots))
+        times = np.empty((3, rows))
+        self._switches = log_kernels.Switches(*times, before, guard, states)
+        for few, more in zip(old or (), self._switches, strict=False):
+            more[tuple(map(slice, few.shape))] = few
+
+    def _hits_nothing(self) -> bool:
+        """Whether there were many switches since the last impact."""
+        clock_kernels, before = _kernels()[0], self._switches.before
+        count, impacts = self._clock[[clock_kernels.SWITCHES, clock_kernels.IMPACTS]].astype(int)
+        return bool(count > MOST_SWITCHES and before[count - MOST_SWITCHES] == impacts)
+
+    def advance(self, count: int, *, store: bool) -> Impacts:
+        """Simulate so many impacts more, or until there are no more, and return what is kept."""
+        _, kernels, log_kernels = _kernels()
+        free, rows = self._oscillator._free, count if store else 0
+        slots = free.layout.slots
+        log: Any = log_kernels.Impacts(
+            np.empty(rows),
+            np.empty(rows),
+            np.empty(rows, dtype=np.intp),
+            np.empty((rows, 2, slots)),
+            np.empty((rows if free.layout.table < 0 else 0, 2)),
+        )
+        done, ending = 0, kernels.RUN_PAUSED
+        while ending in (kernels.MODE_WANTED, kernels.SWITCHES_FULL, kernels.RUN_PAUSED):
+            impacts, ending = kernels.run(
+                self._tables,
+                self._clock,
+                self._left,
+                count - done,
+                self._noise or None,
+                band_factor(slots),
+                self._most_cells,
+                cells_of_a_call(slots),
+                log._make([array[done:] for array in log]) if store and done else log,
+                self._switches,
+                self._work,
+                *self._waiting,
+            )
+            done += impacts
+            if ending == kernels.MODE_WANTED:
+                self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
+                self._prepare(0, self._work.states)
+            elif ending == kernels.SWITCHES_FULL:
+                self._enlarge(self._work.states.shape[2])
+                if self._hits_nothing():
+                    ending = kernels.SEARCH_LIMIT
+        self.impacts, self.ending = self.impacts + done, _ENDINGS[ending]
+        kept = Impacts(*log)
+        return kept if done == rows else kept.part(0, done)
+
+    @property
+    def cells(self) -> int:
+        """Cells of all searches so far."""
+        return int(self._clock[_kernels()[0].CELLS])
+
+    def trajectory(self, log: Impacts, seconds: float) -> Trajectory:
+        """The events so far, with what was written down of impacts."""
+        clock_kernels, kernels, _ = _kernels()
+        oscillator, clock = self._oscillator, self._clock
+        free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
+        state, automaton = self._work.states[kernels.START], oscillator._automaton
+        mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
+        kind, _, speed, _ = self._left[element].tolist()
+        motion = _MOTIONS[int(kind)]
+        closed: list[int] = []
+        if mode:
+            state, closed = automaton.freed(mode, state)
+        hard = [k for k in closed if k < len(oscillator._stops)]
+        if hard and (element in hard or element >= len(oscillator._stops)):
+            speed, element, motion = 0.0, hard[0], Motion.TABLE
+        elif element >= len(oscillator._stops):
+            element, motion = 0, Motion.FLIGHT
+        closed, ending = [k for k in closed if k != element], self.ending
+        if hard and ending is Ending.NO_FURTHER_CONTACT:
+            ending = Ending.CONTACT_FOR_EVER
+        q, sine, cosine = free.parts(state[:, : free.layout.slots])
+        turn = np.array([sine, cosine])
+        if free.layout.table < 0:
+            turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
+        return Trajectory(
+            self._start,
+            state_of(oscillator, q, turn, speed, element, motion, tuple(closed)),
+            log,
+            Switches(*(array[:k] for array in self._switches)),
+            tuple(automaton.regimes),
+            automaton.table,
+            self.impacts,
+            ending,
+            float(clock[clock_kernels.CHATTER_ERROR]),
+            self.cells,
+            int(clock[clock_kernels.TOUCHES]),
+            seconds,
+            float(clock[clock_kernels.LONGEST]),
+            float(clock[clock_kernels.TIME]),
+            int(clock[clock_kernels.AMBIGUOUS]),
+        )
+
+
+def _displaced(tables: Any, terms: Array, parts: Array) -> Any:
+    """The same with what guards watch, (k, 2), changed by these parts of the terms of their rest.
+
+    Where the structure rests on the table, all but exactly, their differences are rounding.
+    """
+    from dynkit.exponential.stack_kernels import OFFSET
+
+    if not terms.any():
+        return tables
+    numbers = tables.ladders.numbers.copy()
+    numbers[:, OFFSET] += parts[tables.element, np.minimum(tables.event, 1)] * terms
+    return tables._replace(ladders=tables.ladders._replace(numbers=numbers))

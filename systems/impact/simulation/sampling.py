@@ -1,0 +1,70 @@
+"""The motion between impacts: flight, the rest of a chatter, contact, flight after release."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.simulation.trajectory import Events, Trajectory
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+
+def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tuple[Array, Array]:
+    """Positions and velocities (k, N) at times (k,) within a run."""
+    parts = run.segments
+    which = np.searchsorted(parts.begin, times, side="right") - 1
+    since = times - parts.begin[which]
+    x, v = np.empty((2, len(times), oscillator.degrees_of_freedom))
+    for mode, here in run.modes(parts.mode[which]):
+        some, place = np.unique(which[here], return_inverse=True)
+        x[here], v[here] = mode.motion(mode.after(parts.of(mode, some), place, since[here]))
+    bouncing = np.flatnonzero(since < parts.rest[which])
+    if len(bouncing):
+        k = which[bouncing]
+        for element in np.unique(parts.element[k]).tolist():
+            here = bouncing[parts.element[k] == element]
+            stop, some = oscillator._stops[element], which[here]
+            given = parts.speed[some], parts.rest[some], since[here]
+            lift, rise = _bounces(stop.restitution, *given)
+            for mode, now in run.modes(parts.mode[some - 1]):
+                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)
+                x[here[now]] += np.outer(lift[now], kick)
+                v[here[now]] += np.outer(rise[now], kick)
+    return x, v
+
+
+def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
+    """Impacts, contacts, releases and other switches of a run; none that its start is in."""
+    parts = run.segments
+    time = parts.begin + parts.rest
+    happened = (time > 0.0) | (parts.kind != EventKind.SWITCH)
+    if oscillator._strobed:  # nothing happens where a period begins
+        happened[1:] &= parts.kind[1:] != EventKind.IMPACT
+    some = np.flatnonzero(happened)[1:]
+    numbers = parts.kind[some], parts.element[some], parts.mode[some]
+    return Events(time[some], *numbers, *sample_run(oscillator, run, time[some]))
+
+
+def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
+    """Time up to which a run that ended by itself is sampled: 2^24 of the longest steps."""
+    ladders = list(oscillator._gaps)
+    for number in np.unique(run.segments.mode).tolist():
+        (guards,) = np.nonzero(run.guards[:, 0] == number)
+        ladders += [run.gap(k)[0] for k in guards.tolist()]
+    return float(min(2.0 ** (23 + len(part.cell)) * part.smallest for part in ladders))
+
+
+def _bounces(restitution: float, speed: Array, rest: Array, since: Array) -> tuple[Array, Array]:
+    """Gap and its rate in bounces that were replaced by contact: ever smaller parabolas."""
+    r = restitution
+    left = 1.0 - since / rest
+    bounce = np.floor(np.log(left) / np.log(r)) if r > 0.0 else np.zeros(len(left))
+    u = speed * r**bounce
+    acceleration = 2.0 * speed / (rest * (1.0 - r))
+    s = since - rest * (1.0 - r**bounce)
+    return s * (u - 0.5 * acceleration * s), u - acceleration * s

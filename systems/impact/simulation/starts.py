@@ -1,0 +1,194 @@
+"""Where motions of an impact oscillator start: by default, as given, from another one's state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.core.no_motion import Refused
+from dynkit.core.validation import Array, finite_array, finite_scalar
+from dynkit.systems.impact.modes.constrained import rides
+from dynkit.systems.impact.simulation.state import (
+    ImpactState,
+    Motion,
+    along,
+    put_on,
+    state_at,
+    sticking,
+    touched,
+)
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.elements.element import HardStop
+    from dynkit.systems.impact.modes.structure import Contact
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+# The first mode has a node at the contact mass where that moves less than this part of the largest:
+# half of a double's digits, so that its displacement there is not all rounding.
+_NODE = 2.0**-26
+
+
+def _rounding(place: float, amplitude: float, offset: float) -> float:
+    """What rounding leaves of a gap of zero."""
+    return 4.0 * 2.0**-53 * (abs(place) + amplitude + abs(offset))
+
+
+def default_position(oscillator: DrivenStructure, angle: float) -> Array:
+    """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
+    shape = oscillator.modal_matrix[:, 0]
+    if oscillator._strobed:
+        return shape
+    near = oscillator._stops[0]
+    contact, play = oscillator._contact, oscillator.play
+    place = float(contact.row @ shape)
+    x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
+    turn = math.sin(angle), math.cos(angle)
+    if oscillator._several:
+        return np.asarray(_between(oscillator, x, turn)[0])
+    table = float(near.swing(*turn) + near.offset)
+    gap = near.sign * (float(contact.row @ x) - table)
+    # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
+    rate = -near.sign * near.swing_rate(oscillator.frequency, *turn)
+    rounding = _rounding(place, oscillator.amplitude, near.offset)
+    clear = gap > rounding or (gap >= 0.0 and rate >= 0.0)
+    if clear and (gap < play - rounding or (gap <= play and rate <= 0.0)):
+        return x
+    lifted = table + near.sign * min(1.0, 0.5 * play)
+    if abs(place) > _NODE * float(abs(shape).max()):
+        return shape * (lifted / place)
+    contact.put(x, lifted)
+    return x
+
+
+def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:
+    """Positions and velocities (2, N) within all stops: by one, or half of it, and so on; at rest.
+
+    Those nearest to positions at rest. Without room, on the stops and as fast as these.
+    """
+    rows = np.array([s.sign * c.row for s, c in _stands(oscillator)])
+    places = np.array([s.sign * (s.swing(*turn) + s.offset) for s in oscillator._stops])
+    sizes = [stop.amplitude + abs(stop.offset) for stop in oscillator._stops]
+    still = np.zeros(len(x))
+    if (rows @ x > places).all():
+        return np.stack([x, still])
+    for margin in (*(0.5 ** np.arange(_HALVINGS)), 0.0):
+        found = _nearest(rows, places + margin, x)
+        found[abs(found) < _LEFT * abs(x).max()] = 0.0
+        gaps, rounding = rows @ found - places, _LEFT * (abs(rows) @ abs(found) + sizes)
+        if (gaps >= 0.5 * margin - rounding).all():
+            w, on = oscillator.frequency, gaps <= rounding
+            rates = np.array([s.sign * s.swing_rate(w, *turn) for s in oscillator._stops])
+            return np.stack([found, _nearest(rows[on], rates[on], still)])
+    raise Refused("elements must leave room between their stops; there is none at this phase")
+
+
+_HALVINGS, _LEFT = 20, 2.0**-51
+"""How often the room is halved, and what rounding leaves of a place."""
+
+
+def _nearest(rows: Array, least: Array, x: Array) -> Array:
+    """The nearest (N,) of which sums, by rows (k, N), are no less than these (k,), if there is one.
+
+    References
+    ----------
+    C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, SIAM 1995, chapter 23 (least
+    distance programming).
+    """
+    from scipy.optimize import nnls
+
+    if not len(rows):
+        return x
+    lacking = least - rows @ x
+    weights, _ = nnls(np.vstack([rows.T, lacking]), np.append(np.zeros(len(x)), 1.0))
+    active = weights > 0.0
+    return x + np.asarray(np.linalg.lstsq(rows[active], lacking[active])[0])
+
+
+def _stands(oscillator: DrivenStructure) -> Iterable[tuple[HardStop, Contact]]:
+    """The stops, and where they act."""
+    return zip(oscillator._stops, oscillator._contacts, strict=True)
+
+
+def start(
+    oscillator: DrivenStructure, position: object, velocity: object, phase: object
+) -> ImpactState:
+    """A state to start from, at the defaults where None is given; ValueError beyond a stop."""
+    n, w = oscillator.degrees_of_freedom, oscillator.frequency
+    angle = finite_scalar("phase", phase)
+    given = default_position(oscillator, angle) if position is None else position
+    x = finite_array("position", given, (n,))
+    turn = np.array([math.sin(angle), math.cos(angle)])
+    moving = np.zeros(n) if velocity is None else velocity
+    if position is velocity is None and oscillator._several:
+        moving = _between(oscillator, x, (float(turn[0]), float(turn[1])))[1]
+    v = finite_array("velocity", moving, (n,))
+    on: dict[int, float] = {}
+    first = 0.0
+    for side, (stop, contact) in enumerate(_stands(oscillator)):
+        row, swing, speed = (
+            contact.row,
+            stop.swing(*turn.tolist()),
+            stop.swing_rate(w, *turn.tolist()),
+        )
+        place, moving, table = float(row @ x), float(row @ v), swing + stop.offset
+        gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
+        rounding = _rounding(float(abs(row) @ abs(x)), stop.amplitude, stop.offset)
+        word = "below" if stop.sign > 0 else "above"
+        if gap < -rounding:
+            what = along(stop, "position")
+            raise Refused(f"{what} must not be {word} the table at {table}; got {place}")
+        if gap <= rounding:
+            rounding = 4.0 * 2.0**-53 * (abs(row) @ abs(v) + abs(speed))
+            if u < -rounding:
+                what = along(stop, "velocity")
+                raise Refused(
+                    f"{what} must not be {word} the table's {speed} when the mass is on "
+                    f"the table; got {moving}"
+                )
+            on[side] = 0.0 if u <= rounding else u
+        first = first if side else abs(u)
+    if not on:
+        sticks = sticking(oscillator, v, turn, ())
+        return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
+    # the one that is left, of those that are; the others are lain on
+    element = max(on, key=lambda side: on[side] > 0.0)
+    closed = tuple(side for side, u in on.items() if side != element and u == 0.0)
+    closed += sticking(oscillator, v, turn, tuple(on))
+    return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed)
+
+
+def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
+    """A state of this oscillator, from one of an oscillator with other parameters.
+
+    On the table the contact mass is put onto the table of this oscillator, with the same relative
+    velocity.
+    """
+    if start._system is oscillator or start._system == oscillator:
+        return start
+    n, turn, u, stands = oscillator.degrees_of_freedom, start._turn, start.speed, oscillator._stops
+    if start.position.shape != (n,):
+        raise ValueError(f"start must have {n} masses; got {start.position.size}")
+    x, v = start.position.copy(), start.velocity.copy()
+    if start.motion is Motion.FLIGHT:
+        for stop, contact in _stands(oscillator):
+            place, table = float(contact.row @ x), stop.swing(*turn.tolist()) + stop.offset
+            if stop.sign * (place - table) < 0.0:
+                word = "below" if stop.sign > 0 else "above"
+                raise Refused(f"start must not be {word} the table at {table}; got {place}")
+        sticks = sticking(oscillator, v, turn, ())
+        return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
+    if start.element >= len(stands):
+        raise Refused(f"start must not be on a far stop without play; got {start!r}")
+    closed: list[int] = []
+    for k in (k for k in start.closed if k < len(stands)):
+        held = [stands[j] for j in (start.element, *closed)]
+        if rides(oscillator._structure, held, stands[k]) is False:
+            closed.append(k)
+    put_on(oscillator, start.element, closed, (x, v), turn[0], turn[1], u)
+    touched(oscillator, x, v, turn, start.element)
+    closed += sticking(oscillator, v, turn, (start.element, *closed))
+    # Where the table released it under other parameters, its contact force is not zero here.
+    return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))

@@ -1,0 +1,320 @@
+"""States of an impact oscillator, and its section coordinates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.no_motion import Diverged, Refused
+from dynkit.core.validation import Array, finite_array
+from dynkit.systems.impact.modes.constrained import rides
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.elements.element import HardStop
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+TWO_PI = 2.0 * math.pi
+
+# Coordinates below this make no infinite positions.
+_LARGE = 1e100
+
+
+class Motion(Enum):
+    """Where in its motion an impact oscillator is; the value is what the user reads."""
+
+    FLIGHT = "in flight"
+    TABLE = "on the table"
+    RELEASE = "just released by the table"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ImpactState:
+    """Positions, velocities and phase of an impact oscillator, from its `state` or a record.
+
+    A simulation that starts from a record's final state goes on bit for bit.
+
+    Attributes
+    ----------
+    speed : float
+        Rate of the gap, not negative; exact after an impact, where the difference of two velocities
+        would have lost digits. In flight its absolute value.
+    element : int
+        The stop that it is at: 0 for the table, also in flight, and 1 for the far stop of a play;
+        of ``elements`` the number among the hard stops.
+    motion : Motion
+    closed : tuple of int
+        Other stops that are in contact, and friction that sticks.
+    """
+
+    speed: float
+    element: int
+    motion: Motion
+    closed: tuple[int, ...]
+    _system: DrivenStructure = field(repr=False)
+    _coordinates: Array = field(repr=False)
+    _turn: Array = field(repr=False)
+
+    @property
+    def relative_velocity(self) -> float:
+        """Section coordinate: the speed, negative, if only its zero, on the far side of a play."""
+        return -self.speed if self.element == 1 and self._system._faces else self.speed
+
+    @property
+    def position(self) -> Array:
+        """Positions (N,), read-only."""
+        return self._place[0]
+
+    @property
+    def velocity(self) -> Array:
+        """Velocities (N,), read-only."""
+        return self._place[1]
+
+    @cached_property
+    def phase(self) -> float:
+        """Phase of the table in [0, 2 pi)."""
+        return float(phases(self._turn[:1], self._turn[1:])[0])
+
+    @cached_property
+    def _place(self) -> tuple[Array, Array]:
+        """Positions and velocities; on the table those of the contact mass are the table's."""
+        system, q, (sine, cosine) = self._system, self._coordinates, self._turn
+        forced = system._free.forced
+        with np.errstate(over="ignore", invalid="ignore"):
+            x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
+        if not np.isfinite([x, v]).all():
+            raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
+        if self.motion is not Motion.FLIGHT:
+            put_on(system, self.element, self.closed, (x, v), sine, cosine, self.speed)
+        x.setflags(write=False)
+        v.setflags(write=False)
+        return x, v
+
+    def __repr__(self) -> str:
+        masses = len(self.position)
+        at = f"phase {self.phase:.6g}, relative velocity {self.relative_velocity:.6g}"
+        return f"<ImpactState of {masses} coordinates: {self.motion.value}, {at}>"
+
+
+def state_of(
+    oscillator: DrivenStructure,
+    q: Array,
+    turn: Array,
+    speed: float,
+    element: int,
+    motion: Motion,
+    closed: tuple[int, ...] = (),
+) -> ImpactState:
+    """The state with modal coordinates (2, N), and sine and cosine (2,) of the phase.
+
+    Raises
+    ------
+    Diverged
+        When its positions or velocities are infinite.
+    """
+    q, turn = q.copy(), turn.copy()
+    q.setflags(write=False)
+    turn.setflags(write=False)
+    state = ImpactState(float(speed), element, motion, closed, oscillator, q, turn)
+    if not np.vdot(q, q) < _LARGE**2:
+        _ = state.position
+    return state
+
+
+def phases(sine: Array, cosine: Array) -> Array:
+    """Phases (n,) in [0, 2 pi), of sines and cosines (n,): the same bits in any company.
+
+    NumPy's arctan2 rounds in another way where vectors overlap in memory, or seem to.
+    """
+    return in_turn(list(map(math.atan2, sine.tolist(), cosine.tolist())))
+
+
+def in_turn(angles: Any) -> Array:
+    """Angles in [0, 2 pi); one that is below zero by less than a turn is rounded to is zero."""
+    turned = np.asarray(angles) % TWO_PI
+    return np.where(turned < TWO_PI, turned, 0.0)
+
+
+def on_stop(
+    oscillator: DrivenStructure, element: Any, sine: Any, cosine: Any, speed: Any
+) -> tuple[Any, Any]:
+    """What a stop acts along, and its rate, on the stop: by phase and rate of the gap."""
+    stops = [(s.offset, s.sign, s.phasor.real, s.phasor.imag) for s in oscillator._stops]
+    offset, sign, real, imaginary = np.array(stops)[element].T
+    w = oscillator.frequency
+    moving = real * w * cosine - imaginary * w * sine
+    return real * sine + imaginary * cosine + offset, moving + sign * speed
+
+
+def put_on(
+    oscillator: DrivenStructure,
+    element: int,
+    closed: Iterable[int],
+    state: tuple[Array, Array],
+    sine: Any,
+    cosine: Any,
+    speed: Any,
+) -> None:
+    """Put positions and velocities (..., N) onto a stop, and onto others that are in contact."""
+    stands = np.array([element, *(k for k in closed if k < len(oscillator._stops))])
+    rates = np.zeros((*np.shape(speed), len(stands)))
+    rates[..., 0] = speed
+    totals = on_stop(
+        oscillator, stands, np.expand_dims(sine, -1), np.expand_dims(cosine, -1), rates
+    )
+    for x, total in zip(state, totals, strict=True):
+        if len(stands) == 1:
+            oscillator._contacts[element].put(x, total[..., 0])
+        else:
+            rows = np.array([oscillator._contacts[k].row for k in stands])
+            oscillator._structure.holding(rows).put(x, total)
+
+
+def state_at(
+    oscillator: DrivenStructure,
+    x: Array,
+    v: Array,
+    turn: Array,
+    speed: float,
+    element: int,
+    motion: Motion,
+    closed: tuple[int, ...] = (),
+) -> ImpactState:
+    """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
+    forced = oscillator._free.forced
+    with np.errstate(over="ignore", invalid="ignore"):
+        q = forced.coordinates(x - forced.rest, v - forced.drift, *turn)
+    if not np.isfinite(q).all():
+        raise Refused(f"positions and velocities must not overflow; got {x} and {v}")
+    return state_of(oscillator, q, turn, speed, element, motion, closed)
+
+
+SHEET = 2.0 * TWO_PI
+"""Of several stops, that between the phases of a section's coordinates on one and on the next."""
+
+
+def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
+    """Section coordinates (2N,) of a state on a stop; without one positions and velocities."""
+    if oscillator._strobed:
+        return np.concatenate([state.position, state.velocity])
+    others = oscillator._contacts[state.element].others
+    x, v = state.position[others], state.velocity[others]
+    phase = state.phase + SHEET * state.element * oscillator._several
+    return np.concatenate([x, v, [state.relative_velocity, phase]])
+
+
+def sheet_of(phase: Any) -> Any:
+    """The stop of section coordinates, by the last of them, where there are several."""
+    return np.rint((phase - math.pi) / SHEET)
+
+
+def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
+    """The state just after an impact with these section coordinates (2N,); ValueError for none."""
+    y = finite_array("state", coordinates, (oscillator.dimension,))
+    n, stands = oscillator.degrees_of_freedom, oscillator._stops
+    if oscillator._strobed:
+        turn, sticks = np.array([0.0, 1.0]), sticking(oscillator, y[n:], np.array([0.0, 1.0]), ())
+        return state_at(oscillator, y[:n], y[n:], turn, 0.0, 0, Motion.FLIGHT, sticks)
+    u, phase = float(y[-2]), float(y[-1])
+    if not oscillator._faces:
+        if u < 0.0:
+            raise Refused(f"state[{2 * n - 2}] must not be negative; got {u}")
+        u += 0.0
+    # the sign of a section coordinate, and that of its zero, tells the stop of a play
+    element, speed = int(math.copysign(1.0, u) < 0.0), abs(u)
+    if oscillator._several:
+        element = int(sheet_of(phase))
+        if not 0 <= element < len(stands):
+            raise Refused(
+                f"state[{2 * n - 1}] must be a phase and 4 pi times the number of one of "
+                f"{len(stands)} stops; got {phase}"
+            )
+        phase -= SHEET * element
+    turn = np.array([math.sin(phase), math.cos(phase)])
+    x, v = np.empty((2, n))
+    others = oscillator._contacts[element].others
+    x[others], v[others] = y[: n - 1], y[n - 1 : -2]
+    put_on(oscillator, element, (), (x, v), turn[0], turn[1], speed)
+    closed = touched(oscillator, x, v, turn, element)
+    closed += sticking(oscillator, v, turn, (element, *closed))
+    return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE, closed)
+
+
+def touched(
+    oscillator: DrivenStructure, x: Array, v: Array, turn: Array, element: int
+) -> tuple[int, ...]:
+    """Other stops that a structure lies on, but for rounding; Refused beyond one of them."""
+    if not oscillator._several:
+        return ()
+    places, speeds = on_stop(oscillator, np.arange(len(oscillator._stops)), turn[0], turn[1], 0.0)
+    found = []
+    stands = zip(oscillator._stops, oscillator._contacts, strict=True)
+    for k, (stop, contact) in enumerate(stands):
+        gap, rate = (
+            stop.sign * (float(contact.row @ part) - told)
+            for part, told in ((x, places[k]), (v, speeds[k]))
+        )
+        near, slow = (
+            _TOUCHED * (float(abs(contact.row) @ abs(part)) + size)
+            for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))
+        )
+        if k != element and gap < -near:
+            raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")
+        if k != element and gap <= near and abs(rate) <= slow:
+            found.append(k)
+    return tuple(found)
+
+
+def sticking(
+    oscillator: DrivenStructure, v: Array, turn: Array, touched: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Elements whose friction does not slip, but for rounding, and that the stops do not hold."""
+    found, elements = [], oscillator._elements
+    held = [elements[k] for k in touched]
+    for k, element in enumerate(elements):
+        if any(regime.sticks for regime in element.regimes):
+            row = element.row(len(v))
+            speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
+            slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            still = abs(float(row @ v) - speed) <= slow
+            if still and rides(oscillator._structure, held, element) is False:
+                found.append(k)
+    return tuple(found)
+
+
+_TOUCHED = 2.0**-46
+"""Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
+
+
+def along(stop: HardStop, name: str) -> str:
+    """Of positions or velocities, by name, what a stop acts along."""
+    given = stop.coordinate
+    if isinstance(given, int):
+        return f"{name}[{given}]"
+    if isinstance(given[0], int):
+        return f"{name}[{given[1]}] - {name}[{given[0]}]"
+    return f"{name} along {given}"
+
+
+def packed(state: ImpactState) -> Array:
+    """All numbers of a state, (2N + 5,), and one for each element where more than one may hold."""
+    motion = tuple(Motion).index(state.motion)
+    own = [motion, state.element, state.speed, *state._turn.tolist()]
+    closed = [k in state.closed for k in range(state._system._holding)]
+    return np.concatenate([own, state._coordinates.ravel(), closed])
+
+
+def unpacked(oscillator: DrivenStructure, numbers: object) -> ImpactState:
+    """The state that `packed` turned into numbers."""
+    n = oscillator.degrees_of_freedom
+    array = finite_array("packed", numbers, (5 + 2 * n + oscillator._holding,))
+    motion, element = tuple(Motion)[int(array[0])], int(array[1])
+    q, turn = array[5 : 5 + 2 * n].reshape(2, n), array[3:5]
+    closed = tuple(np.flatnonzero(array[5 + 2 * n :]).tolist())
+    return state_of(oscillator, q, turn, float(array[2]), element, motion, closed)

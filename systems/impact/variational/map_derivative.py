@@ -1,0 +1,195 @@
+"""Exact derivative of the impact map, through contact and release where they occur."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.core.no_motion import NoCrossing, NoDerivative
+from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.mode import Mode, transformed
+from dynkit.systems.impact.simulation.parameters import changes_alone
+from dynkit.systems.impact.simulation.runs import trajectory_of
+from dynkit.systems.impact.simulation.state import ImpactState
+from dynkit.systems.impact.variational.saltation import reset
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+
+def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
+    """Derivative (2N, 2N) of the impact map in section coordinates.
+
+    The chain of: section coordinates to free ones; each mode on the way until a guard vanishes, as
+    contact until the force does; the impact law. What is entered where the motion begins, is so
+    whenever it does; the rest of a chatter that is replaced by contact forgets the relative
+    velocity.
+    """
+    run = trajectory_of(oscillator, state, 1, store=True)
+    if run.impacts < 1:
+        raise NoCrossing(f"there is no next impact: {run.ending.value}")
+    if run.ambiguous >= 0:
+        raise NoDerivative("the outcome of the next impact is a choice of law")
+    free, automaton, began = oscillator._free, oscillator._automaton, 0.0
+    side, hit = run.final.element, not oscillator._strobed
+    y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
+    time = np.zeros(derivative.shape[1])
+    times = np.append(run.switches.time, run.time).tolist()
+    for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
+        guard, ends, last = automaton.guards[number], times[k], k == len(run.switches.guard)
+        mode = automaton.modes[guard.mode]
+        if ends > began:  # else what happened just now brought it about
+            y, flow = _flow(mode, y, ends - began)
+            derivative, began = flow @ derivative, ends
+            reached, rate = guard, mode.rate(y).ravel()
+            if hit and guard.watch.force and ends == times[-1]:  # by the impact that follows
+                reached = automaton.guards[automaton.guard(guard.mode, side)]
+            row = _row(reached.sum, 0)
+            # a period ends when it does
+            later = -(row @ derivative) / float(row @ rate) if hit or not last else -time
+            # Time also moves the phase: it is part of the rate, through sine and cosine.
+            derivative += np.outer(rate, later)
+            time += later
+        if not last:
+            derivative = guard.change[:, :-1] @ derivative
+            y = transformed(guard.change, y[None])[0]
+    others: Any = slice(None)
+    law: list[Array] = []
+    if hit:
+        contact, stop = oscillator._contacts[side], oscillator._stops[side]
+        before = _row(guard.sum, 2) @ derivative
+        kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
+        derivative += reset(stop.restitution, kick.ravel(), before)
+        far = side == 1 and oscillator._faces
+        others = contact.others
+        law.append((stop.restitution if far else -stop.restitution) * before)
+    if guard.mode:
+        derivative = free.seen_from(mode)[:, :-1] @ derivative
+
+    q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
+    position = free.forced.displacements(q, by_sine, by_cosine).T[others]
+    velocity = free.forced.speeds(q, by_sine, by_cosine).T[others]
+    if hit and free.layout.table >= 0:
+        sine, cosine = run.final._turn
+        law.append(cosine * by_sine - sine * by_cosine)
+    elif hit:
+        law.append(oscillator.frequency * time + np.eye(len(time))[-1])
+    return np.vstack([position, velocity, *law])
+
+
+def parameter_derivative(
+    oscillator: DrivenStructure, state: ImpactState, name: str
+) -> Array | None:
+    """Derivative (2N,) of the impact map in section coordinates by a parameter.
+
+    The structure stays as it is, and so do all propagators: the stop is elsewhere, or faster, where
+    the flight begins and ends. None where this is not known in closed form: of parameters that
+    change more than themselves, of the frequency of harmonic forces, and where another mode is
+    entered.
+    """
+    forced = bool(oscillator._excitation.harmonic.any())
+    if (
+        oscillator._strobed
+        or oscillator._several
+        or not changes_alone(oscillator, name)
+        or (forced and name == "frequency")
+    ):
+        return None
+    run = trajectory_of(oscillator, state, 1, store=True)
+    if run.impacts < 1:
+        raise NoCrossing(f"there is no next impact: {run.ending.value}")
+    if len(run.switches.guard):
+        return None
+    contact, free, r = oscillator._contact, oscillator._free, oscillator.restitution
+    side, time = run.final.element, float(run.time[0])
+    gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
+
+    x, v = np.zeros((2, 1, len(contact.row)))
+    place, moving = _stop_by(oscillator, name, state, 0.0)
+    contact.put(x, place)
+    contact.put(v, moving)
+    none = np.zeros(1)
+    column = free.states(free.forced.coordinates(x, v, none, none), none, none)[0]
+    if free.layout.constant >= 0:
+        column[0, free.layout.constant] = 0.0
+    end, flow = _flow(free, free.states(state._coordinates, *state._turn), time)
+    change, rate = flow @ column.ravel(), free.rate(end).ravel()
+    place, speed = _stop_by(oscillator, name, run.final, time)
+    before = float(_row(gap, 2) @ end.ravel())
+    later = -(_row(gap, 0) @ change - sign * place) / before
+    change += later * rate
+    before_by = _row(gap, 2) @ change - sign * speed
+    law_by = before if name == "restitution" else 0.0
+    kick = free.placed(sign * contact.kick[:2])
+    change += reset(r, kick.ravel(), before_by)[:, 0] - law_by * kick.ravel()
+
+    q, by_sine, by_cosine = free.parts(change.reshape(1, 2, -1))
+    others = contact.others
+    position = free.forced.displacements(q, by_sine, by_cosine)[0, others]
+    velocity = free.forced.speeds(q, by_sine, by_cosine)[0, others]
+    speed_by = -r * before_by - law_by
+    phase = oscillator.frequency * later + (time if name == "frequency" else 0.0)
+    return np.array([*position, *velocity, speed_by if side == 0 else -speed_by, phase])
+
+
+def _stop_by(
+    oscillator: DrivenStructure, name: str, state: ImpactState, time: float
+) -> tuple[float, float]:
+    """Derivatives of a stop's place and velocity by a parameter, at a time after the first impact.
+
+    The stop is the one that the state is on; the phase at the first impact does not change.
+    """
+    (sine, cosine), near, w = state._turn, oscillator._stops[0], oscillator.frequency
+    if name == "amplitude":
+        return float(sine), float(w * cosine)
+    if name == "frequency":
+        turned = near.swing(cosine, -sine)
+        return float(time * turned), float(turned - w * time * near.swing(sine, cosine))
+    if name == "offset":
+        return 1.0, 0.0
+    if name == "play" and state.element == 1:
+        return float(near.sign), 0.0
+    return 0.0, 0.0
+
+
+def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
+    """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
+    free, n = oscillator._free, oscillator.degrees_of_freedom
+    x, v = np.zeros((2, 2 * n, n))
+    by_sine, by_cosine = np.zeros((2, 2 * n))
+    if oscillator._strobed:
+        x[:n], v[n:] = np.eye(n), np.eye(n)
+    else:
+        contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
+        sine, cosine = state._turn
+        x[np.arange(n - 1), contact.others] = 1.0
+        v[np.arange(n - 1) + n - 1, contact.others] = 1.0
+        place, moving = np.zeros((2, 2 * n))
+        far = state.element == 1 and oscillator._faces
+        moving[2 * n - 2] = -stop.sign if far else stop.sign
+        # a quarter of a turn on
+        place[2 * n - 1] = stop.swing(cosine, -sine)
+        moving[2 * n - 1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
+        contact.put(x, place)
+        contact.put(v, moving)
+        by_sine[-1], by_cosine[-1] = cosine, -sine
+    q = free.forced.coordinates(x, v, by_sine, by_cosine)
+    out = free.states(q, by_sine, by_cosine)
+    if free.layout.constant >= 0:
+        out[:, 0, free.layout.constant] = 0.0
+    return np.asarray(out.reshape(2 * n, -1).T)
+
+
+def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:
+    """The state after a duration, and its derivative (2 slots, 2 slots) by the state before."""
+    slots, lasts = np.arange(y.shape[1]), np.array([duration])
+    end = mode.flown(y, lasts)[0]
+    return end, mode.transitions(lasts, slots).matrices(slots)[0]
+
+
+def _row(ladder: Any, order: int) -> Array:
+    """The row of f (0) or f' (2) of an exponential sum, (2 slots,)."""
+    row = np.zeros((2, ladder.step.shape[2]))
+    row[:, : ladder.rows.shape[1]] = ladder.rows[order : order + 2]
+    return row.ravel()

@@ -1,0 +1,88 @@
+"""What events make of small disturbances.
+
+An impact changes the rate of the gap, g', by J = -(1 + r) g', and the state by J b, b the kick.
+With the rows c of the gap and c' of its rate, and the generator A of the flow, a disturbance y of
+the state and one s of the time of the impact become, at one time,
+
+    y - (1 + r) b (c' y + g'' s) + (1 + r) g' A b s,
+
+g' and g'' those before the impact. Where the impact is where the gap is zero, s = -c y / g'.
+
+References
+----------
+P. C. Mueller, Calculation of Lyapunov exponents for dynamic systems with discontinuities, Chaos,
+Solitons & Fractals 5 (1995) 1671-1681 (saltation matrices).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.mode import transformed
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+
+def reset(restitution: float, kick: Array, by_rate: Array) -> Array:
+    """What an impact adds to disturbances (d, k) at it, of which the gap's rate is (k,)."""
+    return -(1.0 + restitution) * np.outer(kick, by_rate)
+
+
+def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: float) -> Array:
+    """What a change of the time of an impact, as it is, changes in the state (d,) at one time.
+
+    By the kick and `pushed`, its rate of change.
+    """
+    return (1.0 + restitution) * (rate * pushed - bend * kick)
+
+
+def saltation(restitution: float, rates: Array, bends: Array) -> Array:
+    """Impacts where the gap is zero: they take disturbances times 1 + b (p c + q c') + q A b c.
+
+    The numbers p and q, (n, 2), by g' and g'' before the impacts, (n,). Zero where one only
+    touches, g' = 0: no derivative exists there.
+    """
+    found, hit = np.zeros((len(rates), 2)), rates != 0.0
+    found[hit, 0] = (1.0 + restitution) * bends[hit] / rates[hit]
+    found[hit, 1] = -(1.0 + restitution)
+    return found
+
+
+def release(oscillator: DrivenStructure, element: int) -> Array:
+    """Derivative (2N, 2 stuck modes) of the free state by the stuck one that is released.
+
+    The force vanishes there, and with it the jump of the rate of the state: that another motion is
+    released at another time makes no difference.
+    """
+    contact = oscillator._automaton.held(element)
+    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
+    rows = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, oscillator._free.layout.modes]
+    return np.asarray(rows[..., modes].reshape(oscillator.dimension, 2 * len(modes)))
+
+
+def closing(oscillator: DrivenStructure, element: int, states: Array, speeds: Array) -> Array:
+    """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
+
+    A disturbance that opens the gap by g makes the impact, from which on contact stands for the
+    rest of the chatter, later by -g / u, while the rates of both motions differ.
+    """
+    contact, gap = oscillator._automaton.held(element), oscillator._gaps[element]
+    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
+    free_modes, n = oscillator._free.layout.modes, oscillator.degrees_of_freedom
+    down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
+    rates = oscillator._free.rate(states).reshape(len(states), -1)
+    stuck = contact.mode.rate(transformed(contact.to_stuck, states))
+    change = (rates @ contact.to_stuck[:, :-1].T).reshape(-1, 2, slots) - stuck
+    change = change[..., modes].reshape(len(states), 2 * len(modes))
+    place = np.zeros((2, oscillator._free.layout.slots))
+    place[:, : gap.rows.shape[1]] = gap.rows[:2]
+    bounces: Any = speeds > 0.0
+    by_gap = np.zeros_like(change)
+    by_gap[bounces] = -change[bounces] / speeds[bounces, None]
+    return np.asarray(
+        down.reshape(-1, 2 * n) + by_gap[:, :, None] * place[:, free_modes].reshape(2 * n)
+    )

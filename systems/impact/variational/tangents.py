@@ -1,0 +1,263 @@
+"""How impact motions stretch small disturbances, in coordinates that keep this cheap.
+
+A disturbance is followed in the free state at one time: the pairs of numbers of the modes, each of
+which a flight multiplies by a 2 by 2 matrix of its own; an impact adds a matrix of rank 2. The
+Lyapunov exponents are those of the section coordinates, as the change between the two is bounded
+on average, while the volume changes by exactly r^2 exp(-trace(M^-1 C) t) in each step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dynkit.core.no_motion import NoCrossing
+from dynkit.core.stretching import Stretching
+from dynkit.core.validation import Array, non_negative_integer
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
+from dynkit.systems.impact.simulation.runs import trajectory_of
+from dynkit.systems.impact.simulation.state import ImpactState, on_section, section_of
+from dynkit.systems.impact.simulation.trajectory import Trajectory, in_steps
+from dynkit.systems.impact.variational.saltation import closing, release, saltation
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+_IMPACTS, _NUMBERS = 1024, 4_000_000
+"""Impacts that are worked on at a time, and numbers of their matrices."""
+
+_PRODUCTS_OF_A_CALL = 1 << 24
+"""Products after which a call of the kernel ends, or after one step: some ten milliseconds."""
+
+SPREAD = math.log(1e5)
+"""Flights that make some modes decay by more than this against others are cut into parts: in each
+of them rounding leaves ten digits of the smallest stretching."""
+
+
+class Steps(NamedTuple):
+    """What the kernel takes, see `tangent_kernels.stretch`; impacts end where `last` says."""
+
+    blocks: Array
+    which: Any
+    dense: Array
+    vectors: Array
+    jumps: Array
+    lost: Any
+    first: Any
+
+
+def stretching(oscillator: DrivenStructure, state: Array, n: int, accuracy: float) -> Stretching:
+    """How the next n impacts stretch disturbances: see `Map.stretching`.
+
+    An impact that only touches, u = 0, counts as none: at it no derivative exists.
+    """
+    count = non_negative_integer("n", n)
+    logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
+    start = on_section(oscillator, state)
+    final = _follow(oscillator, start, np.eye(oscillator.dimension), logs, times)
+    errors = np.full(logs.shape, accuracy)
+    return Stretching(logs, errors, times, section_of(oscillator, final))
+
+
+def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
+    """Log growth (n,) of one disturbance over each of the next n impacts.
+
+    It turns into the direction that grows fastest. Minus infinity where the motion ends.
+    """
+    # A fixed direction without symmetry: it is in no subspace that a motion is likely to keep.
+    frame = np.sqrt(np.arange(2.0, 2.0 + oscillator.dimension))[None]
+    logs = np.empty((n, 1))
+    try:
+        _follow(oscillator, start, frame / np.linalg.norm(frame), logs, np.empty(n))
+    except NoCrossing:
+        return np.full(n, -np.inf)
+    return logs[:, 0]
+
+
+def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int]) -> Array:
+    """Derivatives (k, 2N, 2N) of free states at one time, from each of some impacts to the next.
+
+    The impacts (k + 1,) count from zero in the run and rise.
+    """
+    from dynkit.systems.impact.variational.tangent_kernels import carry
+
+    steps, d = steps_of(oscillator, run, impacts[0] + 1), oscillator.dimension
+    first = np.append(steps.first, len(steps.which))
+    found = np.empty((len(impacts) - 1, d, d))
+    for part, (begin, end) in zip(found, pairwise(impacts), strict=True):
+        here = slice(first[begin - impacts[0]], first[end - impacts[0]])
+        frame = np.eye(d)
+        flown = steps.blocks[here], steps.which[here], steps.dense
+        carry(*flown, steps.vectors, steps.jumps[here], frame, np.empty(d))
+        part[:] = frame.T
+    return found
+
+
+def _follow(
+    oscillator: DrivenStructure, start: ImpactState, frame: Array, logs: Array, times: Array
+) -> ImpactState:
+    """The state after as many impacts as logs (n, k) has; frame, logs, times are modified."""
+    d = oscillator.dimension
+    most = max(1, min(_IMPACTS, _NUMBERS // d**2))
+    for begin in range(0, len(logs), most):
+        wanted = min(most, len(logs) - begin)
+        run = trajectory_of(oscillator, start, wanted, store=True)
+        if run.impacts < wanted:
+            raise NoCrossing(f"there is no next impact: {run.ending.value}")
+        steps = steps_of(oscillator, run)
+        found = np.empty((len(steps.which), len(frame)))
+        _stretch(steps, frame, found)
+        logs[begin : begin + wanted] = np.add.reduceat(found, steps.first, axis=0)
+        times[begin : begin + wanted] = np.diff(run.time, prepend=0.0)
+        start = run.final
+    return start
+
+
+def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
+    """Follow the frame in calls of bounded time; it and the logs are modified in place."""
+    from dynkit.systems.impact.variational.tangent_kernels import stretch
+
+    k, d = frame.shape
+    scratch, size = np.empty(d), max(_PRODUCTS_OF_A_CALL // (k * d * (k + d)), 1)
+    for begin in range(0, len(logs), size):
+        now = slice(begin, begin + size)
+        stretch(
+            steps.blocks[now],
+            steps.which[now],
+            steps.dense,
+            steps.vectors,
+            steps.jumps[now],
+            steps.lost[now],
+            frame,
+            scratch,
+            logs[now],
+        )
+
+
+def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> Steps:
+    """The steps of a run: contact, where there is one, flight and impact, cut where they spread.
+
+    Those that lead to the impacts from number `begin` on.
+    """
+    motion = free_motion(oscillator._contact)
+    before = run.before
+    flights, held = run.durations
+    jumps, lost = _jumps(oscillator, run)
+
+    parts, stuck_parts = (
+        np.maximum(np.ceil(part * (motion.spread / SPREAD)), 1.0).astype(np.intp)
+        for part in (flights, held)
+    )
+    contact_steps = np.zeros(run.impacts, dtype=np.intp)
+    contact_steps[before] = stuck_parts - 1
+    # Parts of a contact but the last come first, then those of the flight, then the impact.
+    first = np.concatenate([[0], np.cumsum(contact_steps + parts)])
+    total = int(first[-1])
+    durations = np.repeat(flights / parts, parts + contact_steps)
+    which = np.full(total, -1)
+    jump = np.zeros((total, 2))
+    gone = np.zeros(total, dtype=np.intp)
+    jump[first[1:] - 1], gone[first[1:] - 1] = jumps, lost
+    dense = _contact_matrices(oscillator, run, held / stuck_parts)
+    for k, (i, many) in enumerate(zip(before.tolist(), stuck_parts.tolist(), strict=True)):
+        place = int(first[i])
+        which[place : place + many] = k
+        gone[place : place + many] = 2
+        durations[place : place + many - 1] = 0.0
+
+    now = slice(first[begin], None)
+    flown = _flights(motion, durations[now], which[now], dense)
+    return Steps(*flown, motion.vectors, jump[now], gone[now], first[begin:-1] - first[begin])
+
+
+def _flights(
+    motion: FreeMotion, durations: Array, which: Any, dense: Array
+) -> tuple[Array, Any, Array]:
+    """What the kernels take of flights (n,), after the matrices whose numbers are not negative."""
+    slots = motion.mode.layout.modes
+    flown = motion.mode.transitions(durations)
+    blocks = np.empty((len(durations), 2, 2, len(slots)))
+    if len(flown.linked):
+        blocks[...] = np.eye(2)[..., None]
+        matrices = flown.matrices(slots)
+        after = which >= 0
+        matrices[after] = matrices[after] @ dense[which[after]]
+        dense, which = matrices, np.arange(len(durations))
+    else:
+        blocks[...] = flown.own[..., slots]
+    return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
+
+
+def chatter_carried(oscillator: DrivenStructure, run: Trajectory, disturbances: Array) -> Array:
+    """What becomes of disturbances (2N, k) of the start of a run that has no contact."""
+    from dynkit.systems.impact.variational.tangent_kernels import carry
+
+    if not run.impacts:
+        return disturbances
+    motion, d = free_motion(oscillator._contact), len(disturbances)
+    flights = np.diff(run.time, prepend=0.0)
+    jumps, _ = _jumps(oscillator, run)
+    frame = np.ascontiguousarray(disturbances.T)
+    none = np.full(len(flights), -1)
+    flown = _flights(motion, flights, none, np.empty((0, d, d)))
+    carry(*flown, motion.vectors, jumps, frame, np.empty(d))
+    return np.ascontiguousarray(frame.T)
+
+
+def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
+    """Bend and kick (n, 2) of the impacts, and how many directions they lose, (n,)."""
+    r = oscillator.restitution
+    rates, bends = before_impacts(oscillator, run)
+    rates = np.minimum(rates, 0.0)
+    return saltation(r, rates, bends), np.where((rates < 0.0) & (r == 0.0), 1, 0)
+
+
+def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
+    """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
+    log, parts = run.log, run.segments
+    last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
+    rates, bends = np.empty(run.impacts), np.empty(run.impacts)
+    for number in np.unique(log.guard).tolist():
+        here = np.flatnonzero(log.guard == number)
+        (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
+        stop = oscillator._stops[element]
+        r = stop.restitution
+        if r > 0.0:
+            rates[here] = -log.speed[here] / r
+        rows = np.zeros((2, 2, mode.layout.slots))
+        rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
+        if r > 0.0 and flight == 0:  # else the states after impacts do not tell how fast they were
+            kick = mode.placed(oscillator._contacts[element].kick[:2])
+            turn = stop.sign * float((rows[1] * kick).sum())
+            for own in (here[now] for now in in_steps(len(here))):
+                bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
+            bends[here] += (1.0 + r) * rates[here] * turn
+        else:
+            lasts, which = log.time[here] - parts.begin[last[here]], np.arange(len(here))
+            ends = mode.after(parts.of(mode, last[here]), which, lasts)
+            before, bends[here] = np.einsum("mij,kij->mk", rows, ends)
+            if r == 0.0:
+                rates[here] = before
+    return rates, bends
+
+
+def _contact_matrices(oscillator: DrivenStructure, run: Trajectory, durations: Array) -> Array:
+    """Matrices (k, 2N, 2N) of contacts of these durations (k,): onto the table, and off it."""
+    d = oscillator.dimension
+    out = np.zeros((len(durations), d, d))
+    if not len(durations) or d == 2:
+        return out
+    before, sides = run.before, run.contact_sides
+    speeds, states = run.speeds[before], run.free_states[before]
+    for side in np.unique(sides).tolist():
+        here = np.flatnonzero(sides == side)
+        mode = oscillator._automaton.held(side).mode
+        moved = mode.transitions(durations[here]).matrices(mode.layout.modes)
+        down = closing(oscillator, side, states[here], speeds[here])
+        out[here] = release(oscillator, side) @ moved @ down
+    return out
