@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 
-TWO_PI = 2.0 * math.pi
+_OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,11 +93,12 @@ class ImpactOscillator(ImpactMap):
         """What a sweep can keep of every impact: names of arrays of the record.
 
         With several stops ``element`` is one of them; without any the coordinates, ``state[0]``.
+        Those of elements, ``table.impulse``, are described at `ImpactRecord.observable`.
         """
-        if self._strobed:
-            return super().observables
-        own = "relative_velocity", "phase", "energy", "time"
-        return (*own, "element") if self._several else own
+        from dynkit.systems.impact.observables import names_along
+
+        own = super().observables if self._strobed else _OF_IMPACTS
+        return (*own, *(["element"] if self._several else []), *names_along(self))
 
     # --- simulation -------------------------------------------------------------------------------
 
