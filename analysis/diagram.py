@@ -18,7 +18,7 @@ from dynkit.core.validation import Array, boolean, finite_array, one_of, unmaske
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.plotting.figures import print_style
-from dynkit.plotting.points import dots, draw_diagram
+from dynkit.plotting.points import dots, draw_diagram, in_words
 from dynkit.sweeps import Sweep
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ class BifurcationDiagram(Saved):
         return self.observables[one_of("observable", observable, self.observables)]
 
     def _title(self, name: str) -> str:
-        words = name.replace("_", " ")
+        words = in_words(name)
         return f"{words} ${self.symbols[name]}$" if name in self.symbols else words
 
 

@@ -29,6 +29,11 @@ def displacement(coordinate: int) -> str:
     return f"displacement $x_{{{coordinate + 1}}}$"
 
 
+def in_words(name: str) -> str:
+    """Return how the name of a parameter or an observable is written on an axis."""
+    return name.replace("_", " ").replace(".", " ")
+
+
 @print_style()
 def draw_motion(
     ax: Axes | None,

@@ -202,10 +202,10 @@ class Sweep(Swept):
         -------
         Axes
         """
-        from dynkit.plotting.points import draw_diagram
+        from dynkit.plotting.points import draw_diagram, in_words
 
         name = self.observables[0]
-        titles = [title.replace("_", " ") for title in (self.parameter, name)]
+        titles = [in_words(title) for title in (self.parameter, name)]
         return draw_diagram(ax, self.values, self.observable(name), titles)
 
     def dataset(self) -> Dataset:

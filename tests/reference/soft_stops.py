@@ -67,6 +67,22 @@ class SoftStopReference:
         self.held: list[tuple[int, ...]] = []
         self.switches: list[tuple[Any, int, int]] = []
         self.switches_in_contact = 0
+        self.pushes: list[tuple[Any, ...]] = []
+
+    def pushing(self, z: Any, held: tuple[int, ...]) -> tuple[Any, ...]:
+        """Forces towards their sides of all tables, cushions and friction, now."""
+        _, holding, sticking = self.flow(held)
+        by = dict(zip(held, holding, strict=True))
+        stuck = dict(zip(self.sticking(held), sticking, strict=True))
+        none = 0 * self.free[0, :]
+        rows = [by.get(k, none) for k in range(len(self.tables))]
+        rows += [
+            part.force if regime == 1 else none
+            for part, regime in zip(self.cushions, self.regimes, strict=True)
+        ]
+        for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
+            rows.append(rub.forces[way] if way in (FORWARD, BACKWARD) else stuck.get(k, none))
+        return tuple((row * z)[0] for row in rows)
 
     def flow(self, held: tuple[int, ...]) -> tuple[Any, list[Any], list[Any]]:
         """The generator of the motion, and rows of forces: that hold stops, by which it sticks."""
@@ -264,6 +280,7 @@ class SoftStopReference:
                 z, time = there, time + step
                 if not whole:
                     found.append((due, z.copy()))
+                    self.pushes.append(self.pushing(z, held))
                 continue
             terms = series(flow, z, step)
             hits = sorted((root(row, terms, step), *event) for row, *event in ahead)
@@ -291,6 +308,7 @@ class SoftStopReference:
                 self.which.append(which)
                 self.coupled.append(coupled)
                 self.held.append(held)
+                self.pushes.append(self.pushing(z, held))
             # past the event by nothing that counts: the next step begins on the other side
             z += mp.mpf(10) ** -(DIGITS - 8) * (self.flow(held)[0] * z)
         return found

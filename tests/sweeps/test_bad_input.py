@@ -43,7 +43,7 @@ REFUSED: list[tuple[Callable[..., object], dict[str, Any], str]] = [
     (sweep, {"values": [0.5, 0.0]}, r"frequency must be positive; got 0\.0 in values\[1\]"),
     (sweep, {"parameter": "speed"}, r"parameter must be one of: frequency, .*; got 'speed'"),
     (sweep, {"parameter": "masses"}, r"parameter must be one of: .*; got 'masses'"),
-    (sweep, {"observables": ["speed"]}, "observables must be among .*, time; got 'speed'"),
+    (sweep, {"observables": ["speed"]}, "observables must be among .*, time, .*; got 'speed'"),
     (sweep, {"observables": "energy"}, "observables must be a sequence of names; got 'energy'"),
     (sweep, {"observables": []}, r"observables must be a sequence of names; got \[\]"),
     (sweep, {"start": [1.0, 2.0]}, r"start must be an ImpactState; got \[1\.0, 2\.0\]"),

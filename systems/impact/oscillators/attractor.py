@@ -97,10 +97,7 @@ class ImpactAttractor(Attractor):
 
     def observable(self, name: str) -> Array:
         """Return one of the system's `observables` at the kept impacts, (n,)."""
-        if self._system._strobed:
-            return super().observable(name)
-        values: Array = getattr(self.record, name)
-        return values
+        return self.record.observable(name)
 
     @cached_property
     def states(self) -> Array:

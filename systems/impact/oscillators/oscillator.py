@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 
-TWO_PI = 2.0 * math.pi
+_OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,12 +95,13 @@ class ImpactOscillator(ImpactMap):
         """Names of the record's arrays that a sweep can keep at each impact.
 
         With several hard stops they include ``element``. Without a hard stop they are the
-        coordinates, ``state[0]`` and so on.
+        coordinates, ``state[0]`` and so on. Those of elements, such as ``table.impulse``, are
+        described at `ImpactRecord.observable`.
         """
-        if self._strobed:
-            return super().observables
-        own = "relative_velocity", "phase", "energy", "time"
-        return (*own, "element") if self._several else own
+        from dynkit.systems.impact.records.observables import names_along
+
+        own = super().observables if self._strobed else _OF_IMPACTS
+        return (*own, *(["element"] if self._several else []), *names_along(self))
 
     # --- simulation -------------------------------------------------------------------------------
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import Element, EventKind, Regime
-from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.systems.impact.records.observables import applied, forces_on, gap_of, jumps
 from dynkit.systems.impact.records.second_moments import (
     MOST_NODES,
+    Intervals,
     intervals,
     nodes_needed,
     quadrature,
@@ -82,16 +82,14 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
     names, parts = element_names(system), system._automaton.parts
     sums, nodes, modes = _Sums(names), 0, system._automaton.modes
     for part in intervals(run):
-        regimes = parts.now(run.regimes[modes.index(part.mode)])
+        regimes = run.regimes[modes.index(part.mode)]
         count = nodes_needed(part)
         if count is None:
             raise ValueError(f"record must not need more than {MOST_NODES} nodes of quadrature")
         for _, weights, states in quadrature(part):
-            _flights(
-                system, part.mode, dict(zip(names, regimes, strict=True)), weights, states, sums
-            )
+            _flights(system, part, regimes, weights, states, sums)
         nodes += count
-    events = _impacts(system, run, names, sums)
+    events = _impacts(system, run, sums)
     s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
     first = min(int(np.searchsorted(s.begin, 0.0, side="right")) - 1, last)
@@ -101,9 +99,9 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
         x, v = mode.motion(s.of(mode, [i]))
         energies.append(0.5 * float(v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]))
         # Springs of elements may be pressed as the motion begins, and as it ends.
-        regimes = parts.now(run.regimes[int(s.mode[i])])
-        for name, element, regime in zip(names, system._elements, regimes, strict=True):
-            gap = float(_gap(system, mode, element, s.of(mode, [i]))[0][0])
+        now = parts.now(run.regimes[int(s.mode[i])])
+        for name, element, regime in zip(names, system._elements, now, strict=True):
+            gap = float(gap_of(system, mode, element, s.of(mode, [i]))[0][0])
             sums.dissipated[name] += sign * 0.5 * regime.stiffness * gap**2
     change = energies[1] - energies[0]
     rounding = 2.0**-50 * (sums.size + sum(energies))
@@ -112,84 +110,39 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
     return EnergyBalance(change, sums.work, sums.dissipated, max(missed, rounding), cost)
 
 
-def _gap(
-    system: ImpactMap, mode: Mode, element: Element, states: Array
-) -> tuple[Array, Array, Array]:
-    """Gaps of states, their rates, and the velocity of the element itself, towards its side."""
-    x, v = mode.motion(states)
-    _, sine, cosine = mode.parts(states)
-    row, sign = element.row(x.shape[1]), element.sign
-    own = element.swing_rate(system.frequency, sine, cosine) + element.drift
-    gap = x @ row - element.offset - element.swing(sine, cosine)
-    return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
-
-
 def _flights(
     system: ImpactMap,
-    mode: Mode,
-    regimes: dict[str, Regime],
+    part: Intervals,
+    regimes: tuple[int, ...],
     weights: Array,
     states: Array,
     sums: _Sums,
 ) -> None:
     """Work in one mode, where elements are in these regimes, at nodes with these weights (k,)."""
-    x, v = mode.motion(states)
-    _, sine, cosine = mode.parts(states)
-    excitation, c = system._excitation, system.damping_matrix
-    applied = np.outer(sine, excitation.harmonic.real) + np.outer(cosine, excitation.harmonic.imag)
-    applied = applied + excitation.constant
-    sums.add("forces", weights * (applied * v).sum(axis=1))
-    lost = weights * ((v @ c) * v).sum(axis=1)
+    mode, now = part.mode, system._automaton.parts.now(regimes)
+    _, v = mode.motion(states)
+    sums.add("forces", weights * (applied(system, mode, states) * v).sum(axis=1))
+    lost = weights * ((v @ system.damping_matrix) * v).sum(axis=1)
     sums.add("damping", -lost, lost)
-    left = _accelerations(mode, states) @ system.mass + v @ c + x @ system.stiffness - applied
-    held = []
-    for element, (name, regime) in zip(system._elements, regimes.items(), strict=True):
-        gap, rate, own = _gap(system, mode, element, states)
-        row = element.sign * element.row(x.shape[1])
+    forces = forces_on(system, mode, regimes, states)
+    each = zip(element_names(system), system._elements, now, forces, strict=True)
+    for name, element, regime, force in each:
+        _, rate, own = gap_of(system, mode, element, states)
         if regime.holds or regime.sticks:
-            held.append((name, row, own))
-        elif regime.acts:
-            force = regime.push - regime.stiffness * gap - regime.damping * rate
-            sums.add(name, weights * force * (rate + own), -weights * force * rate)
-            left -= np.outer(force, row)
-    if held:
-        rows = np.array([row for _, row, _ in held])
-        for (name, _, own), force in zip(held, np.linalg.lstsq(rows.T, left.T)[0], strict=True):
             sums.add(name, weights * force * own)
+        elif regime.acts:
+            sums.add(name, weights * force * (rate + own), -weights * force * rate)
 
 
-def _accelerations(mode: Mode, states: Array) -> Array:
-    """Accelerations (k, N) of states."""
-    rates = mode.rate(states)
-    return mode.motion(rates)[1] - mode.motion(0.0 * rates)[1]
-
-
-def _impacts(system: ImpactMap, run: Trajectory, names: list[str], sums: _Sums) -> int:
+def _impacts(system: ImpactMap, run: Trajectory, sums: _Sums) -> int:
     """Work of impacts, and of the bounces that are left out; how many there are."""
-    s = run.segments
-    last = int(np.searchsorted(s.point, run.impacts))
-    before, after = np.zeros((2, last, system.degrees_of_freedom))
-    turn = np.zeros((2, last))
-    durations = np.diff(s.begin)[:last]
-    for mode, here in run.modes(s.mode[:last]):
-        (some,) = np.nonzero(here)
-        ends = mode.after(s.of(mode, some), np.arange(len(some)), durations[some])
-        before[some] = mode.motion(ends)[1]
-    for mode, here in run.modes(s.mode[1 : last + 1]):
-        (some,) = np.nonzero(here)
-        states = s.of(mode, some + 1)
-        after[some], turn[:, some] = mode.motion(states)[1], mode.parts(states)[1:]
-    kinds = s.kind[1 : last + 1]
-    hits = (kinds == EventKind.CONTACT) | ((kinds == EventKind.IMPACT) & (not system._strobed))
-    pairs = np.stack([s.mode[:last], s.element[1 : last + 1]], axis=1)
-    for number, element in np.unique(pairs[hits], axis=0).tolist():
-        here = hits & (pairs == (number, element)).all(axis=1)
-        held = [k for k in system._automaton.parts.grips(run.regimes[number])[0] if k != element]
-        stops = [system._elements[k] for k in (element, *held)]
-        rows = np.array([stop.row(before.shape[1]) for stop in stops])
-        change = after[here] - before[here]
-        impulse = np.linalg.lstsq(rows.T, system.mass @ change.T)[0]
-        own = np.array([stop.swing_rate(system.frequency, *turn[:, here]) for stop in stops])
-        work = 0.5 * ((change @ system.mass) * (after[here] + before[here])).sum(axis=1)
-        sums.add(names[element], work, (impulse * own).sum(axis=0) - work)
-    return int(hits.sum())
+    found, names = jumps(system, run), element_names(system)
+    change, middle = found.after - found.before, found.after + found.before
+    work = 0.5 * ((change @ system.mass) * middle).sum(axis=1)
+    own = [e.sign * e.swing_rate(system.frequency, *found.turn) for e in system._elements]
+    lost = (found.impulse.T * own).sum(axis=0) - work
+    hit = run.segments.element[1 : len(work) + 1]
+    for k in np.unique(hit[found.hits]).tolist():
+        here = found.hits & (hit == k)
+        sums.add(names[k], work[here], lost[here])
+    return int(found.hits.sum())

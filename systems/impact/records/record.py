@@ -340,6 +340,58 @@ class ImpactRecord(Result):
         ValueError
             When a time is not finite, negative, or beyond what was simulated.
         """
+        return sample_run(self.system, self._run, self._within(times))
+
+    def observable(self, name: str, times: object = None) -> Array:
+        """Return one of the system's `observables` at the impacts, (n,), or of an element at times.
+
+        Those of elements have names like those of their parameters: of stops ``"table.gap"``,
+        ``"table.relative_velocity"`` (the rate of the gap) and ``"table.contact_force"``, which
+        pushes; of hard ones ``"table.impulse"``, of each impact; of friction
+        ``"belt.slip_velocity"`` and ``"belt.friction_force"``, the force on the structure along
+        its row. Exact as the motion: `error` says how wrong the states are, and a force is as wrong
+        as these times the stiffness of what it acts on. In the rest of a chatter that was replaced
+        by contact, it is that of contact.
+
+        Parameters
+        ----------
+        name : str
+        times : (k,) array_like, optional
+            As in `sample`: then (k,) numbers of an element, but of no impulse. By default the
+            impacts, just after each, and without a hard stop the begins of periods.
+
+        Raises
+        ------
+        ValueError
+            When there is none of this name, or a time is beyond what was simulated.
+
+        Examples
+        --------
+        A mass of two lies on a floor, its weight three:
+
+        >>> from dynkit.systems import HardStop, MatrixOscillator
+        >>> block = MatrixOscillator(
+        ...     M=[[2.0]], C=[[0.0]], K=[[0.0]], frequency=1.0, constant_forces=[-3.0],
+        ...     elements=[HardStop(0, restitution=0.5, name="floor")],
+        ... )
+        >>> record = block.simulate(impacts=100, start=block.state([0.75], [0.0]))
+        >>> record.observable("floor.contact_force", [0.5, 9.0]).tolist()
+        [0.0, 3.0]
+        >>> record.observable("floor.impulse")[:2].tolist()  # it hits at 1.5, leaves at 0.75
+        [4.5, 2.25]
+        """
+        from dynkit.systems.impact.records.observables import along_at, along_impacts
+
+        if times is not None:
+            return along_at(self.system, self._run, name, self._within(times))
+        if "." in one_of("name", name, self.system.observables):
+            return along_impacts(self.system, self._run, name)
+        if self.system._strobed:
+            return self.states[:, self.system.observables.index(name)]
+        return np.asarray(getattr(self, name))
+
+    def _within(self, times: object) -> Array:
+        """Times (k,) within what was simulated."""
         asked = finite_array("times", times, (None,))
         last = longest_sample(self.system, self._run)
         if self.ending is Ending.COUNT_REACHED:
@@ -348,7 +400,7 @@ class ImpactRecord(Result):
             last = self._run.duration
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
-        return sample_run(self.system, self._run, asked)
+        return asked
 
     def plot(self, ax: Axes | None = None, element: str | None = None) -> Axes:
         """Draw the coordinate of an element against time; stops are dashed, impacts are dots.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.simulation.trajectory import Events, Trajectory
 
 if TYPE_CHECKING:
@@ -17,12 +19,11 @@ if TYPE_CHECKING:
 def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tuple[Array, Array]:
     """Positions and velocities (k, N) at times (k,) within a run."""
     parts = run.segments
+    x, v = np.empty((2, len(times), oscillator.degrees_of_freedom))
+    for mode, here, states in states_at(run, times):
+        x[here], v[here] = mode.motion(states)
     which = np.searchsorted(parts.begin, times, side="right") - 1
     since = times - parts.begin[which]
-    x, v = np.empty((2, len(times), oscillator.degrees_of_freedom))
-    for mode, here in run.modes(parts.mode[which]):
-        some, place = np.unique(which[here], return_inverse=True)
-        x[here], v[here] = mode.motion(mode.after(parts.of(mode, some), place, since[here]))
     bouncing = np.flatnonzero(since < parts.rest[which])
     if len(bouncing):
         k = which[bouncing]
@@ -36,6 +37,16 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
                 x[here[now]] += np.outer(lift[now], kick)
                 v[here[now]] += np.outer(rise[now], kick)
     return x, v
+
+
+def states_at(run: Trajectory, times: Array) -> Iterator[tuple[Mode, Any, Array]]:
+    """The modes at times (k,) within a run, which of these are in each, and their states there."""
+    parts = run.segments
+    which = np.searchsorted(parts.begin, times, side="right") - 1
+    since = times - parts.begin[which]
+    for mode, here in run.modes(parts.mode[which]):
+        some, place = np.unique(which[here], return_inverse=True)
+        yield mode, here, mode.after(parts.of(mode, some), place, since[here])
 
 
 def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:

@@ -1,0 +1,192 @@
+"""What elements do in a motion, by name: their gaps, rates, forces and impulses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dynkit.core.validation import Array, one_of
+from dynkit.systems.impact.elements.element import Element, EventKind, HardStop
+from dynkit.systems.impact.modes.mode import Mode
+from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.systems.impact.simulation.sampling import states_at
+from dynkit.systems.impact.simulation.trajectory import Ending
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.simulation.trajectory import Trajectory
+
+_OF_FRICTION = "slip_velocity", "friction_force"
+_OF_STOPS = "gap", "relative_velocity", "contact_force"
+
+
+class Jumps(NamedTuple):
+    """What happens where segments of a motion end, k of them.
+
+    Attributes
+    ----------
+    before, after : (k, N) velocities
+    turn : (2, k) sine and cosine of the phase
+    hits : (k,) whether an impact, or bounces that are left out, happen there
+    impulse : (k, elements) towards the side of each
+    """
+
+    before: Array
+    after: Array
+    turn: Array
+    hits: Any
+    impulse: Array
+
+
+def names_along(system: ImpactMap) -> tuple[str, ...]:
+    """What can be asked of the elements, under names like those of their parameters."""
+    return tuple(
+        f"{name}.{what}"
+        for name, element in zip(element_names(system), system._elements, strict=True)
+        for what in _of(element)
+    )
+
+
+def _of(element: Element) -> tuple[str, ...]:
+    if any(regime.sticks for regime in element.regimes):
+        return _OF_FRICTION
+    return (*_OF_STOPS, "impulse") if isinstance(element, HardStop) else _OF_STOPS
+
+
+def along_at(system: ImpactMap, run: Trajectory, name: str, times: Array) -> Array:
+    """One of `names_along`, but an impulse, at times (k,) within a run."""
+    known = [known for known in names_along(system) if not known.endswith(".impulse")]
+    return _values(system, run, one_of("name", name, known), times)
+
+
+def along_impacts(system: ImpactMap, run: Trajectory, name: str) -> Array:
+    """One of `names_along` just after the impacts, (n,), or as the periods begin."""
+    number, what = _split(system, name)
+    if what == "impulse":
+        found = jumps(system, run).impulse[:, number]
+        return np.asarray(found[np.searchsorted(run.segments.point, range(1, run.impacts + 1)) - 1])
+    out = _values(system, run, name, run.time)
+    if what == "relative_velocity":
+        hit = (run.element == number) & (not system._strobed)
+        out[hit] = run.log.speed[hit]  # to all digits
+    return out
+
+
+def _split(system: ImpactMap, name: str) -> tuple[int, str]:
+    element, _, what = name.rpartition(".")
+    return element_names(system).index(element), what
+
+
+def _values(system: ImpactMap, run: Trajectory, name: str, times: Array) -> Array:
+    """One of `names_along` at times (k,)."""
+    out, automaton = np.empty(len(times)), system._automaton
+    number, what = _split(system, name)
+    element = system._elements[number]
+    turned = element.sign if what in _OF_FRICTION else 1
+    for now, mode, here, states in _settled(system, run, times):
+        regimes = now.regimes[automaton.modes.index(mode)]
+        if what.endswith("_force"):
+            out[here] = turned * forces_on(system, mode, regimes, states)[number]
+            continue
+        regime = automaton.parts.now(regimes)[number]
+        gap, rate, _ = gap_of(system, mode, element, states)
+        still = regime.holds or regime.sticks
+        out[here] = 0.0 if still else gap if what == "gap" else turned * rate
+    return out
+
+
+def _settled(system: ImpactMap, run: Trajectory, times: Array) -> Iterator[Any]:
+    """Runs, modes, where among the times (k,) they are, and states there.
+
+    A run ends with an impact, or a period. What it makes of the elements at once is decided as the
+    motion goes on.
+    """
+    ends = (times == run.duration) & (run.ending is Ending.COUNT_REACHED)
+    before = np.flatnonzero(~ends)
+    for mode, here, states in states_at(run, times[before]):
+        yield run, mode, before[here], states
+    if ends.any():
+        more = system._run(run.final, 1, store=True)
+        for mode, _, states in states_at(more, np.zeros(1)):
+            yield more, mode, ends, states
+
+
+def gap_of(
+    system: ImpactMap, mode: Mode, element: Element, states: Array
+) -> tuple[Array, Array, Array]:
+    """Of states gaps, their rates, and how fast the element itself moves, towards its side."""
+    x, v = mode.motion(states)
+    _, sine, cosine = mode.parts(states)
+    row, sign = element.row(x.shape[1]), element.sign
+    own = element.swing_rate(system.frequency, sine, cosine) + element.drift
+    gap = x @ row - element.offset - element.swing(sine, cosine)
+    return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
+
+
+def applied(system: ImpactMap, mode: Mode, states: Array) -> Array:
+    """The forces that drive the structure, (k, N)."""
+    _, sine, cosine = mode.parts(states)
+    excitation = system._excitation
+    turning = np.outer(sine, excitation.harmonic.real) + np.outer(cosine, excitation.harmonic.imag)
+    return np.asarray(turning + excitation.constant)
+
+
+def forces_on(system: ImpactMap, mode: Mode, regimes: tuple[int, ...], states: Array) -> Array:
+    """Forces (elements, k) on the structure, towards the side of each element.
+
+    What holds or sticks gives what else is missing from mass times acceleration; of elements along
+    the same, what rests beside a closed stop nothing.
+    """
+    (x, v), elements, automaton = mode.motion(states), system._elements, system._automaton
+    out, rows = np.zeros((len(elements), len(states))), []
+    held = sorted(sum(automaton.parts.grips(regimes), ()))
+    missing = applied(system, mode, states) - v @ system.damping_matrix - x @ system.stiffness
+    for k, (element, regime) in enumerate(zip(elements, automaton.parts.now(regimes), strict=True)):
+        row = element.sign * element.row(x.shape[1])
+        if k in held:
+            rows.append(row)
+        elif regime.acts:
+            gap, rate, _ = gap_of(system, mode, element, states)
+            out[k] = regime.push - regime.stiffness * gap - regime.damping * rate
+            missing += np.outer(out[k], row)
+    if held:
+        pushed = _accelerations(mode, states) @ system.mass - missing
+        out[held] = np.linalg.lstsq(np.array(rows).T, pushed.T)[0]
+    return out
+
+
+def _accelerations(mode: Mode, states: Array) -> Array:
+    """Accelerations (k, N) of states."""
+    rates = mode.rate(states)
+    return np.asarray(mode.motion(rates)[1] - mode.motion(0.0 * rates)[1])
+
+
+def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
+    """What happens at the events from the start to the last impact."""
+    s = run.segments
+    last = int(np.searchsorted(s.point, run.impacts))
+    before, after = np.zeros((2, last, system.degrees_of_freedom))
+    turn, impulse = np.zeros((2, last)), np.zeros((last, len(system._elements)))
+    durations = np.diff(s.begin)[:last]
+    for mode, here in run.modes(s.mode[:last]):
+        (some,) = np.nonzero(here)
+        ends = mode.after(s.of(mode, some), np.arange(len(some)), durations[some])
+        before[some] = mode.motion(ends)[1]
+    for mode, here in run.modes(s.mode[1 : last + 1]):
+        (some,) = np.nonzero(here)
+        states = s.of(mode, some + 1)
+        after[some], turn[:, some] = mode.motion(states)[1], mode.parts(states)[1:]
+    kinds = s.kind[1 : last + 1]
+    hits = (kinds == EventKind.CONTACT) | ((kinds == EventKind.IMPACT) & (not system._strobed))
+    pairs = np.stack([s.mode[:last], s.element[1 : last + 1]], axis=1)
+    for number, element in np.unique(pairs[hits], axis=0).tolist():
+        here = hits & (pairs == (number, element)).all(axis=1)
+        held = [k for k in system._automaton.parts.grips(run.regimes[number])[0] if k != element]
+        stops = [system._elements[k] for k in (element, *held)]
+        rows = np.array([stop.sign * stop.row(before.shape[1]) for stop in stops])
+        change = after[here] - before[here]
+        solved = np.linalg.lstsq(rows.T, system.mass @ change.T)[0].T
+        impulse[np.ix_(here, (element, *held))] = solved
+    return Jumps(before, after, turn, hits, impulse)
