@@ -1,6 +1,6 @@
 """Machines without hard stops: their section is where a period of the forcing begins."""
 
-from math import exp, pi, sqrt
+from math import atan2, exp, pi, sqrt
 
 import numpy as np
 import pytest
@@ -43,6 +43,21 @@ def test_the_free_period_of_a_bilinear_oscillator_is_its_closed_form(stiffness: 
     assert abs(record.states - [0.0, 0.7]).max() < 1e-11
     assert (abs(record.states - [0.0, 0.7]).max(axis=1) <= record.error).all()
     assert len(record.events) in (1999, 2000)  # the last one is as the last period ends
+
+
+@pytest.mark.parametrize(("stiffness", "preload"), [(0.0, 2.0), (3.0, 0.5), (99.0, 20.0)])
+def test_the_free_period_with_a_preload_is_its_closed_form(
+    stiffness: float, preload: float
+) -> None:
+    # while pressed w^2 = 1 + k about the place p/w^2, of which the mass comes at -v and goes at v
+    w, v = sqrt(1.0 + stiffness), 0.7
+    period = pi + 2.0 * atan2(v * w, preload) / w
+    pad = SoftStop(0, stiffness=stiffness, preload=preload)
+    free = ImpactChain(masses=1, damping=0.0, frequency=2 * pi / period, elements=[pad])
+    # the period depends on the energy: errors grow with the square of the time
+    record = free.simulate(impacts=100, start=free.state([0.0], [v]))
+    assert abs(record.states - [0.0, v]).max() < 1e-11
+    assert (abs(record.states - [0.0, v]).max(axis=1) <= record.error).all()
 
 
 def test_a_stop_that_is_never_pressed_leaves_the_linear_response() -> None:

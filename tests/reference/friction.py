@@ -54,11 +54,13 @@ class Cushion(Gap):
     def __init__(self, stop: SoftStop, masses: list[Any], frequency: Any) -> None:
         super().__init__(stop, masses, frequency)
         self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
+        self.force[self.force.cols - 1] += mp.mpf(stop.preload)
         # of each regime what is positive in it, and what follows
+        lifts, left = [(self.force, 2)] * bool(stop.damping), [(-self.gap, 0)]
         self.watched = [
             [(self.gap, 1)],
-            [(self.force, 2 if stop.damping else 0)],
-            [(-self.force, 1), (-self.gap, 0)],
+            lifts if stop.damping and not stop.preload else [*lifts, *left],
+            [(-self.force, 1), *left],
         ]
 
 

@@ -273,7 +273,7 @@ _CLOSED = Regime((Watch(to=0, force=1.0, order=RELEASED),), holds=True)
 @final
 @dataclass(frozen=True)
 class SoftStop(Element):
-    """A stop with a spring and a dashpot: where its gap g < 0 its force is max(0, -k g - c g').
+    """A stop with a spring and a dashpot: where its gap g < 0 its force is max(0, p - k g - c g').
 
     It never pulls: where the dashpot would, what it stops has left it before the gap has closed.
 
@@ -282,7 +282,12 @@ class SoftStop(Element):
     coordinate, offset, amplitude, phase, side, name
         As for every `Element`.
     stiffness, damping : float
-        k and c, not negative, and not both zero.
+        k and c, not negative.
+    preload : float
+        p, not negative: the spring is compressed when it is met, and the force jumps to p there. A
+        mass that is pressed against it by less than p crosses the place g = 0 more and more often,
+        and a motion that does so without end stops with a name (`record.ending`). One of k, c and p
+        is positive; with p alone the force is constant.
 
     Examples
     --------
@@ -300,31 +305,29 @@ class SoftStop(Element):
     _: KW_ONLY
     stiffness: float
     damping: float = 0.0
+    preload: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("stiffness", "damping"):
+        for name in ("stiffness", "damping", "preload"):
             self._set(name, non_negative(name, getattr(self, name)))
-        if self.stiffness == self.damping == 0.0:
-            raise ValueError("stiffness must be positive where damping is 0; got 0.0")
+        if self.stiffness == self.damping == self.preload == 0.0:
+            raise ValueError("stiffness must be positive where damping and preload are 0; got 0.0")
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
-        k, c = self.stiffness, self.damping
+        """Outside, pressing, lifted; with a preload pressing again, entered by the force."""
+        k, c, p = self.stiffness, self.damping, self.preload
+        # The gap is what vanishes where pressing begins, but for a force of the dashpot alone.
+        touched = Watch(to=1, gap=1.0, order=0 if c and not p else 1)
+        left = Watch(to=0, gap=-1.0 if c else -(k or 1.0), order=1)
         if c == 0.0:
-            touched, left = (
-                Watch(to=1, gap=1.0, order=1),
-                Watch(to=0, gap=-k, order=1),
-            )
-            return Regime((touched,)), Regime((left,), stiffness=k)
-        touched, lifted = (
-            Watch(to=1, gap=1.0),
-            Watch(to=2, gap=-k, rate=-c, order=1),
-        )
-        pressed = Watch(to=1, gap=k, rate=c, order=1)
-        left = Watch(to=0, gap=-1.0, order=1)
-        pressing = Regime((lifted,), stiffness=k, damping=c)
-        return Regime((touched,)), pressing, Regime((pressed, left))
+            return Regime((touched,)), Regime((left,), push=p, stiffness=k)
+        lifted = Watch(to=2, gap=-k, rate=-c, level=p, order=1)
+        pressed = Watch(to=3 if p else 1, gap=k, rate=c, level=-p, order=1)
+        guards = [(left, lifted), (lifted, left)] if p else [(lifted,)]
+        pressing = [Regime(own, push=p, stiffness=k, damping=c) for own in guards]
+        return Regime((touched,)), pressing[0], Regime((pressed, left)), *pressing[1:]
 
 
 def _is_index(given: object) -> bool:

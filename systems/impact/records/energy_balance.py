@@ -102,7 +102,8 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
         now = parts.now(run.regimes[int(s.mode[i])])
         for name, element, regime in zip(names, system._elements, now, strict=True):
             gap = float(gap_of(system, mode, element, s.of(mode, [i]))[0][0])
-            sums.dissipated[name] += sign * 0.5 * regime.stiffness * gap**2
+            preload = 0.0 if regime.halts else regime.push
+            sums.dissipated[name] += sign * (0.5 * regime.stiffness * gap**2 - preload * gap)
     change = energies[1] - energies[0]
     rounding = 2.0**-50 * (sums.size + sum(energies))
     missed = abs(change - sum(sums.work.values()))

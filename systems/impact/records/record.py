@@ -396,7 +396,12 @@ class ImpactRecord(Result):
         last = longest_sample(self.system, self._run)
         if self.ending is Ending.COUNT_REACHED:
             last = float(self.time[-1]) if len(self) else 0.0
-        elif self.ending in (Ending.SEARCH_LIMIT, Ending.JAMMED, Ending.COLLAPSED):
+        elif self.ending in (
+            Ending.SEARCH_LIMIT,
+            Ending.JAMMED,
+            Ending.COLLAPSED,
+            Ending.HANGS,
+        ):
             last = self._run.duration
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")

@@ -176,6 +176,18 @@ class Course:
         count, impacts = self._clock[[clock_kernels.SWITCHES, clock_kernels.IMPACTS]].astype(int)
         return bool(count > MOST_SWITCHES and before[count - MOST_SWITCHES] == impacts)
 
+    def _hangs(self) -> bool:
+        """Whether the last switches are at a preloaded stop, and so many in a period, too.
+
+        A force that jumps drives a mass back across the edge from both sides; damping makes its
+        velocity u decay exponentially, while each crossing takes 2 u/a.
+        """
+        count, few = int(self._clock[_kernels()[0].SWITCHES]), MOST_SWITCHES // 64
+        times, guard = self._switches.time[:count], self._switches.guard[count - 1]
+        last = self._oscillator._elements[self._oscillator._automaton.table[guard, 1]]
+        turns = (times[-1] - times[-few]) * self._oscillator.frequency / TWO_PI
+        return bool(getattr(last, "preload", 0.0) > 0.0 and turns * MOST_SWITCHES < few)
+
     def advance(self, count: int, *, store: bool) -> Impacts:
         """Simulate up to `count` further impacts; return their log, empty unless stored."""
         _, kernels, log_kernels = _kernels()
@@ -213,6 +225,8 @@ class Course:
                 if self._hits_nothing():
                     ending = kernels.SEARCH_LIMIT
         self.impacts, self.ending = self.impacts + done, _ENDINGS[ending]
+        if self.ending is Ending.SEARCH_LIMIT and self._hits_nothing() and self._hangs():
+            self.ending = Ending.HANGS
         kept = Impacts(*log)
         return kept if done == rows else kept.part(0, done)
 

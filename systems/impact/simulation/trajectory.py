@@ -32,6 +32,7 @@ class Ending(Enum):
     DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
     JAMMED = "the machine is jammed: a stop is in the way of what others hold"
     COLLAPSED = "stops are hit in turn without end, and in no time"
+    HANGS = "a mass hangs at the edge of a preloaded stop, which it crosses without end"
 
 
 @final
