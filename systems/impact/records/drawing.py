@@ -44,10 +44,11 @@ def draw(
     end: float,
     impacts: Array,
     along: Element | None = None,
+    begin: float = 0.0,
 ) -> Axes:
-    """Draw what an element acts along, the stops there and the impacts, from a phase on."""
-    count = math.ceil(_SAMPLES * end * system.frequency / (2.0 * math.pi)) + 1
-    times = np.union1d(np.linspace(0.0, end, count), impacts)
+    """Draw the coordinate of an element, the stops there and the impacts; `phase` is at time 0."""
+    count = math.ceil(_SAMPLES * (end - begin) * system.frequency / (2.0 * math.pi)) + 1
+    times = np.union1d(np.linspace(begin, end, count), impacts)
     first = system._elements[0] if along is None else along
     row = first.row(system.degrees_of_freedom)
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
@@ -64,10 +65,10 @@ def draw(
 
 
 @print_style()
-def shade(ax: Axes, run: Trajectory, along: Element, end: float) -> None:
-    """Shade while what acts along the same is in contact or pressed, hatch while it sticks."""
+def shade(ax: Axes, run: Trajectory, along: Element, begin: float, end: float) -> None:
+    """Shade contact and pressing of elements on the same coordinate; hatch sticking."""
     regimes = np.array(run.regimes)[run.segments.mode]
-    begins = np.append(run.segments.begin, np.inf).clip(0.0, end)
+    begins = np.append(run.segments.begin, np.inf).clip(begin, end)
     for k, element in enumerate(run.start._system._elements):
         if element.coordinate != along.coordinate:
             continue

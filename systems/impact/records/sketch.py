@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, final
+import math
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
+from dynkit.core.validation import Array
 from dynkit.plotting.figures import ink, new_figure, print_style
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.records.event_counts import element_names
@@ -15,26 +18,53 @@ if TYPE_CHECKING:
 
     from dynkit.systems.impact.impact_map import ImpactMap
 
-_HALF, _APART, _TOP = 0.4, 2.4, 1.1
-"""Of a mass half its side; from one mass to the next; how high the walls above are."""
+_HALF, MASS_DISTANCE, _TOP = 0.4, 2.4, 1.1
+"""Half the side of a mass; distance from one mass to the next; height of the walls above."""
+
+ROOM = MASS_DISTANCE - 2.0 * _HALF
+"""Free distance between two masses."""
 
 _LANES, _LANE = -0.95, 0.75
-"""Where the first row of elements is, and from one row to the next."""
+"""Height of the first row of elements, and distance from one row to the next."""
 
 _SCALE, _WIDEST, _LETTER = 0.32, 7.0, 0.063
-"""In inches: a unit, what is widest, a letter."""
+"""In inches: a unit, the largest width, a letter."""
 
 _MOST, _NONE = 20, 1e-9
 
 
+class Pose(NamedTuple):
+    """A position of a machine, in units of the sketch.
+
+    Attributes
+    ----------
+    shift : (N,)
+        Displacements of the masses.
+    gaps : dict of str to float
+        Gaps of stops, by name; by default they are drawn at a fixed distance.
+    struck : dict of str to float
+        Stops that were just hit, by name, and how recently: from 1 down to 0.
+    stuck : collection of str
+        Names of friction that sticks.
+    margin : float
+        Where the names of elements are written, each in a row of its own.
+    """
+
+    shift: Array
+    gaps: Mapping[str, float]
+    struck: Mapping[str, float]
+    stuck: Collection[str]
+    margin: float
+
+
 @print_style()
-def sketch(ax: Axes | None, system: ImpactMap) -> Axes:
-    """Draw a machine, as `ImpactOscillator.plot` says."""
+def sketch(ax: Axes | None, system: ImpactMap, pose: Pose | None = None) -> Axes:
+    """Draw a machine, as `ImpactOscillator.plot` says; in a pose, if there is one."""
     n = system.degrees_of_freedom
     if n > _MOST:
         raise ValueError(f"degrees_of_freedom must not exceed {_MOST} in a sketch; got {n}")
     figure, (axes,) = (None, (ax,)) if ax is not None else new_figure()
-    pen = _Pen(axes, n)
+    pen = _Pen(axes, n, pose or Pose(np.zeros(n), {}, {}, (), -math.inf))
     for k in range(n):
         pen.mass(k)
     for matrix, kind in ((system.stiffness, "spring"), (system.damping_matrix, "dashpot")):
@@ -48,7 +78,7 @@ def sketch(ax: Axes | None, system: ImpactMap) -> Axes:
     named = zip(element_names(system), system._elements, strict=True)
     # Surfaces last: below them nothing hangs on the same mass.
     for name, element in sorted(named, key=lambda pair: "sticks" in pair[1].doing):
-        pen.element(name.replace("_", " "), element)
+        pen.element(name, element)
     axes.set_aspect("equal")
     axes.margins(0.02, 0.05)
     axes.axis("off")
@@ -65,10 +95,10 @@ def sketch(ax: Axes | None, system: ImpactMap) -> Axes:
 class _Pen:
     """Draws masses side by side; positive displacements are to the right."""
 
-    def __init__(self, ax: Axes, size: int) -> None:
-        self._ax, self._last = ax, size - 1
+    def __init__(self, ax: Axes, size: int, pose: Pose) -> None:
+        self._ax, self._last, self._pose = ax, size - 1, pose
         self._lanes: list[list[tuple[float, float]]] = []
-        self._letter = _LETTER / min(_SCALE, _WIDEST / (_APART * size))
+        self._letter = _LETTER / min(_SCALE, _WIDEST / (MASS_DISTANCE * size))
 
     # --- strokes ----------------------------------------------------------------------------------
 
@@ -115,25 +145,29 @@ class _Pen:
 
     # --- the structure ----------------------------------------------------------------------------
 
+    def _at(self, k: int) -> float:
+        """Position of a mass."""
+        return k * MASS_DISTANCE + float(self._pose.shift[k])
+
     def mass(self, k: int) -> None:
         """A box with its number."""
-        self._box(k * _APART - _HALF, -_HALF, 2.0 * _HALF, 2.0 * _HALF)
+        self._box(self._at(k) - _HALF, -_HALF, 2.0 * _HALF, 2.0 * _HALF)
         if self._last < 12:
-            self._text(k * _APART, 0.0, f"$x_{{{k + 1}}}$")
+            self._text(self._at(k), 0.0, f"$x_{{{k + 1}}}$")
         else:
-            self._text(k * _APART, 0.0, f"{k + 1}", fontsize=5.0)
+            self._text(self._at(k), 0.0, f"{k + 1}", fontsize=5.0)
 
     def to_wall(self, kind: str, k: int) -> None:
         """A spring or dashpot between a mass and a wall: at its free side, or above."""
         off = 0.2 if kind == "spring" else -0.1
-        x = k * _APART
+        home, x = k * MASS_DISTANCE, self._at(k)
         if 0 < k < self._last:
-            self._link(kind, (x + off + 0.05, _HALF), (x + off + 0.05, _TOP))
-            self._wall(x - 0.17, _TOP, 0.55, 0.2)
-            self._line([x - 0.17, x + 0.38], [_TOP, _TOP])
+            self._link(kind, (x + off + 0.05, _HALF), (home + off + 0.05, _TOP))
+            self._wall(home - 0.17, _TOP, 0.55, 0.2)
+            self._line([home - 0.17, home + 0.38], [_TOP, _TOP])
             return
         side = -1.0 if k == 0 else 1.0
-        edge, end = x + side * _HALF, x + side * (_APART - _HALF)
+        edge, end = x + side * _HALF, home + side * (MASS_DISTANCE - _HALF)
         self._link(kind, (edge, off), (end, off))
         self._wall(end if side > 0.0 else end - 0.2, -_HALF, 0.2, 2.0 * _HALF)
         self._line([end, end], [-_HALF, _HALF])
@@ -141,7 +175,7 @@ class _Pen:
     def between(self, kind: str, i: int, j: int) -> None:
         """A spring or dashpot between two masses: straight, or over those in between."""
         off = 0.2 if kind == "spring" else -0.1
-        start, end = i * _APART, j * _APART
+        start, end = self._at(i), self._at(j)
         if j == i + 1:
             self._link(kind, (start + _HALF, off), (end - _HALF, off))
             return
@@ -155,28 +189,36 @@ class _Pen:
     def element(self, name: str, element: Element) -> None:
         """A stop or friction, below the masses that it acts on, with its name."""
         row = element.row(self._last + 1)
-        places = (np.flatnonzero(row) * _APART).tolist()
-        low, high = places[0], places[-1]
+        some = np.flatnonzero(row).tolist()
+        low, high = (k * MASS_DISTANCE for k in (some[0], some[-1]))
         pair, rubs = sorted(row[row != 0.0].tolist()) == [-1.0, 1.0], "sticks" in element.doing
         back, ahead = (0.0, 0.0) if pair else (0.8, 0.8) if rubs else (0.9, 0.0)
         if _by(element) is None and not (pair or rubs):
             back = 0.6
         if element.sign < 0 and not rubs:
             back, ahead = ahead, back
-        end = high + ahead + 0.15
+        end = max(high + ahead + 0.15, self._pose.margin)
         y = self._lane(low - back, end + self._letter * len(name))
-        for x in places:
-            self._line([x, x], [-_HALF, y], linestyle="-" if pair or low == high else ":")
-        if pair and rubs:
-            self._rub(low, high, y)
-        elif pair:
-            stretched = element.sign * row[np.flatnonzero(row)[-1]] < 0.0
-            (self._cage if stretched else self._stop)(low, high, y, _by(element))
-        else:
+        self._text(end, y, name.replace("_", " "), ha="left")
+        look = "-" if pair or low == high else ":"
+        for k in some:
+            self._line([self._at(k)] * 2, [-_HALF, y], linestyle=look)
+        home, (low, high) = low, (self._at(k) for k in (some[0], some[-1]))
+        if not pair:
             self._line([low, high], [y, y])
-            x = low if rubs or element.sign > 0 else high
-            (self._surface if rubs else self._post)(x, y, element)
-        self._text(end, y, name, ha="left")
+        if rubs:
+            fill = {"facecolor": ink(0.5)} if name in self._pose.stuck else {}
+            if pair:
+                self._rub(low, high, y, fill)
+            else:
+                self._surface(low, home, y, element, fill)
+            return
+        gap, hit = self._pose.gaps.get(name), self._pose.struck.get(name, 0.0)
+        if pair:
+            stretched = element.sign * row[some[-1]] < 0.0
+            (self._cage if stretched else self._stop)(low, high, y, gap, hit, _by(element))
+        else:
+            self._post(low if element.sign > 0 else high, y, gap, hit, element)
 
     def _lane(self, begin: float, end: float) -> float:
         """The height of a row where this stretch is free."""
@@ -190,43 +232,49 @@ class _Pen:
         self._ax.update_datalim([(begin, y - 0.4), (end, y)])
         return y
 
-    def _plate(self, x: float, y: float) -> None:
-        self._line([x, x], [y - 0.16, y + 0.16], linewidth=2.0)
+    def _plate(self, x: float, y: float, hit: float = 0.0) -> None:
+        self._line([x, x], [y - 0.16, y + 0.16], linewidth=2.0 + 4.0 * hit)
 
-    def _post(self, x: float, y: float, element: Element) -> None:
+    def _post(self, x: float, y: float, gap: float | None, hit: float, element: Element) -> None:
         """A wall beside what is stopped; that of a soft stop has a spring."""
-        side, by = -element.sign, _by(element)
-        face, wall = x + 0.25 * side, x + (0.7 if by else 0.25) * side
-        self._plate(x, y)
-        self._plate(face, y)
-        if by:
+        side, by, apart = -element.sign, _by(element), 0.25 if gap is None else gap
+        face, wall = x + max(apart, 0.0) * side, x + (apart + (0.45 if by else 0.0)) * side
+        self._plate(x, y, hit)
+        self._plate(face, y, hit)
+        if by and wall != face:
             self._link(by, (wall, y), (face, y))
         self._wall(min(wall, wall + 0.2 * side), y - 0.22, 0.2, 0.44)
         self._line([wall, wall], [y - 0.22, y + 0.22])
         if element.amplitude:
             self._arrow(wall + 0.1 * side, y - 0.33, 0.0)
 
-    def _surface(self, x: float, y: float, element: Element) -> None:
-        """A surface below a slider."""
-        self._box(x - 0.3, y - 0.12, 0.6, 0.2)
-        self._line([x - 0.8, x + 0.8], [y - 0.12] * 2)
-        self._wall(x - 0.8, y - 0.26, 1.6, 0.14)
+    def _surface(self, x: float, home: float, y: float, element: Element, fill: Any) -> None:
+        """A slider, and the surface below it, which stays where it is."""
+        self._box(x - 0.3, y - 0.12, 0.6, 0.2, **fill)
+        self._line([home - 0.8, home + 0.8], [y - 0.12] * 2)
+        self._wall(home - 0.8, y - 0.26, 1.6, 0.14)
         if element.amplitude or element.drift:
-            self._arrow(x, y - 0.36, 0.0 if element.amplitude else element.drift)
+            self._arrow(home, y - 0.36, 0.0 if element.amplitude else element.drift)
 
-    def _stop(self, low: float, high: float, y: float, by: str | None) -> None:
+    def _stop(
+        self, low: float, high: float, y: float, gap: float | None, hit: float, by: str | None
+    ) -> None:
         """Between two masses that come close."""
-        left, right = (0.5 * (low + high) + side * 0.12 for side in (-1.0, 1.0))
+        half = 0.12 if gap is None else 0.5 * max(gap, 0.0)
+        left, right = (0.5 * (low + high) + side * half for side in (-1.0, 1.0))
         self._rod(low, left, y, by)
         self._line([right, high], [y, y])
-        self._plate(left, y)
-        self._plate(right, y)
+        self._plate(left, y, hit)
+        self._plate(right, y, hit)
 
-    def _cage(self, low: float, high: float, y: float, by: str | None) -> None:
+    def _cage(
+        self, low: float, high: float, y: float, gap: float | None, hit: float, by: str | None
+    ) -> None:
         """Between two masses that move apart: a rod with a plate, in a cage."""
         left, right = (0.5 * (low + high) + side * 0.3 for side in (-1.0, 1.0))
-        self._rod(low, right - 0.25, y, by)
-        self._plate(right - 0.25, y)
+        plate = right - (0.25 if gap is None else max(gap, 0.0))
+        self._rod(low, plate, y, by)
+        self._plate(plate, y, hit)
         for side in (-1.0, 1.0):
             x, up = [left, left, right, right], [0.06, 0.24, 0.24, 0.0]
             self._line(x, [y + side * height for height in up], linewidth=1.2)
@@ -238,10 +286,10 @@ class _Pen:
         else:
             self._line([start, end], [y, y])
 
-    def _rub(self, low: float, high: float, y: float) -> None:
+    def _rub(self, low: float, high: float, y: float, fill: Any) -> None:
         """Between two masses: one slides along the other."""
         middle = 0.5 * (low + high)
-        self._box(middle - 0.3, y - 0.12, 0.6, 0.24)
+        self._box(middle - 0.3, y - 0.12, 0.6, 0.24, **fill)
         self._line([low, middle - 0.3], [y, y])
         self._line([middle - 0.6, high, high], [y - 0.12, y - 0.12, y])
         self._wall(middle - 0.6, y - 0.26, 1.2, 0.14)
