@@ -1,4 +1,4 @@
-"""What is measured on attractors and sweeps."""
+"""Measures and figures of attractors, motions and sweeps."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Labels above a diagram: which intervals get one, and where it stands."""
+"""Labels above a diagram: selection and placement."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from dynkit.plotting.figures import ink, size_in_points
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# In points: the type, and the pitch of labels side by side, written upwards and written level.
+# In points: font size, and distance of adjacent labels, written upwards and written level.
 _TYPE, _PITCH, _LEVEL_PITCH = 6.0, 7.0, 10.0
-# In heights of the axes: bar, and foot of the labels.
+# In heights of the axes: the bar, and the lower end of the labels.
 _BAR, _FOOT = (1.01, 1.03), 1.08
-# An interval gets a label when it is at least so wide, in widths of the axes.
+# Least width of an interval with a label, in widths of the axes.
 _NARROWEST = 0.006
 
 
@@ -34,7 +34,7 @@ class LabelInterval:
     low, high : float
         Smallest and largest of the values.
     count : int
-        How many values.
+        Number of values.
     """
 
     label: str
@@ -44,10 +44,10 @@ class LabelInterval:
 
 
 def write_intervals(axes: Axes, intervals: Sequence[LabelInterval]) -> None:
-    """Write a bar of intervals above the axes, and the labels of those wide enough.
+    """Draw a bar of intervals above the axes, and label the widest ones.
 
-    The widest intervals are labelled, as many as there is room for. Labels that would touch are
-    moved apart; a line leads from each to the middle of its interval.
+    As many intervals are labelled as there is room for. Labels that would touch are moved apart; a
+    line leads from each label to the middle of its interval.
     """
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
@@ -72,14 +72,14 @@ def write_intervals(axes: Axes, intervals: Sequence[LabelInterval]) -> None:
 
 
 def mark_values(axes: Axes, marks: Mapping[str, float]) -> None:
-    """Write names above the axes at their values, those outside of the axes left out.
+    """Write names above the axes at their values; values outside the axes are left out.
 
-    Names that would touch are moved apart; a line leads from each to its value.
+    Names that would touch are moved apart; a line leads from each name to its value.
 
     Parameters
     ----------
     axes : Axes
-        Of any diagram whose abscissa is the parameter; their limits are set before.
+        Axes of a diagram over the parameter, with its final limits.
     marks : mapping of str to float
         Names, such as those of natural frequencies, and values of the parameter.
 
@@ -109,7 +109,7 @@ def _write(
     rotation: float,
     begin: float = _BAR[1],
 ) -> None:
-    """Write names above the axes, a pitch (in points) apart or more, with lines to their places."""
+    """Write names above the axes, a pitch (in points) or more apart, with lines to their values."""
     low, high = axes.get_xlim()
     place = axes.get_xaxis_transform()
     standing = spread(at, pitch * (high - low) / size_in_points(axes)[0])
@@ -136,7 +136,7 @@ def _write(
 
 
 def _edges(ordered: Sequence[LabelInterval], low: float, high: float) -> Array:
-    """Edges of the intervals, (k + 1,): half-way between one and the next."""
+    """Return the edges of the intervals, (k + 1,), half-way between successive intervals."""
     inner = [0.5 * (left.high + right.low) for left, right in pairwise(ordered)]
     return np.asarray(np.clip([low, *inner, high], low, high))
 
@@ -157,6 +157,6 @@ def spread(wanted: Array, pitch: float) -> Array:
     """
     from scipy.optimize import isotonic_regression
 
-    # less the pitches, the places only have to ascend
+    # after subtraction of the pitches the places must only ascend
     pitches = pitch * np.arange(len(wanted))
     return np.asarray(isotonic_regression(wanted - pitches).x + pitches)

@@ -1,4 +1,4 @@
-"""Averages over a motion, and how far they may be from those over an endless one."""
+"""Averages over a motion, with errors as estimates of the averages over an infinite motion."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from dynkit.analysis.regimes import regime_change
 from dynkit.core.validation import Array
 
 LEAST = 128
-"""The fewest values a series must have."""
+"""Least number of values of a series."""
 
 _SLOWEST, _WAVES = 6, 12
-"""Waves whose amplitudes are the error: the larger of what so many and so many of them have."""
+"""Numbers of slow waves whose amplitudes give the error: the larger of both estimates."""
 
 _ALL_WAVES, _STEEP = 32, 8.0
-"""Waves, and how much larger the mean square of the slowest may be than that of the others."""
+"""Number of waves, and largest ratio of the mean squares of the slowest and the other waves."""
 
 _BINS = 1024
-"""Bins that the waves are taken of: the fastest of them lasts for 64."""
+"""Bins for the waves: the fastest wave has a period of 64 bins."""
 
 _RAMP = 0.05
-"""Part of a series over which its weight rises, and falls again."""
+"""Fraction of a series over which its weight rises, and over which it falls."""
 
 _BLOCKS, _QUARTERS, _CLEAR, _FLOOR = 32, 4, 0.01, 1e-9
 
@@ -32,20 +32,19 @@ _BLOCKS, _QUARTERS, _CLEAR, _FLOOR = 32, 4, 0.01, 1e-9
 class TimeAverages:
     """Time averages (k,) of a series (n, k), and functions of them, with errors.
 
-    Over the first and the last twentieth the weight rises from zero and falls again: what is large
-    and telescopes, as logarithms of growth along a direction that turns, then does not count where
-    the series begins and ends. The errors are told by the slow waves in the series, see
-    `amplitudes` and `standard_errors`: twice the error is the half-width of a 95 % interval. When
-    the slowest waves are much larger than others, the motion remembers for as long as they last,
-    and is not `resolved`.
+    The weight rises over the first twentieth and falls over the last. So terms that telescope, such
+    as logarithms of growth along a rotating direction, have little effect at both ends. The errors
+    are estimated from the slow waves in the series, see `amplitudes` and `standard_errors`: twice
+    the error is the half-width of a 95 % interval. When the slowest waves are much larger than the
+    others, the correlation time is as long as their periods, and the motion is not `resolved`.
 
-    A periodic or quasi-periodic motion is better averaged with a weight that is smooth all over:
-    the error then falls faster than any power of n. It is told from chaos by such averages over the
-    four quarters: they agree a hundred times better than the means of 32 blocks do. Their largest
-    distance from that of the whole is the error then.
+    A periodic or quasi-periodic motion is averaged with a smooth weight, for which the error falls
+    faster than any power of n. It is distinguished from chaos by such averages over four quarters:
+    they agree a hundred times better than the means of 32 blocks. The error is then the largest
+    difference between a quarter and the whole.
 
-    Where the run changes its regime (`change`) the averages of the whole belong to none, and the
-    errors are larger by the largest distance to those before and after the change.
+    Where the run changes its regime (`change`) the averages of the whole belong to no regime, and
+    the errors are increased by the largest difference to those before and after the change.
 
     References
     ----------
@@ -68,21 +67,21 @@ class TimeAverages:
         scatter = blocks.std(axis=0, ddof=1)
         spread = abs(self._quarters - self._whole).max(axis=0)
         self.regular = bool((spread <= np.maximum(_CLEAR * scatter, floor)).all())
-        """Whether weighted averages converge as those of periodic motions and of tori do."""
+        """Whether weighted averages converge as for periodic and quasi-periodic motions."""
         squares = waves[:, scatter > floor] ** 2
         slow, fast = squares[:_SLOWEST].mean(axis=0), squares[_SLOWEST:].mean(axis=0)
         self.resolved = self.regular or bool((slow <= _STEEP * fast).all())
-        """Whether the motion remembers for less long than its slow waves: then the errors hold."""
+        """Whether correlations are shorter than the slow waves: only then are the errors valid."""
         self.change = None if self.regular else regime_change(series)
-        """Where the run changes its regime: see `dynkit.analysis.regimes.regime_change`."""
+        """The change of regime: see `dynkit.analysis.regimes.regime_change`."""
         at = 0 if self.change is None else self.change.at
         self._regimes = [series[:at].mean(axis=0), series[at:].mean(axis=0)] if at else []
 
     def estimate(self, function: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Return a function (m,) of the averages (k,), and its errors (m,).
 
-        A wave changes the function by half the difference of what it is with the wave's amplitudes
-        added to the averages and taken from them.
+        The change of the function by a wave is half of its difference between the averages plus and
+        minus the amplitudes of the wave.
         """
         if self.regular:
             value = function(self._whole)
@@ -98,22 +97,22 @@ class TimeAverages:
 
 
 def amplitudes(deviations: Array, weights: Array, count: int = _WAVES) -> Array:
-    """Return the amplitudes (w, k) of the slowest waves in what parts of a sum deviate, (b, k).
+    """Return the amplitudes (w, k) of the slowest waves in the deviations (b, k) of parts of a sum.
 
-    Wave j is sqrt(2) cos(pi j s), j = 1, 2, ..., w, with s the weight before the middle of a part;
-    w is `count`, or b - 1 where that is less. The waves are orthogonal to one another and to the
-    constant: when parts that lie far apart know nothing of each other, each amplitude is an
-    independent draw from the distribution that the sum's own error is from, whatever neighbours
-    know of one another. What telescopes hardly changes them, while it enlarges the scatter of
-    single parts.
+    Wave j is sqrt(2) cos(pi j s), j = 1, 2, ..., w, where s is the weight before the middle of a
+    part; w is `count`, or b - 1 where that is less. The waves are orthogonal to one another and to
+    the constant. When distant parts are independent, the amplitudes are independent samples from
+    the distribution of the error of the sum, also if neighbouring parts are correlated. Telescoping
+    terms hardly change them, while they increase the scatter of single parts.
 
     Parameters
     ----------
     deviations : (b, k) array
         Their sum over the parts is zero.
     weights : (b,) array
-        Of the parts, which sum up to one.
+        Weights of the parts; their sum is one.
     count : int
+        Largest number of waves.
     """
     order = np.arange(1, min(count, len(weights) - 1) + 1)[:, None]
     waves = np.sqrt(2.0) * np.cos(np.pi * order * (np.cumsum(weights) - 0.5 * weights))
@@ -123,10 +122,9 @@ def amplitudes(deviations: Array, weights: Array, count: int = _WAVES) -> Array:
 def standard_errors(amplitudes: Array) -> Array:
     """Return the errors (k,) of sums, from the amplitudes (w, k) of their slow waves.
 
-    Half of the half-width of the interval that holds 95 % of the sums (those within two standard
-    deviations of a normal distribution) after Student's t with w degrees of freedom; or with the
-    slower half of the waves, where that is more, as it is when the motion remembers for long.
-    Infinite when there is no wave.
+    An error is half of the half-width of a 95 % interval (two standard deviations of a normal
+    distribution) from Student's t with w degrees of freedom, or from the slower half of the waves
+    where that is larger, as for long correlations. It is infinite without waves.
     """
     from scipy.special import ndtr, stdtrit
 
@@ -140,14 +138,14 @@ def standard_errors(amplitudes: Array) -> Array:
 
 
 def _ramps(count: int) -> Array:
-    """Weights (n,) that sum up to one, the same but for both ends."""
+    """Return weights (n,) with sum one that are equal except near both ends."""
     t = (np.arange(count) + 0.5) / count
     weight = np.sin(0.5 * np.pi * np.minimum(np.minimum(t, 1.0 - t) / _RAMP, 1.0)) ** 2
     return np.asarray(weight / weight.sum())
 
 
 def _slow_waves(deviations: Array, weight: Array) -> Array:
-    """Amplitudes (w, k) of waves in what values deviate, (n, k), by their weights, (n,)."""
+    """Return the amplitudes (w, k) of waves in deviations (n, k) of values with weights (n,)."""
     bins = min(_BINS, len(weight))
     begins = np.arange(bins) * len(weight) // bins
     parts, weights = (np.add.reduceat(a, begins, axis=0) for a in (deviations, weight))
@@ -155,7 +153,7 @@ def _slow_waves(deviations: Array, weight: Array) -> Array:
 
 
 def _weighted(series: Array) -> Array:
-    """Average (k,) with the weight exp(-1 / (t (1 - t))), 0 < t < 1."""
+    """Return the average (k,) with the weight exp(-1 / (t (1 - t))), 0 < t < 1."""
     t = (np.arange(len(series)) + 0.5) / len(series)
     weight = np.exp(-1.0 / (t * (1.0 - t)))
     return np.asarray((weight / weight.sum()) @ series)

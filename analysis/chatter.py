@@ -1,4 +1,4 @@
-"""Chatter: how fast the flights of a sticking event shorten."""
+"""Chatter: ratios of successive flight times before sticking."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 class ChatterRatios(Saved):
     """Ratios of successive flight times in a sticking event, which tend to the restitution.
 
-    The event is the longest run of flights of which each is shorter than the one before.
+    The event is the longest run of successively shorter flights.
 
     Parameters
     ----------
     flight_times : (n,) array_like
-        Times between one impact and the next. Differences of times that count from one start lose
-        a digit whenever a flight shortens tenfold, and tell nothing once it is shorter than the
-        rounding of the time; flights that were measured one by one do not.
+        Times between successive impacts. Differences of absolute times lose a digit each time the
+        flights become ten times shorter, and have no digits when a flight is shorter than the
+        rounding of the time. Flights that are computed one by one keep their digits.
 
     Attributes
     ----------
     cost : Cost
-        Seconds, and flights that were given; simulating them is not in it.
+        Seconds, and number of flights, without the cost of their simulation.
 
     Raises
     ------
@@ -50,7 +50,7 @@ class ChatterRatios(Saved):
 
     Examples
     --------
-    A ball that bounces on a floor, after one that was thrown higher each time:
+    Two flights that lengthen, then the bounces of a ball on a floor:
 
     >>> chatter = ChatterRatios([0.5, 1.0, 2.0, 1.6, 1.28, 1.024])
     >>> chatter.begin, chatter.ratios.round(12).tolist()
@@ -104,11 +104,11 @@ class ChatterRatios(Saved):
 
     @cached_property
     def error(self) -> Array:
-        """Bound of the errors of the ratios, (m - 1,), to first order: the rounding of times.
+        """Bound of the errors of the ratios, (m - 1,), to first order, from the rounding of times.
 
-        It takes the flights to be differences of times that count from the first flight, each wrong
-        by half its last place. Flights that were measured one by one are better, and times whose
-        errors are larger than their last place, as in chaos, are worse by as much.
+        It assumes that the flights are differences of times since the first flight, each with an
+        error of half a unit in its last place. Flights that are computed one by one are more
+        accurate; times with larger errors, as in chaos, are less accurate.
         """
         begin, end = self._run
         clock = np.spacing(np.cumsum(self.flight_times))[begin:end]
@@ -117,7 +117,7 @@ class ChatterRatios(Saved):
 
     @property
     def bounces(self) -> Array:
-        """Bounce numbers, (m - 1,), of the ratios; 1 stands for the event's first two flights."""
+        """Bounce numbers, (m - 1,), of the ratios; 1 belongs to the first two flights."""
         return np.arange(1.0, len(self.flights))
 
     def dataset(self) -> Dataset:
@@ -143,7 +143,7 @@ class ChatterRatios(Saved):
         Raises
         ------
         ValueError
-            When the event has fewer bounces, or none are asked for.
+            When the event has fewer bounces, or the range of bounces is empty.
         """
         low, high = non_negative_integer("first", first), non_negative_integer("last", last)
         if not 1 <= low <= high:
@@ -161,9 +161,9 @@ class ChatterRatios(Saved):
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         label : str, optional
-            For a legend.
+            Text for a legend.
         """
         axes = shown_axes(ax)
         axes.plot(self.bounces, self.ratios, markersize=1.6, label=label, color=ink(), **DOTS)

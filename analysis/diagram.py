@@ -1,4 +1,4 @@
-"""Bifurcation diagrams: an observable of the attractor against a parameter."""
+"""Bifurcation diagrams: an observable of attractors against a parameter."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class BifurcationDiagram(Saved):
-    r"""What orbits show, against the parameter that was swept.
+    r"""Observables of attractors against the swept parameter.
 
     Parameters
     ----------
     parameter : str
         Name of the parameter.
     values : (k,) array_like
-        Its values, in the order of the sweep.
+        Values of the parameter, in the order of the sweep.
     observables : mapping of str to (k, n) array_like
-        For each observable the numbers found at each value; NaN where there are fewer than n.
+        For each observable its numbers at each value; NaN where there are fewer than n.
     labels : sequence of str or OrbitLabel, optional
-        One for each value, kept as texts (of an OrbitLabel its `name`); none when empty.
+        One for each value, stored as text (the `name` of an OrbitLabel); or empty.
     symbols : mapping of str to str, optional
-        How the parameter and the observables are written beside their names on the axes, in
-        matplotlib's mathematical notation without the dollar signs.
+        Symbols of the parameter and the observables, written beside their names on the axes, in
+        matplotlib's mathematical notation without dollar signs.
 
     Raises
     ------
@@ -104,7 +104,7 @@ class BifurcationDiagram(Saved):
         ----------
         sweep : Sweep
         labelled : bool
-            Whether to take the labels, which may first have to be decided.
+            Whether to include the labels, which may have to be computed first.
         symbols : mapping of str to str, optional
             As for the class.
         """
@@ -140,17 +140,16 @@ class BifurcationDiagram(Saved):
 
     @cached_property
     def error(self) -> Array:
-        """How wrong the states behind the dots may be at each value, (k,): `Sweep.error`.
+        """Estimated error of the states at each value, (k,): `Sweep.error`.
 
-        It is simulated when it is asked for, and when the diagram is saved. Of numbers that were
-        given as they are it is zero: nothing is added to them. A change of label lies between two
-        values, no nearer.
+        It is computed by simulation when it is read, and when the diagram is saved. It is zero for
+        given numbers. A change of label is located only to within two successive values.
         """
         return np.zeros(len(self.values)) if self._sweep is None else self._sweep.error
 
     @cached_property
     def cost(self) -> Cost:
-        """What the sweep cost; nothing where numbers were given as they are."""
+        """Cost of the sweep; zero for given numbers."""
         return Cost(0.0) if self._sweep is None else self._sweep.cost
 
     def dataset(self) -> Dataset:
@@ -177,7 +176,7 @@ class BifurcationDiagram(Saved):
         return tuple(found)
 
     def points(self, observable: str) -> tuple[Array, Array]:
-        """Return what is drawn: parameter and observable, (p,) each, without what is NaN.
+        """Return the drawn points: parameter and observable, (p,) each, without NaN.
 
         Raises
         ------
@@ -192,15 +191,15 @@ class BifurcationDiagram(Saved):
     ) -> Axes:
         """Draw an observable against the parameter, with the labels above where there is room.
 
-        A bar above the axes changes between light and dark with every change of label. The dots
-        are one picture, also in files that are otherwise made of lines: such files stay small.
+        A bar above the axes changes between light and dark with every change of label. The dots are
+        rasterized, so that vector files remain small.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         observable : str, optional
-            Which one; by default the first.
+            Name of the observable; by default the first.
         size : float
             Diameter of a dot, in points.
 

@@ -1,4 +1,4 @@
-"""Kaplan and Yorke's dimension, which follows from Lyapunov exponents."""
+"""Kaplan and Yorke's dimension from Lyapunov exponents."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dynkit.core.validation import Array
 
 
 def kaplan_yorke(exponents: Array) -> float:
-    """Return Kaplan and Yorke's dimension for exponents (d,) in falling order.
+    """Return Kaplan and Yorke's dimension for exponents (d,) in descending order.
 
-    j + (lambda_1 + ... + lambda_j) / |lambda_{j+1}|, for the largest j with a sum that is not
-    negative; d where no sum is negative, and NaN where an exponent that is NaN decides.
+    It is j + (lambda_1 + ... + lambda_j) / |lambda_{j+1}| for the largest j whose sum is not
+    negative; d where no sum is negative, and NaN where it depends on an exponent that is NaN.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Lyapunov exponents: how fast nearby motions part or meet, in every direction."""
+"""Lyapunov exponents: growth rates of disturbances in all directions."""
 
 from __future__ import annotations
 
@@ -28,53 +28,51 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SETTLING = 4
-"""One more iterate in so many is made at first, in which the frame turns into its directions."""
+"""A run has iterations / _SETTLING further iterates at first, in which the frame aligns itself."""
 
 _POINTS = 400
-"""Points of a curve of convergence."""
+"""Number of points of a drawn curve of convergence."""
 
 
 @final
 class LyapunovSpectrum(Saved):
     """All Lyapunov exponents of a motion, from exact derivatives, with errors.
 
-    A frame of all directions is carried along the motion and made orthonormal after every iterate
-    (QR); the exponents are the averages of the logarithms of its stretching. A quarter as many
-    iterates again come before those that count. All is worked out when it is first asked for.
+    A frame of all directions is propagated along the motion and made orthonormal after every
+    iterate (QR); the exponents are the averages of the logarithms of its stretching. The first
+    iterates, a quarter of `iterations`, are left out. Results are computed when first read.
 
-    An error is one standard error, which covers about 68 %, and no bound: twice it is the
-    half-width of a 95 % interval (Student's t), from the slow waves in the logarithms, and the
-    average error of a single logarithm besides; for periodic and quasi-periodic motions, which are
-    recognised by the much faster convergence of weighted averages, it is the largest distance
-    between these over parts of the motion. They hold when the motion is `resolved`, and for the
-    attractor that it is on. Where the run changes its regime, as transient chaos that ends, the
-    errors cover the exponents before and after, and `change` and the repr say where. A transient
-    longer than the run looks like sustained chaos: `settled_label` of the attractor examines more.
+    The errors are standard errors, which cover about 68 %, and not bounds. Twice an error is the
+    half-width of a 95 % interval (Student's t) from the slow waves in the logarithms, plus the
+    average error of a single logarithm. Periodic and quasi-periodic motions are recognised by the
+    much faster convergence of weighted averages; their error is the largest distance between these
+    averages over parts of the motion. The errors are valid when the motion is `resolved`, for its
+    attractor. Where the run changes its regime, for example when transient chaos ends, the errors
+    cover the exponents before and after; see `change`. A transient longer than the run looks like
+    sustained chaos: `settled_label` of the attractor examines more states.
 
-    An exponent is minus infinity, with the error zero, where a direction is lost for good: its
-    length was zero once, and no later stretching makes it longer. A sticking contact of an impact
-    oscillator loses two, as the table takes the place and the velocity of the stuck mass. One
-    contact does, however rare: two motions then meet in two directions when they next come to rest
-    on the table, and do not part in these again. A run in which no contact fell has finite last
-    exponents. The other exponents, and the dimension, are the same average either way.
+    An exponent is minus infinity, with the error zero, where the length of a direction has become
+    exactly zero. A sticking contact of an impact oscillator removes two directions, because the
+    position and the velocity of the sticking mass are those of the table. A single contact in the
+    run suffices, however rare contacts are; a run without a contact has finite last exponents. The
+    other exponents, and the dimension, are the same averages in both cases.
 
-    An exponent is NaN, not resolved, where errors hide it: a direction that shrinks to less than a
-    thousand errors of the derivatives. The derivatives of a Poincare map are followed in parts, and
-    a direction is hidden only where that happens within one part; see `Map.jacobian_factors`.
+    An exponent is NaN (not resolved) where a direction shrinks to less than a thousand errors of
+    the derivatives. For a Poincare map this happens only within one part of a return; see
+    `Map.jacobian_factors`.
 
     Parameters
     ----------
     attractor : Attractor or ImpactRecord
-        Of a map, a Poincare map, an impact oscillator; the motion goes on from its last state. A
-        Poincare map has one exponent less than its flow: not the one that is zero.
+        Attractor of a map, a Poincare map or an impact oscillator; the motion continues from its
+        last state. A Poincare map lacks the zero exponent of its flow.
     iterations : int
-        Iterates that count; at least 128.
+        Number of iterates in the averages; at least 128.
 
     Raises
     ------
     ValueError
-        Naming the argument, the limit and the value; when the results are asked for, also when the
-        motion ends.
+        When an argument is refused; when results are read, also when the motion ends.
 
     References
     ----------
@@ -106,7 +104,7 @@ class LyapunovSpectrum(Saved):
     def of_map(cls, system: SmoothMap, start: object, *, iterations: int = 10_000) -> Self:
         """Return the exponents of the motion of a map from a start, (d,).
 
-        What the motion takes to settle should be short beside a quarter of the iterations.
+        The transient of the motion should be shorter than a quarter of the iterations.
 
         Raises
         ------
@@ -132,16 +130,16 @@ class LyapunovSpectrum(Saved):
     ) -> Self:
         """Return the exponents per unit of time of the motion of a flow from a start, (d,).
 
-        An autonomous flow has one exponent that is zero unless the motion ends in a fixed point.
+        An autonomous flow has a zero exponent unless the motion ends in a fixed point.
 
         Parameters
         ----------
         flow : Flow
         start : (d,) array
         interval : float
-            Time of an iterate. See `Flow.stretching`.
+            Duration of an iterate. See `Flow.stretching`.
         iterations : int
-            Intervals that count; at least 128.
+            Number of intervals in the averages; at least 128.
 
         Raises
         ------
@@ -167,7 +165,7 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _run(self) -> tuple[Array, Array, Array | None, Cost]:
-        """Logs (n, d), their errors (n, d) and times (n,) that count."""
+        """Logarithms (n, d), their errors (n, d), and times (n,) of the iterates; and the cost."""
         began = time.perf_counter()
         total = self._iterations + self._iterations // _SETTLING
         with going_on_for(total):
@@ -181,7 +179,7 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _averages(self) -> tuple[TimeAverages, NDArray[np.intp]]:
-        """Averages of the finite logs, and of the times, the last one; and the falling order."""
+        """Averages of the finite logarithms, and last of the times; and the descending order."""
         logs, _, times, _ = self._run
         last = np.ones(len(logs)) if times is None else times
         averages = TimeAverages(np.column_stack([logs[:, np.isfinite(logs).all(axis=0)], last]))
@@ -189,12 +187,12 @@ class LyapunovSpectrum(Saved):
         return averages, np.argsort(-values, kind="stable")
 
     def _estimate(self, function: Callable[[Array, Array], Array]) -> tuple[Array, Array]:
-        """A function of the finite exponents in falling order and of the time, and its errors."""
+        """Return a function of the finite exponents, descending, and the time, and its errors."""
         averages, order = self._averages
         return averages.estimate(lambda mean: function(mean[order], mean[-1:]))
 
     def _completed(self, finite: Array, others: tuple[float, float]) -> Array:
-        """All exponents, or errors, (d,): first the finite, last what rounding hides."""
+        """Return all exponents, or errors, (d,): finite ones, then lost and hidden directions."""
         logs = self._run[0]
         hidden = int(np.isnan(logs).any(axis=0).sum())
         lost = logs.shape[1] - len(finite) - hidden
@@ -211,7 +209,7 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _accuracy(self) -> Array:
-        """Average errors of the logarithms of the finite exponents, in falling order."""
+        """Average errors of the logarithms of the finite exponents, in descending order."""
         logs, errors, _, _ = self._run
         _, order = self._averages
         return np.asarray(errors[:, np.isfinite(logs).all(axis=0)].mean(axis=0)[order])
@@ -222,12 +220,12 @@ class LyapunovSpectrum(Saved):
 
     @property
     def exponents(self) -> Array:
-        """Exponents (d,) per iterate, or of a flow per unit of time; the largest first."""
+        """Exponents (d,) per iterate, or per unit of time for a flow; the largest first."""
         return self._exponents[0]
 
     @property
     def error(self) -> Array:
-        """One standard error (d,) of each exponent: it covers about 68 %, and is no bound."""
+        """One standard error (d,) of each exponent: it covers about 68 %, and is not a bound."""
         return self._exponents[1]
 
     @cached_property
@@ -254,12 +252,12 @@ class LyapunovSpectrum(Saved):
 
     @property
     def per_time_error(self) -> Array:
-        """One standard error (d,) of each exponent per unit of time; no bound."""
+        """One standard error (d,) of each exponent per unit of time; not a bound."""
         return self._per_time[1]
 
     @cached_property
     def _sum(self) -> tuple[float, float]:
-        if np.isneginf(self.exponents).any():  # whatever rounding hides beside it
+        if np.isneginf(self.exponents).any():  # also if another exponent is NaN
             return -np.inf, 0.0
         if np.isnan(self.exponents).any():
             return np.nan, np.nan
@@ -270,20 +268,20 @@ class LyapunovSpectrum(Saved):
     def sum(self) -> float:
         """The sum of all exponents: the average growth of the logarithm of a volume.
 
-        Minus infinity when an exponent is: the volume became zero.
+        It is minus infinity when an exponent is, because the volume becomes zero.
         """
         return self._sum[0]
 
     @property
     def sum_error(self) -> float:
-        """One standard error of the sum, far below its terms' where volumes shrink evenly."""
+        """One standard error of the sum; small where volumes shrink at a constant rate."""
         return self._sum[1]
 
     @cached_property
     def _dimension(self) -> tuple[float, float]:
         values, errors = self._exponents
         count = int(np.isfinite(values).sum())
-        # What is zero within its error is taken for zero: tori, and cycles of flows, hinge on it.
+        # exponents that are zero within their errors count as zero, as for tori and limit cycles
         zero = (abs(values) <= 2.0 * errors)[:count]
 
         def dimension(exponents: Array, _: Array) -> Array:
@@ -295,7 +293,7 @@ class LyapunovSpectrum(Saved):
 
     @property
     def dimension(self) -> float:
-        """Kaplan and Yorke's dimension, of the attractor in the section for a map of a section.
+        """Kaplan and Yorke's dimension; for a Poincare map, of the attractor in the section.
 
         Exponents that are zero within twice their error count as zero.
         """
@@ -303,30 +301,29 @@ class LyapunovSpectrum(Saved):
 
     @property
     def dimension_error(self) -> float:
-        """One standard error of the `dimension`; no bound."""
+        """One standard error of the `dimension`; not a bound."""
         return self._dimension[1]
 
     @property
     def resolved(self) -> bool:
         """Whether the run is long enough for its errors.
 
-        False when the slowest waves of the logarithms are much larger than others: the motion
-        remembers for longer than a tenth of the run or so, or has not settled. The errors are too
-        small then.
+        It is False when the slowest waves of the logarithms are much larger than the others: the
+        correlation time exceeds about a tenth of the run, or the motion has not settled. The errors
+        are then too small.
         """
         return self._averages[0].resolved
 
     @property
     def change(self) -> RegimeChange | None:
-        """Where the iterates that count change their regime; None where nothing shows a change.
+        """The change of regime within the averaged iterates; None where none is detected.
 
-        Both the logarithms and the return times are looked at: see
-        `dynkit.analysis.regimes.regime_change`.
+        Logarithms and return times are tested: see `dynkit.analysis.regimes.regime_change`.
         """
         return self._averages[0].change
 
     def dataset(self) -> Dataset:
-        """Return the exponents as a dataset over ``exponent``, which counts from 1."""
+        """Return the exponents as a dataset over ``exponent``, numbered from 1."""
         each = "exponent"
         found = {"value": (each, self.exponents), "error": (each, self.error)}
         if self._run[2] is not None:
@@ -348,7 +345,7 @@ class LyapunovSpectrum(Saved):
 
     @property
     def cost(self) -> Cost:
-        """Seconds, and iterates that were followed."""
+        """Seconds, and number of iterates."""
         return self._run[3]
 
     def __repr__(self) -> str:
@@ -367,12 +364,12 @@ class LyapunovSpectrum(Saved):
 
     @print_style()
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw how the averages converge with the number of iterates, and the largest one's error.
+        """Draw the averages against the number of iterates, and the error of the largest exponent.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         """
         axes = shown_axes(ax)
         logs = self._run[0]

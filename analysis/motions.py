@@ -1,4 +1,4 @@
-"""What measures are taken of: attractors, what is known about their motions, and given samples."""
+"""Sources of measures: attractors with their motions, and given samples."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from dynkit.core.validation import Array, ascending, finite_array, read_only
 from dynkit.dynamics.attractor import Attractor
 from dynkit.plotting.points import displacement
 
-# Of the default time series: table periods, and samples in each.
+# Default time series: periods of the forcing, and samples per period.
 _PERIODS, _SAMPLES = 12, 100
 
 
 @runtime_checkable
 class OffersAttractor(Protocol):
-    """A motion that is no `Attractor` and gives itself as one, such as a record of impacts."""
+    """A motion that can be converted to an `Attractor`, such as a record of impacts."""
 
     def as_attractor(self) -> Attractor:
-        """Return the motion as an attractor that skips nothing."""
+        """Return the motion as an attractor without a transient."""
         ...
 
 
 def source_of(given: object) -> object:
-    """Return what a measure is taken of: the attractor of what offers one, else what was given."""
+    """Return the source as an attractor where it can be converted, otherwise unchanged."""
     return given.as_attractor() if isinstance(given, OffersAttractor) else given
 
 
 def attractor_of(given: object) -> Attractor:
-    """Return the attractor that was given, or offered.
+    """Return the source as an attractor.
 
     Raises
     ------
     ValueError
-        When it is none, or has no state.
+        When the source is not an attractor, or has no state.
     """
     attractor = source_of(given)
     if not isinstance(attractor, Attractor):
@@ -51,12 +51,12 @@ def attractor_of(given: object) -> Attractor:
 
 @contextmanager
 def going_on_for(iterates: int) -> Iterator[None]:
-    """Say of a motion that ends that it must go on for so many iterates.
+    """Convert the end of a motion inside the context into a ValueError.
 
     Raises
     ------
     ValueError
-        When it ends.
+        When the motion ends; the message names the required number of iterates.
     """
     try:
         yield
@@ -70,7 +70,7 @@ def going_on_for(iterates: int) -> Iterator[None]:
 @final
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What measures that sample a motion know of it.
+    """The motion of an attractor, for measures that sample it.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Motion:
 
     @classmethod
     def of(cls, given: object) -> Self | None:
-        """Return the motion of the attractor that was given, or offered; None of numbers."""
+        """Return the motion of a source; None for an array."""
         found = source_of(given)
         return cls(found) if isinstance(found, Attractor) else None
 
@@ -98,7 +98,7 @@ class Motion:
 
     @property
     def contact(self) -> int:
-        """Number of the contact coordinate, 0 where there is none."""
+        """Index of the contact coordinate; 0 where there is none."""
         return int(self.system.contact % self.system.degrees_of_freedom) if self.has_table else 0
 
     @property
@@ -108,24 +108,24 @@ class Motion:
         Raises
         ------
         ValueError
-            When the system has none.
+            When the system has no such frequency.
         """
         if not hasattr(self.system, "frequency"):
             raise ValueError(f"source must be driven at one frequency; got {self.system!r}")
         return float(self.system.frequency)
 
     def coordinate(self, asked: object, dimension: int) -> int:
-        """Return which of the numbers of the time series is meant; by default the contact's.
+        """Return the index of a coordinate of the time series; by default the contact coordinate.
 
         Raises
         ------
         ValueError
-            When there is no such number.
+            When there is no such coordinate.
         """
         return self.contact if asked is None else checked_index("coordinate", asked, dimension)
 
     def name_of(self, coordinate: int) -> str:
-        """Return how a coordinate of the time series is written on an axis."""
+        """Return the axis title of a coordinate of the time series."""
         if not self.has_table:
             return f"coordinate {coordinate}"
         behind = coordinate - self.system.degrees_of_freedom
@@ -134,7 +134,8 @@ class Motion:
     def sampled(self, times: object) -> tuple[Array, Array]:
         """Return times, (k,), read-only, and the time series at them, (k, d).
 
-        By default they are times that show what the motion looks like.
+        By default there are 100 times in each of 12 periods of the forcing, or those of the kept
+        states without forcing.
         """
         at = read_only(self._default_times() if times is None else ascending("times", times))
         return at, self.attractor.time_series(at)
@@ -146,12 +147,12 @@ class Motion:
         return np.asarray(np.arange(_PERIODS * _SAMPLES) * (end / (_PERIODS * _SAMPLES)))
 
     def record_until(self, latest: float) -> Any:
-        """Return the record of impacts up to a time at least, None where there are no impacts."""
+        """Return the record of impacts at least up to a time; None where there are no impacts."""
         known: Any = self.attractor
         return known.record_until(latest) if hasattr(known, "record_until") else None
 
     def error_until(self, times: Array) -> float:
-        """Return the error of the motion up to the last of some times, (k,)."""
+        """Return the error of the motion up to the latest of times (k,)."""
         longer = self.record_until(float(times.max(initial=0.0)))
         if longer is getattr(self.attractor, "record", None):
             return self.attractor.error
@@ -159,7 +160,7 @@ class Motion:
 
 
 def checked_index(name: str, value: object, length: int) -> int:
-    """Return an index from 0 on; ValueError where the value is none of an array so long."""
+    """Return an index from 0 on; ValueError where it is not an index of an array of this length."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         index = int(value)
         if -length <= index < length:
@@ -168,12 +169,12 @@ def checked_index(name: str, value: object, length: int) -> int:
 
 
 def given_samples(times: object, source: object, shape: tuple[None, ...]) -> tuple[Array, Array]:
-    """Return times, (k,), and what was given at them, (k, ...), as new arrays, read-only.
+    """Return given times, (k,), and samples, (k, ...), as new arrays, read-only.
 
     Raises
     ------
     ValueError
-        When times are missing, do not ascend or are of another number.
+        When times are missing, do not ascend or differ in number from the samples.
     """
     values = finite_array("source", source, shape).copy()
     if times is None:

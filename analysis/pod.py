@@ -1,4 +1,4 @@
-"""Proper orthogonal decomposition: the directions that hold most of a motion's power."""
+"""Proper orthogonal decomposition: the modes with most of a motion's power."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from dynkit.data.result import Saved
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Of the power, which the modes that are shown hold.
+# Share of the power for the rank in the repr.
 _SHARE = 0.99
 
 
@@ -36,21 +36,21 @@ _SHARE = 0.99
 class POD(Saved):
     """Proper orthogonal decomposition of R, the time average of x x^T.
 
-    Its eigenvectors are the proper orthogonal modes, its eigenvalues their mean squares: the power
-    of each.
+    The eigenvectors of R are the proper orthogonal modes, its eigenvalues the powers (mean squares)
+    of the modes.
 
     Parameters
     ----------
     source : ImpactAttractor, ImpactRecord, Attractor or (k, N) array_like
-        An impact attractor or record gives the exact average from its start to its last impact:
-        over flights, chatter and contact in closed form, without sampling. It is that of a periodic
-        orbit P(n,m) when a multiple of n impacts was kept. Other attractors give the average of
-        their states. An array holds samples, one in each row.
+        For an impact attractor or record the average is exact, from the start to the last impact:
+        flights, chatter and contact in closed form, without sampling. It is that of a periodic
+        orbit P(n,m) when a multiple of n impacts was kept. For other attractors the average is that
+        of the states. An array contains samples, one in each row.
     times : (k,) array_like, optional
-        Times of the samples, ascending; then the average is taken by the trapezoidal rule.
-        Without it every sample counts the same.
+        Times of the samples, ascending, for an average by the trapezoidal rule. By default all
+        samples have the same weight.
     about : {"origin", "mean"}
-        Moments about the origin, as in the paper, or about the mean.
+        Whether the moments are about the origin, as in the paper, or about the mean.
 
     Raises
     ------
@@ -108,7 +108,7 @@ class POD(Saved):
 
     @cached_property
     def _products(self) -> Array:
-        """Integrals (b, N, N) over each batch of what `about` says."""
+        """Integrals (b, N, N) of x x^T over each batch, about the origin or the mean."""
         averages, mean = self._averages, self.mean
         if self.about == "origin":
             return averages.products
@@ -128,7 +128,7 @@ class POD(Saved):
         Raises
         ------
         ValueError
-            When all of it is zero, or no larger than rounding.
+            When R is zero, or no larger than rounding.
         """
         matrix = self._products.sum(axis=0) / self._averages.durations.sum()
         found = float(np.trace(matrix))
@@ -145,9 +145,9 @@ class POD(Saved):
     def error(self) -> float:
         """Bound, to leading order, of the error of any power as an average over this motion.
 
-        It comes from rounding, from the rests of chatters, and with times from the trapezoidal
-        rule, where it is estimated by leaving every second sample out. What another stretch of the
-        same motion would have given is told by `standard_errors`.
+        It includes rounding, the remainders of chatters, and, with times, the error of the
+        trapezoidal rule, estimated by omission of every second sample. For the difference to
+        another part of the same motion see `standard_errors`.
         """
         averages, entry = self._averages, self._averages.error
         if self.about == "mean":
@@ -196,7 +196,7 @@ class POD(Saved):
     def modes(self) -> Array:
         """Proper orthogonal modes, (N, N), one per column, of length one, last entry not negative.
 
-        Modes whose powers are nearer to one another than their errors are not told apart.
+        Modes whose powers differ by less than their errors are not determined separately.
         """
         return self._eigen[1]
 
@@ -207,7 +207,7 @@ class POD(Saved):
         return np.asarray(total / total[-1])
 
     def rank(self, share: float) -> int:
-        """Return how many modes hold at least this share of the power.
+        """Return the number of modes that hold at least this share of the power.
 
         Parameters
         ----------
@@ -226,12 +226,12 @@ class POD(Saved):
 
     @property
     def batches(self) -> int:
-        """Number of batches that the standard errors stand on."""
+        """Number of batches for the standard errors."""
         return len(self._averages.durations)
 
     @cached_property
     def change(self) -> RegimeChange | None:
-        """Where the kept states change their regime; None where nothing shows it, and for samples.
+        """The change of regime of the kept states; None where none is detected, and for samples.
 
         The standard errors cover the powers before and after. A transient longer than the run looks
         like sustained chaos: see `dynkit.analysis.regimes.regime_change`.
@@ -240,22 +240,23 @@ class POD(Saved):
 
     @cached_property
     def _deviations(self) -> Array:
-        """Share (b, N) of each batch in the deviations of the powers from their means."""
+        """Contribution (b, N) of each batch to the deviations of the powers from their means."""
         squares = np.einsum("ij,bik,kj->bj", self.modes, self._products, self.modes, optimize=True)
         total = self._averages.durations.sum()
         return np.asarray((squares - self._averages.durations[:, None] * self.power) / total)
 
     @cached_property
     def standard_errors(self) -> Array:
-        """One standard error of each power, (N,), as an average over an endless motion.
+        """One standard error of each power, (N,), as an average over an infinite motion.
 
-        It covers about 68 %, and is no bound, as `error` is. Twice it is the half-width of a 95 %
-        interval (Student's t), from the amplitudes of the slow waves in the batches: see
+        It covers about 68 %, and is not a bound, in contrast to `error`. Twice it is the half-width
+        of a 95 % interval (Student's t) from the amplitudes of the slow waves in the batches: see
         `dynkit.analysis.averages`. The motion is divided into at most 32 batches of successive
         impacts or samples; with fewer than two the errors are infinite. They are too small where
-        the motion remembers for longer than a sixth of its length, or has not yet reached its
-        attractor, and too large for a periodic one, where they tell where periods are cut. Where
-        the motion changes its regime (`change`) they cover the powers before and after.
+        the correlation time exceeds a sixth of the motion, or the motion has not reached its
+        attractor. They are too large for a periodic motion, where they depend on the ends of the
+        batches within the period. Where the motion changes its regime (`change`) they cover the
+        powers before and after.
         """
         return self._errors(self._deviations)
 
@@ -272,7 +273,7 @@ class POD(Saved):
         errors = standard_errors(amplitudes(deviations, shares))
         if self.change is None:
             return errors
-        # the batch that holds the change belongs to neither side
+        # the batch with the change belongs to neither side
         cut = np.array_split(np.arange(self.change.states), len(shares))
         last = next(b for b, part in enumerate(cut) if self.change.at <= part[-1])
         sides = [slice(None, last), slice(last + 1, None)]
@@ -294,12 +295,12 @@ class POD(Saved):
         Parameters
         ----------
         modes : (N, m) array_like, optional
-            One in each column; by default the normal modes of the attractor's system.
+            Modes, one in each column; by default the normal modes of the attractor's system.
 
         Raises
         ------
         ValueError
-            When they are not given and not known, not of this shape, or one is zero.
+            When there are no modes, they have another shape, or one is zero.
 
         References
         ----------
@@ -329,11 +330,11 @@ class POD(Saved):
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         share : float
-            Which share to mark.
+            The share to mark.
         label : str, optional
-            For a legend.
+            Text for a legend.
 
         Returns
         -------
@@ -344,14 +345,14 @@ class POD(Saved):
     def plot_modes(
         self, ax: Sequence[Axes] | None = None, *, count: int = 4, modes: object = None
     ) -> list[Axes]:
-        """Draw the first proper orthogonal modes, each beside the mode that is most like it.
+        """Draw the first proper orthogonal modes, each with the most similar normal mode.
 
         Parameters
         ----------
         ax : sequence of Axes, optional
-            One for each mode; by default a new figure of column width.
+            Axes for each mode; by default those of a new figure.
         count : int
-            How many modes.
+            Number of modes.
         modes : (N, m) array_like, optional
             As for `modal_assurance`.
 

@@ -1,4 +1,4 @@
-"""Time averages of a motion and of its products, in batches: exact ones, or those of samples."""
+"""Time averages of a motion and of its products, in batches: exact, or from samples."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from dynkit.core.validation import Array, ascending, finite_array
 from dynkit.dynamics.attractor import Attractor
 
 BATCHES = 32
-"""Into how many batches motions are divided, when they are long enough."""
+"""Number of batches of a motion that is long enough."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Averages:
-    """Integrals over time in b batches; sums over samples, of which each lasts one without times.
+    """Integrals over time in b batches; without times, sums over samples of duration one.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ class Averages:
 
 @runtime_checkable
 class KnowsAverages(Protocol):
-    """What knows the exact time averages of its motion."""
+    """A motion with exact time averages."""
 
     def second_moments(self, batches: int) -> Any:
-        """Return them in at most so many batches, with the attributes of `Averages`."""
+        """Return averages in at most this number of batches, with the attributes of `Averages`."""
         ...
 
 
 def change_of(source: object) -> RegimeChange | None:
-    """Return where the states of a motion change their regime; None for samples of anything."""
+    """Return the change of regime of the states of a motion; None for samples."""
     if not isinstance(source, KnowsAverages | Attractor):
         return None
     states: Array = getattr(source, "states")  # noqa: B009  # attractors and records have them
@@ -62,7 +62,7 @@ def change_of(source: object) -> RegimeChange | None:
 
 
 def averages_of(source: object, times: object = None) -> Callable[[], Any]:
-    """Check an attractor, a record or samples (k, N); return what works out their averages."""
+    """Check an attractor, a record or samples (k, N); return a function for their averages."""
     if isinstance(source, KnowsAverages):
         if times is not None:
             raise ValueError("times must not be given with a motion whose averages are exact")
@@ -79,7 +79,7 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
 
 
 def _sums(samples: Array, weights: Array, coarse: Array | None) -> Averages:
-    """Averages of samples (k, N) with weights (k,), and with those of every second one."""
+    """Return averages of samples (k, N) with weights (k,); `coarse` are those of every second."""
     began = time.perf_counter()
     count = min(BATCHES, len(samples))
     batches = np.array_split(np.arange(len(samples)), count)
@@ -90,7 +90,7 @@ def _sums(samples: Array, weights: Array, coarse: Array | None) -> Averages:
     error = rounding * float((samples * samples).max())
     mean_error = rounding * float(abs(samples).max())
     if coarse is not None:
-        # The rule is of second order: the difference to twice the step is three times its error.
+        # the rule is of second order: the difference to twice the step is three times its error
         with_half = (samples * coarse[:, None]).T @ samples / coarse.sum()
         error += float(abs(with_half - products.sum(axis=0) / total).max()) / 3.0
         half = coarse @ samples / coarse.sum()
@@ -101,7 +101,7 @@ def _sums(samples: Array, weights: Array, coarse: Array | None) -> Averages:
 
 
 def _trapezoidal(times: Array) -> tuple[Array, Array]:
-    """Weights (k,) of the trapezoidal rule, and of the same with every second sample."""
+    """Return weights (k,) of the trapezoidal rule, and of the rule with every second sample."""
     used = np.unique(np.append(np.arange(0, len(times), 2), len(times) - 1))
     coarse = np.zeros(len(times))
     coarse[used] = _halves(times[used])

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from dynkit.analysis.regimes import RegimeChange
 
-# By these curves are told from one another in black and white.
+# Styles that distinguish curves in black and white.
 _STYLES, _MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D")
 
 
@@ -28,7 +28,7 @@ def draw_cumulative(
     share: float,
     label: str | None,
 ) -> Axes:
-    """Draw as `POD.plot` says."""
+    """Draw the cumulative power; see `POD.plot`."""
     from matplotlib.ticker import MaxNLocator
 
     axes = shown_axes(ax)
@@ -73,7 +73,7 @@ def _mark_share(axes: Axes, share: float) -> None:
 def draw_modes(
     modes: Array, assurance: Array, ax: Sequence[Axes] | None, count: int, others: Array
 ) -> list[Axes]:
-    """Draw as `POD.plot_modes` says; assurance (N, m) is of the modes and the others."""
+    """Draw modes; see `POD.plot_modes`. `assurance` (N, m) is the modal assurance matrix."""
     from matplotlib.ticker import MaxNLocator
 
     axes = _panels(count) if ax is None else list(ax)

@@ -1,4 +1,4 @@
-"""Changes of regime within a run: transient chaos that ends, a motion that moves elsewhere."""
+"""Changes of regime within a run, such as the end of transient chaos."""
 
 from __future__ import annotations
 
@@ -11,48 +11,48 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 
 _PARTS = 64
-"""Parts of a run whose means are compared: the memory of a motion should be shorter than one."""
+"""Number of parts of a run whose means are compared; correlations should be shorter than a part."""
 
 _LEVEL = 1e-3
-"""Chance of a false alarm when parts are independent. It is larger for a motion that remembers for
-longer than a part, up to five times as measured: the claimed chance is 0.5 %."""
+"""Probability of a false alarm for independent parts. It is larger for correlations longer than a
+part, by up to a factor of five as measured: the stated probability is 0.5 %."""
 
 _CRITICAL = {1e-5: 262.8, 1e-4: 184.9, 1e-3: 120.9, 1e-2: 68.6}
-"""What the statistic exceeds with some chances when nothing changes: in 4,000,000 draws of 64
+"""Critical values of the statistic without a change, by probability: from 4,000,000 draws of 64
 independent normal numbers. Shao and Zhang's table 1 has 68.6 for 1e-2."""
 
 _SHORTEST = 200
-"""Values for which a regime lasts at least. A laminar phase of intermittent chaos looks like a
-regime, but ends and returns: with 10 masses at frequency 1.346 it lasts for up to 150 impacts."""
+"""Least number of values in a regime. A laminar phase of intermittent chaos looks like a regime,
+but ends and returns: with 10 masses at frequency 1.346 it lasts for up to 150 impacts."""
 
 _MOST = 50
-"""Columns that are tested together at most: a chance of 2e-5 for each is 0.1 % for 50."""
+"""Most columns that are tested together: a probability of 2e-5 for each is 0.1 % for 50."""
 
 _ROUNDING = 1e-12
-"""Smallest sum of squares, relative to its parts, that rounding does not hide."""
+"""Smallest sum of squares above rounding, relative to its terms."""
 
 _TOLERANCE, _NEAR = 1e-6, 1e-2
-"""Recurrence that counts as periodic, and that counts as on its way to it, relative to the column's
-size: those of `label_orbit`."""
+"""Largest recurrence of a periodic column, and of one that settles, relative to the column's size,
+as for `label_orbit`."""
 
 _REPETITIONS, _LEAST = 3, 100
-"""Periods, and values, for which a column repeats itself before its motion counts as periodic: no
-chaos stays within the tolerance of itself for so long."""
+"""Least number of periods, and of values, in which a column recurs before it counts as periodic:
+chaos does not stay within the tolerance for so long."""
 
 
 @final
 @dataclass(frozen=True)
 class RegimeChange:
-    """Where a run changes its regime.
+    """A change of regime within a run.
 
     Parameters
     ----------
     at : int
-        The state of the run, about, with which the last regime begins.
+        Approximate index of the state with which the last regime begins.
     states : int
-        How many states the run has.
+        Number of states of the run.
     periodic : bool
-        Whether the motion repeats itself from there on, and not before.
+        Whether the motion is periodic from this state on, and not before.
     """
 
     at: int
@@ -65,26 +65,26 @@ class RegimeChange:
 
 
 def regime_change(series: Array) -> RegimeChange | None:
-    """Return where a run changes its regime; None where it does not, or nothing shows it.
+    """Return the change of regime of a run; None where no change is detected.
 
-    A run becomes periodic where one of its columns repeats itself to 1e-6 at the end, for three
-    periods and a hundred values at least; from where it repeats itself to 1e-2. Otherwise the means
-    of each column over 64 parts are tested for a change, in runs of 400 values and more, with at
+    A run becomes periodic where a column recurs to 1e-6 at its end, for at least three periods and
+    a hundred values; the change is where the column begins to recur to 1e-2. Otherwise, in runs of
+    400 values and more, the means of each column over 64 parts are tested for a change with at
     least 200 values on each side. The test normalises the difference of the means before and after
-    a part by partial sums on both sides; what neighbouring parts have in common besides the change
-    counts as memory of the motion.
+    a part by partial sums on both sides; the remaining correlation of neighbouring parts is
+    accounted for.
 
-    The chance of a false alarm is at most 0.5 % for all columns together; of more than 50 columns
-    50 sums with fixed pseudo-random signs are tested. It is 0.1 % where parts are independent. The
-    largest measured one is 0.47 % +- 0.05 %, of 500 iterates of the intermittent logistic map at
-    3.8282. A run that is chaotic throughout shows nothing of the kind: a transient longer than the
-    run looks like sustained chaos.
+    The probability of a false alarm is at most 0.5 % for all columns together; instead of more than
+    50 columns, 50 sums with fixed pseudo-random signs are tested. It is 0.1 % for independent
+    parts. The largest measured one is 0.47 % +- 0.05 %, for 500 iterates of the intermittent
+    logistic map at 3.8282. A transient longer than the run looks like sustained chaos: no change is
+    detected.
 
     Parameters
     ----------
     series : (n, k) array
-        Observables of the run, logarithms of stretching among them, in the order of time; what is
-        not finite is left out.
+        Observables of the run, such as logarithms of stretching, in the order of time; columns with
+        values that are not finite are left out.
 
     References
     ----------
@@ -130,7 +130,7 @@ def regime_change(series: Array) -> RegimeChange | None:
 
 
 def _periodic_from(column: Array) -> int | None:
-    """From which value on a column (n,) repeats itself to its end; None where it does not."""
+    """Return the index from which a column (n,) is periodic to its end; None if it is not."""
     near = _TOLERANCE * float(abs(column).max())
     longest = len(column) // _REPETITIONS
     for period in (np.flatnonzero(abs(column[-2::-1][:longest] - column[-1]) <= near) + 1).tolist():
@@ -146,10 +146,10 @@ def _periodic_from(column: Array) -> int | None:
 
 
 def _statistic(means: Array, allowed: NDArray[np.bool_]) -> tuple[Array, NDArray[np.intp]]:
-    """Shao and Zhang's G of columns (b, k), and the part (k,) with which the new regime begins.
+    """Return Shao and Zhang's G of columns (b, k), and the part (k,) where the new regime begins.
 
-    A new regime begins with one of the parts that are allowed, (b,), never with the first. Where
-    neighbouring parts have a correlation r > 0 besides the change, the parts count as (1 - r) /
+    A new regime begins with one of the allowed parts, (b,), and not with the first. If neighbouring
+    parts have a correlation r > 0 in addition to the change, they are equivalent to (1 - r) /
     (1 + r) times as many independent ones (M. S. Bartlett, J. Royal Statistical Society 98 (1935)
     536-543), and G is multiplied by this ratio.
     """
@@ -171,7 +171,7 @@ def _statistic(means: Array, allowed: NDArray[np.bool_]) -> tuple[Array, NDArray
 
 
 def _bridges(sums: Array) -> Array:
-    """Sums of squares of the first k sums (b, k) less the line from zero to the last of them."""
+    """Return, for each number of partial sums, their sum of squares about a line from zero."""
     t = np.arange(1.0, len(sums) + 1.0)[:, None]
     slopes = sums / t
     crossed = slopes * np.cumsum(t * sums, axis=0)

@@ -28,19 +28,18 @@ class StroboscopicSection(Saved):
     Parameters
     ----------
     source : Attractor, ImpactRecord or (p, d) array_like
-        An attractor is sampled exactly; an array holds the states of the section.
+        An attractor is sampled exactly; an array contains the states of the section.
     phase : float
         Phase of the table, modulo 2 pi.
     periods : int, optional
-        How many states of an attractor to take; by default as many as there are up to its last
-        kept impact.
+        Number of states of an attractor; by default those up to its last kept impact.
 
     Attributes
     ----------
     phase : float
         In [0, 2 pi).
     times : (p,) array
-        Of the states; counted from the last skipped state. Empty for an array.
+        Times of the states since the last skipped state; empty for an array.
     states : (p, d) array
     cost : Cost
         Seconds and states.
@@ -86,7 +85,7 @@ class StroboscopicSection(Saved):
     _default: tuple[int, int]
 
     def dataset(self) -> Dataset:
-        """Return the states as a dataset; of an array there are no times."""
+        """Return the states as a dataset; there are no times for an array."""
         times = {"time": ("state", self.times)} if len(self.times) else {}
         return Dataset(
             times,
@@ -104,7 +103,7 @@ class StroboscopicSection(Saved):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the states; zero of an array."""
+        """Estimate of the largest error of the states; zero for an array."""
         return 0.0 if self._motion is None else self._motion.error_until(self.times)
 
     def plot(self, ax: Axes | None = None, *, coordinates: tuple[int, int] | None = None) -> Axes:
@@ -113,10 +112,10 @@ class StroboscopicSection(Saved):
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         coordinates : (int, int), optional
-            The one to the right, and the one upwards, as for `TimeSeries`; by default position and
-            velocity of the contact coordinate, of an array the first two.
+            Horizontal and vertical coordinate, as for `TimeSeries`; by default position and
+            velocity of the contact coordinate, for an array the first two.
 
         Returns
         -------
@@ -138,7 +137,7 @@ class ImpactSection(Saved):
     Parameters
     ----------
     source : Attractor, ImpactRecord or (n, d) array_like
-        An attractor of impacts gives the states that it kept. The last two columns of an array are
+        For an attractor of impacts the states are those kept. The last two columns of an array are
         relative velocity and phase.
 
     Attributes
@@ -146,7 +145,7 @@ class ImpactSection(Saved):
     states : (n, d) array
         Section coordinates: relative velocity and phase come last.
     cost : Cost
-        Seconds and states; those of the attractor itself are not counted again.
+        Seconds and number of states, without the cost of the attractor.
 
     Raises
     ------
@@ -218,20 +217,20 @@ class ImpactSection(Saved):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the states; zero of an array."""
+        """Estimate of the largest error of the states; zero for an array."""
         return 0.0 if self._motion is None else self._motion.attractor.error
 
     @print_style()
     def plot_velocity(self, ax: Axes | None = None) -> Axes:
         """Draw the velocity of the contact coordinate after impacts against the phase.
 
-        The table's velocity is dashed: points are above it by the relative velocity, or below it
-        where the motion is on the other side of a play.
+        The dashed curve is the velocity of the table. Points lie above it by the relative velocity,
+        or below it at the other stop of a play.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
 
         Returns
         -------
@@ -240,7 +239,7 @@ class ImpactSection(Saved):
         Raises
         ------
         ValueError
-            When the source is an array: it does not say how the table moves.
+            When the source is an array, for which the motion of the table is not known.
         """
         if self._table is None:
             raise ValueError("source must be an attractor to draw velocities; got an array")
@@ -262,9 +261,9 @@ class ImpactSection(Saved):
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         coordinates : (int, int), optional
-            Columns of the states for the right and upwards; by default the last and the one before.
+            Columns of the states, horizontal and vertical; by default phase and relative velocity.
 
         Returns
         -------
@@ -289,7 +288,7 @@ def _given(source: object) -> Array:
 
 
 def _strobe_times(motion: Motion, phase: float, periods: int | None) -> Array:
-    """Times (p,) at which the forcing has the phase."""
+    """Return the times (p,) at which the forcing has the phase."""
     w, record = motion.forcing_frequency, motion.record_until(0.0)
     if record is None:
         raise ValueError(f"source must be a motion in time; got {motion.system!r}")

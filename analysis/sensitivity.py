@@ -1,4 +1,4 @@
-"""Sensitive dependence on initial conditions, seen directly."""
+"""Sensitive dependence on initial conditions, from two motions."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 
 @final
 class Sensitivity(Saved):
-    """How two motions part that start a little apart on an attractor.
+    """The distance of two motions that start close to each other on an attractor.
 
     All coordinates of the attractor's last state are changed by the same distance, and both states
-    are iterated. It is what Cusumano and Bai did, 1e-8 apart for some 100 impacts.
+    are iterated, as Cusumano and Bai did with 1e-8 for about 100 impacts.
 
     Parameters
     ----------
     attractor : Attractor or ImpactRecord
     distance : float
-        By which every coordinate differs at first; positive.
+        Initial difference of every coordinate; positive.
     iterations : int
+        Number of iterates.
 
     Raises
     ------
     ValueError
-        Naming the argument, the limit and the value; when the results are asked for, also when a
-        motion ends.
+        When an argument is refused; when results are read, also when a motion ends.
 
     References
     ----------
@@ -91,18 +91,18 @@ class Sensitivity(Saved):
 
     @property
     def error(self) -> float:
-        """What single iterates may add to a distance; it grows as the distance itself does."""
+        """Error that a single iterate adds to a distance; it grows as the distance does."""
         return self._run[1]
 
     def dataset(self) -> Dataset:
-        """Return the distances as a dataset over ``iterate``, which counts from 0."""
+        """Return the distances as a dataset over ``iterate``, numbered from 0."""
         return Dataset(
             {"iterate": ("iterate", np.arange(len(self.distances)))},
             {"distance": ("iterate", self.distances)},
             described(
                 f"Distances of two motions of {self._name}",
                 cost=self.cost,
-                error="what single iterates may add to a distance",
+                error="error that a single iterate adds to a distance",
                 iterate_error=self.error,
             ),
         )
@@ -126,7 +126,7 @@ class Sensitivity(Saved):
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         """
         axes = shown_axes(ax)
         axes.plot(self.distances, color=ink())

@@ -1,4 +1,4 @@
-"""Time series of one coordinate, and what is known about motions that are sampled."""
+"""Time series of one coordinate."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class TimeSeries(Saved):
     Parameters
     ----------
     source : Attractor, ImpactRecord or (k,) array_like
-        An attractor is sampled exactly, also beyond the states that it kept; an array holds the
-        values.
+        An attractor is sampled exactly, also beyond its kept states; an array contains the values.
     times : (k,) array_like, optional
-        Ascending. For an attractor they count from the last state that was skipped, and are by
-        default 100 in each of the first 12 periods of the forcing, or those of the kept states
-        where nothing is forced. An array needs them.
+        Ascending times; required for an array. For an attractor they count from the last skipped
+        state; by default there are 100 in each of the first 12 periods of the forcing, or those of
+        the kept states without forcing.
     coordinate : int, optional
-        Which number of an attractor's time series: of impact oscillators the positions come first,
-        then the velocities. By default the contact coordinate, or the first where there is none.
+        Index of a coordinate in an attractor's time series; for impact oscillators the positions
+        come first, then the velocities. By default the contact coordinate, or the first where there
+        is none.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class TimeSeries(Saved):
 
     @cached_property
     def table(self) -> Array | None:
-        """Place of the table, (k,); None where there is none."""
+        """Position of the table, (k,); None where there is none."""
         if self._motion is None or not self._motion.has_table:
             return None
         system, record = self._motion.system, self._motion.record_until(0.0)
@@ -101,7 +101,7 @@ class TimeSeries(Saved):
 
     @cached_property
     def impacts(self) -> Array:
-        """Times of the impacts within the times, (p,)."""
+        """Times of the impacts between the first and the last time, (p,)."""
         latest = float(self.times.max(initial=0.0))
         record = None if self._motion is None else self._motion.record_until(latest)
         if record is None or not len(self.times):
@@ -111,21 +111,18 @@ class TimeSeries(Saved):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the values, that of the attractor's states.
-
-        Of an array it is zero: nothing was added to what the values have.
-        """
+        """Estimate of the largest error of the values, from the attractor; zero for an array."""
         return 0.0 if self._motion is None else self._motion.error_until(self.times)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the values against time, the stops dashed, the impacts as dots.
+        """Draw the values against time, with stops as dashed lines and impacts as dots.
 
-        The stops and the impacts are drawn with the contact coordinate only.
+        Stops and impacts are drawn for the contact coordinate only.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
 
         Returns
         -------
@@ -139,7 +136,7 @@ class TimeSeries(Saved):
 
     @cached_property
     def _contacts(self) -> tuple[tuple[Array, ...], Array] | None:
-        """Places of the stops, (k,) each, and of the impacts; None of another coordinate."""
+        """Positions of the stops, (k,) each, and of the impacts; None for another coordinate."""
         motion, table = self._motion, self.table
         if motion is None or table is None or self.coordinate != motion.contact:
             return None

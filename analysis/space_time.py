@@ -1,4 +1,4 @@
-"""Space-time surfaces: how a structure moves, mass by mass."""
+"""Space-time surfaces: displacements of all masses over time."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
-# Lines across a surface that can still be told apart in print, and points of those along it.
+# Most lines across a surface that print can separate, and most points of lines along it.
 _LINES, _POINTS = 100, 500
 
-# Of a surface, in inches.
+# Height of a figure, in inches.
 _HEIGHT = 2.5
 
 
@@ -34,10 +34,11 @@ class SpaceTime(Saved):
     Parameters
     ----------
     source : Attractor, ImpactRecord or (k, N) array_like
-        An attractor of an impact oscillator is sampled exactly; an array holds displacements, one
-        mass in each column.
+        An attractor of an impact oscillator is sampled exactly; an array contains displacements,
+        one mass in each column.
     times : (k,) array_like, optional
-        Ascending; for an attractor those of `TimeSeries` by default. An array needs them.
+        Ascending times; required for an array. For an attractor the default is as for
+        `TimeSeries`.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ class SpaceTime(Saved):
     cost: Cost
 
     def dataset(self) -> Dataset:
-        """Return the displacements as a dataset over ``time`` and ``mass``, which counts from 1."""
+        """Return the displacements as a dataset over ``time`` and ``mass``, numbered from 1."""
         return Dataset(
             {
                 "time": ("time", self.times),
@@ -103,21 +104,21 @@ class SpaceTime(Saved):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the displacements; zero of an array."""
+        """Estimate of the largest error of the displacements; zero for an array."""
         return 0.0 if self._motion is None else self._motion.error_until(self.times)
 
     @print_style()
     def plot(self, ax: Axes3D | None = None) -> Axes3D:
         """Draw the displacements as a surface over time and the masses.
 
-        At most 100 lines run across it, those of the masses along it through at most 500 points:
-        where samples are finer than that some are left out.
+        At most 100 lines run across it, and the lines of the masses have at most 500 points; finer
+        samples are thinned out.
 
         Parameters
         ----------
         ax : Axes3D, optional
-            Where to draw, made with ``projection="3d"``, in a figure without a layout engine, as
-            constrained layout leaves room around boxes that are flat; by default a new figure.
+            Axes made with ``projection="3d"``, in a figure without a layout engine, because
+            constrained layout leaves wide margins around flat boxes; by default a new figure.
 
         Returns
         -------
@@ -126,7 +127,7 @@ class SpaceTime(Saved):
         Raises
         ------
         ValueError
-            When the axes are flat, or there are fewer than two masses or times.
+            When the axes are not three-dimensional, or there are fewer than two masses or times.
         """
         k, n = self.displacements.shape
         if min(k, n) < 2:
@@ -157,7 +158,7 @@ class SpaceTime(Saved):
 
 def _shown_surface() -> Any:
     figure = shown_figure(2.0 * COLUMN_WIDTH, _HEIGHT)
-    # constrained layout leaves room around boxes that are flat; it holds on to its engine
+    # constrained layout would leave wide margins around the flat box
     figure.set_layout_engine("none")
     return figure.add_axes((-0.065, 0.02, 1.0, 1.0), projection="3d")
 

@@ -28,21 +28,21 @@ from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# The default frequency axis reaches to so many times the highest natural frequency: positions have
-# kinks at impacts, and their spectra fall with the fourth power of the frequency only.
+# End of the default frequency axis over the highest natural frequency: positions have kinks at
+# impacts, and their spectra fall only with the fourth power of the frequency.
 _REACH = 2.0
 
 _SAMPLES = 16384
 
-# Lines that samples fold back fall onto others when the table's period is a multiple of the
-# interval, and add up with them as amplitudes, which fall with the square of the frequency only. So
-# motions are sampled so many times finer than the axis asks for.
+# When the table's period is a multiple of the interval, aliased lines coincide with others and are
+# added as amplitudes, which fall only with the square of the frequency. Therefore motions are
+# sampled by this factor more finely than the axis requires.
 _FINER, _CHUNK = 16, 1 << 15
 
-# Values of a gigabyte.
+# Number of values in a gigabyte.
 _MOST = 1 << 27
 
-# Of the highest density: what is fainter is not drawn.
+# Smallest drawn density relative to the largest.
 _FAINTEST = 1e-12
 
 
@@ -50,27 +50,26 @@ _FAINTEST = 1e-12
 class PowerSpectrum(Saved):
     """Power spectral density of one coordinate: mean square about the mean per angular frequency.
 
-    Welch's method: the mean of the periodograms of half-overlapping segments, each less its mean
-    and weighted by a Hann window. Densities are one-sided: their integral over all positive
-    frequencies is the variance.
+    The estimate is Welch's: the mean of the periodograms of half-overlapping segments, each after
+    subtraction of its mean and with a Hann window. Densities are one-sided: their integral over all
+    positive frequencies is the variance.
 
     Parameters
     ----------
     source : Attractor, ImpactRecord or (k,) array_like
-        An attractor is sampled exactly; an array holds values at equal intervals.
+        An attractor is sampled exactly; an array contains values at equal intervals.
     interval : float, optional
-        Time between samples. An array needs it. For an attractor it is by default the largest part
-        1/p of the table's period with which the axis reaches twice the highest natural frequency:
-        half of the chain's Nyquist interval, and harmonics of the table fall onto the axis. Impact
-        attractors are sampled 16 times as finely, lest faster parts of the motion are folded back.
+        Time between samples; required for an array. For an attractor the default is the largest
+        fraction 1/p of the table's period for which the axis reaches twice the highest natural
+        frequency: half of the chain's Nyquist interval, with the table's harmonics on the grid of
+        frequencies. Impact attractors are sampled 16 times as finely to reduce aliasing.
     coordinate : int, optional
         As for `TimeSeries`.
     samples : int, optional
-        How many intervals of an attractor to look at, from the last skipped state on; by default
-        16384.
+        Number of intervals of an attractor, from the last skipped state on; by default 16384.
     segments : int
-        How many; with 1 it is the periodogram of the whole. With the default interval each lasts
-        whole periods of the table.
+        Number of segments; 1 gives the periodogram. With the default interval each segment lasts a
+        whole number of table periods.
 
     Attributes
     ----------
@@ -79,14 +78,14 @@ class PowerSpectrum(Saved):
     segments : int
     table_frequency : float or None
     name : str
-        Of the coordinate, on an axis.
+        Axis title of the coordinate.
 
     Raises
     ------
     ValueError
-        When a number is not finite or not positive, when there are fewer than 8 samples to a
-        segment, more samples of an attractor than fit into a gigabyte, or nothing sets an
-        attractor's interval.
+        When a number is not finite or not positive, when there are fewer than 8 samples per
+        segment, more samples of an attractor than fit into a gigabyte, or no default interval for
+        an attractor.
 
     References
     ----------
@@ -159,9 +158,9 @@ class PowerSpectrum(Saved):
 
     @cached_property
     def change(self) -> RegimeChange | None:
-        """Where the samples, or their squares, change their regime; None where nothing shows it.
+        """The change of regime of the samples or their squares; None where none is detected.
 
-        The spectrum is then that of no regime, and `error` covers those before and after. A
+        The spectrum then belongs to no regime, and `error` covers those before and after. A
         transient longer than the run looks like sustained chaos: see
         `dynkit.analysis.regimes.regime_change`.
         """
@@ -184,16 +183,16 @@ class PowerSpectrum(Saved):
     def error(self) -> float:
         """Relative standard error of a density of a motion without lines.
 
-        One standard error covers about 68 %, and is no bound.
-        It follows from the number of segments and their overlap, and is near 1 for a periodogram.
-        The power of a line has no such error when the motion is periodic. What samples fold back is
-        not part of it: of an array what lies beyond `nyquist`, of an impact attractor what lies
-        beyond 16 times that. It changes the lines of the chain's P(1,3) at frequency 0.87 by 0.04%
-        (the lowest) to 0.4% (near twice the highest natural frequency).
+        One standard error covers about 68 %, and is not a bound. It follows from the number of
+        segments and their overlap, and is near 1 for a periodogram. The power of a line of a
+        periodic motion has no such error. Aliasing is not included: for an array it comes from
+        frequencies above `nyquist`, for an impact attractor from those above 16 times that. It
+        changes the lines of the chain's P(1,3) at frequency 0.87 by 0.04 % (the lowest) to 0.4 %
+        (near twice the highest natural frequency).
 
-        Where the samples change their regime (`change`), the error is larger by the largest
-        relative distance to the densities before and after; infinite when one of these regimes is
-        shorter than a segment.
+        Where the samples change their regime (`change`), the error is increased by the largest
+        relative difference to the densities before and after; it is infinite when one of these
+        regimes is shorter than a segment.
         """
         w, k, half = self._window, self.segments, self._length // 2
         overlap = (float(w[half:] @ w[: self._length - half]) / float(w @ w)) ** 2
@@ -203,7 +202,7 @@ class PowerSpectrum(Saved):
         values, at = self._samples[0], self._finer * self.change.at
         if min(at, len(values) - at) < self._length:
             return math.inf
-        # the first density is what segments less their means and the window leave of zero frequency
+        # without the density at frequency zero, which subtraction of means removes
         whole = self.density[1:]
         regimes = [self._density(part)[1 : len(whole) + 1] for part in (values[:at], values[at:])]
         apart = [abs(regime - whole)[whole > 0.0] / whole[whole > 0.0] for regime in regimes]
@@ -211,7 +210,7 @@ class PowerSpectrum(Saved):
 
     @cached_property
     def _samples(self) -> tuple[Array, float]:
-        """Values, (k,), and the seconds that they cost."""
+        """Values, (k,), and the seconds of their computation."""
         if self._motion is None:
             return self._given, 0.0
         began = time.perf_counter()
@@ -224,7 +223,7 @@ class PowerSpectrum(Saved):
 
     @cached_property
     def _estimate(self) -> tuple[Array, Array, float]:
-        """Angular frequencies, densities, and the seconds that they cost."""
+        """Angular frequencies, densities, and the seconds of their computation."""
         values, _ = self._samples
         began = time.perf_counter()
         frequencies = np.asarray(math.tau * np.fft.rfftfreq(self._length, self._step), np.float64)
@@ -234,7 +233,7 @@ class PowerSpectrum(Saved):
         return read_only(frequencies), read_only(density), time.perf_counter() - began
 
     def _density(self, values: Array) -> Array:
-        """Welch's mean of densities, also of frequencies that are not shown."""
+        """Return Welch's densities, also at frequencies beyond the axis."""
         from scipy import signal
 
         _, per_cycle = signal.welch(values, 1.0 / self._step, window="hann", nperseg=self._length)
@@ -263,7 +262,7 @@ class PowerSpectrum(Saved):
 
     @property
     def nyquist(self) -> float:
-        """End of the axis: what samples an `interval` apart tell from smaller frequencies."""
+        """End of the axis: the Nyquist frequency of samples an `interval` apart."""
         return math.pi / self.interval
 
     @property
@@ -276,9 +275,9 @@ class PowerSpectrum(Saved):
 
     @cached_property
     def lines(self) -> Harmonics | None:
-        """Lines of a periodic motion, whose power is in harmonics of 1/m of the table's frequency.
+        """Lines of a periodic motion: the harmonics of 1/m of the table's frequency.
 
-        They follow from one period, from the last skipped state on, sampled as finely as the
+        They are computed from one period after the last skipped state, with the samples of the
         density. None where the attractor's label is not that of a periodic motion of m table
         periods, and for an array.
         """
@@ -314,12 +313,12 @@ class PowerSpectrum(Saved):
         Parameters
         ----------
         low, high : float
-            Both are within; high must exceed low.
+            Both are included; high must exceed low.
 
         Raises
         ------
         ValueError
-            When they are negative, or not in order.
+            When a frequency is negative, or high does not exceed low.
         """
         first, last = non_negative("low", low), non_negative("high", high)
         if not first < last:
@@ -331,14 +330,14 @@ class PowerSpectrum(Saved):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the density, logarithmic, against the angular frequency, with the table's harmonics.
 
-        Harmonics are grey lines, the table's frequency a darker one. Dots are the `lines` of a
-        periodic motion, as high as a line of their power is where it meets a frequency of the
-        density. The axis shows twelve decades at most.
+        Harmonics are grey lines, the table's frequency is a darker one. Dots are the `lines` of a
+        periodic motion, at the height that a line of this power has in the density. The axis shows
+        at most twelve decades.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
 
         Returns
         -------
@@ -363,7 +362,7 @@ class PowerSpectrum(Saved):
 
 
 def _divided(count: int, asked: int, multiple: int) -> tuple[int, int]:
-    """Samples in a segment, a multiple of some number, and how many segments that makes."""
+    """Return the number of samples per segment, if possible a multiple, and of segments."""
     length = count if asked == 1 else 2 * count // (asked + 1)
     if length >= multiple:
         length -= length % multiple
@@ -374,7 +373,7 @@ def _divided(count: int, asked: int, multiple: int) -> tuple[int, int]:
 
 
 def _samples_in_a_period(motion: Motion) -> int:
-    """Samples in a period of the table with which the axis reaches far enough."""
+    """Return the number of samples per table period for the default end of the axis."""
     natural = getattr(motion.system, "natural_frequencies", None)
     if natural is None:
         raise ValueError("interval must be given: the source has no natural frequencies")

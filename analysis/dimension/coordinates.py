@@ -1,4 +1,4 @@
-"""Which coordinates of a map are angles, and how far apart states can be."""
+"""Angles among the coordinates of a map, extents of states, grids, and correlation times."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
 
 _DOUBLINGS = 64
-# Steps of a grid differ from one another by rounding only: this part of a step, and doubles a
-# thousand times finer. By chance 64 states or more do not lie so near to a grid.
+# Largest deviation from a grid, relative to its step, and least ratio of this deviation to
+# rounding. By chance 64 states or more do not lie so close to a grid.
 _ALIKE, _FINER = 1e-3, 2.0**10
 
 
 def angles_of(system: SmoothMap, states: Array) -> Mapping[int, float]:
     """Return the coordinates that a map's `difference` wraps, and one turn of each.
 
-    They are found by trial: differences to the first state along each coordinate, longer and
-    longer, until one comes back shorter. What is found is then compared with the map's own
-    differences over the states.
+    They are found by trial: differences along each coordinate, longer and longer, until one is
+    wrapped. The result is then compared with the map's differences of the states.
 
     Raises
     ------
@@ -35,7 +34,7 @@ def angles_of(system: SmoothMap, states: Array) -> Mapping[int, float]:
         steps = np.zeros((_DOUBLINGS, len(origin)))
         steps[:, k] = lengths * extents[k]
         gone = steps[:, k] - system.difference(steps, origin)[:, k]
-        # the first that is wrapped lies between half a turn and a whole one
+        # the first wrapped difference lies between half a turn and a whole one
         turns = gone[abs(gone) > 0.25 * steps[:, k]]
         if len(turns):
             angles[k] = 2.0 * np.pi if np.isclose(turns[0], 2.0 * np.pi, 1e-12) else float(turns[0])
@@ -76,19 +75,19 @@ def extents_of(states: Array, angles: Mapping[int, float]) -> Array:
 def grid_of(states: Array) -> float:
     """Return the widest grid to which a coordinate was rounded; zero where none was.
 
-    A coordinate was rounded when it has three values or more, all of them whole multiples of the
-    least difference apart, within rounding: whatever its unit and its origin.
+    A coordinate was rounded when it has three or more values whose differences are all integer
+    multiples of the least difference, within rounding; unit and origin do not matter.
     """
     widest = 0.0
     for column in states.T:
         values = np.unique(column)
         rounding = np.finfo(float).eps * float(abs(column).max())
         gaps = np.diff(values)
-        gaps = gaps[gaps > 4.0 * rounding]  # the same point of the grid, computed in two ways
+        gaps = gaps[gaps > 4.0 * rounding]  # smaller gaps: one point of the grid, rounded twice
         if len(gaps) < 2 or (least := float(gaps.min())) < _FINER * rounding / _ALIKE:
             continue
         steps = gaps / least
-        # the least difference has an error of rounding, which long gaps multiply
+        # the rounding of the least difference is multiplied in long gaps
         if (abs(steps - np.round(steps)) <= _ALIKE + 4.0 * rounding / least * steps).all():
             widest = max(widest, least)
     return widest
@@ -97,8 +96,8 @@ def grid_of(states: Array) -> float:
 def correlation_time(states: Array, angles: Mapping[int, float]) -> int:
     """Return the first lag at which the autocorrelation of the states is below 1/e in size.
 
-    Each coordinate counts by its variance over the square of its extent, angles by sine and cosine.
-    It is a twentieth of the number of states at most.
+    Coordinates are weighted by their variance over the square of their extent; angles enter as sine
+    and cosine. The lag is at most a twentieth of the number of states.
     """
     columns = []
     for k, column in enumerate(states.T):

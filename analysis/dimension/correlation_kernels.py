@@ -1,8 +1,9 @@
-"""Distances between points, counted by size: two nodes of a tree at once where it can be.
+"""Counts of distances between points by size, for two nodes of a tree at once where possible.
 
-A node is a box that holds some of the points. Node v has the children 2v + 1 and 2v + 2. All bounds
-are rigorous for distances as they are computed: rounding is monotone, and boxes and points take the
-same operations in the same order. Distances are those of `distance`; Euclidean ones are squared.
+A node is a box that contains some of the points. Node v has the children 2v + 1 and 2v + 2. All
+bounds are rigorous for computed distances, because rounding is monotone, and boxes and points use
+the same operations in the same order. Distances are those of `distance`; Euclidean ones are
+squared.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from dynkit.core.validation import Array
 Integers: TypeAlias = NDArray[np.int64]
 
 CELLS = 7
-"""Leading bits of the mantissa by which distances find their bins: 128 cells to an octave."""
+"""Leading bits of the mantissa that select the first bin of a distance: 128 cells to an octave."""
 
 SHIFT = 52 - CELLS
-"""Bits of a double below them."""
+"""Number of lower bits of the mantissa."""
 
-# what `count_pairs` counts as work
+# indices of the counters in `Buffers.work`
 _BOX_PAIRS, _DISTANCES = 0, 1
 
 
@@ -33,17 +34,17 @@ class Boxes(NamedTuple):
     Parameters
     ----------
     low, high : (nodes, d)
-        The boxes; nodes = 2 leaves - 1, a power of two less one, and the leaves come last.
+        The boxes; nodes = 2 leaves - 1, a power of two minus one, and the leaves come last.
     sizes : (nodes,)
-        How many points each box holds.
+        Number of points in each box.
     points : (leaves, d, slots)
-        The points of each leaf; slots beyond those that are filled hold anything finite.
+        The points of each leaf; unused slots contain finite numbers.
     filled : (leaves,)
-        How many slots hold points.
+        Number of used slots.
     blocks : (leaves, slots)
         The block of each point.
     turns : (d,)
-        One turn of each coordinate that is an angle, in [0, turn]; zero for others.
+        One turn of each coordinate that is an angle in [0, turn]; zero for others.
     every : (d,)
         0, 1, ..., d - 1.
     """
@@ -59,15 +60,15 @@ class Boxes(NamedTuple):
 
 
 class Bins(NamedTuple):
-    """Bins of distances, and the norm that these are measured in.
+    """Bins of distances, and the norm.
 
     Parameters
     ----------
     euclidean
-        Norm: Euclidean, with squares of distances, or maximum.
+        Whether the norm is Euclidean, with squared distances, or the maximum norm.
     edges : (k + 1,)
-        Ascending; a distance counts in the first bin whose edge it does not exceed. The last is
-        infinite, and its bin is not counted in full.
+        Ascending; a distance counts in the first bin whose edge it does not exceed. The last edge
+        is infinite, and the count of its bin is incomplete.
     first : (cells + 1,)
         For each cell of leading bits, from that of the first edge on, the first bin that it meets;
         last the number of the first cell.
@@ -79,7 +80,7 @@ class Bins(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """What a thread modifies in place.
+    """Buffers that a thread modifies in place.
 
     Parameters
     ----------
@@ -88,14 +89,15 @@ class Buffers(NamedTuple):
     widest, chosen : (d,)
         Scratch.
     stack : (any, 2)
-        Pairs of nodes that are left to do; room for six for each level of the tree and some more.
+        Pairs of nodes that remain to be done; capacity for more than six for each level of the
+        tree.
     shares : (blocks, k + 1)
-        For each pair measured, one in the blocks of both of its points; and what single points
-        share with whole boxes.
+        Counts by blocks: each computed distance counts in the blocks of both points, and a whole
+        box at once for a single point.
     lumps : (nodes, k + 1)
-        How many points are at such distances of every point of the node, besides those in `shares`.
+        Number of points, besides those in `shares`, at such distances from every point of a node.
     work : (2,)
-        Pairs of boxes looked at, distances measured.
+        Numbers of examined pairs of boxes, and of computed distances.
     """
 
     row: Array
@@ -112,7 +114,7 @@ class Buffers(NamedTuple):
 def _gap_bounds(
     low: float, high: float, other_low: float, other_high: float, turn: float
 ) -> tuple[float, float]:
-    """Bounds of the distances between two intervals, of angles where one turn is not zero."""
+    """Return bounds of the distances between two intervals; of angles where turn is not zero."""
     least = max(low - other_high, other_low - high, 0.0)
     most = max(high - other_low, other_high - low)
     if turn > 0.0:
@@ -124,7 +126,7 @@ def _gap_bounds(
 
 @kernel()
 def _box_bounds(tree: Boxes, a: int, b: int, euclidean: bool) -> tuple[float, float]:
-    """Bounds of the distances between points of two boxes."""
+    """Return bounds of the distances between points of two boxes."""
     low, high = tree.low, tree.high
     near = 0.0
     far = 0.0
@@ -139,7 +141,7 @@ def _box_bounds(tree: Boxes, a: int, b: int, euclidean: bool) -> tuple[float, fl
 def _point_bounds(
     tree: Boxes, a: int, i: int, node: int, euclidean: bool, widest: Array
 ) -> tuple[float, float]:
-    """Bounds of the distances of a point to those of a box; along each coordinate in `widest`."""
+    """Return bounds of the distances of a point to a box; `widest` gets those by coordinate."""
     near = 0.0
     far = 0.0
     for k in range(widest.size):
@@ -153,7 +155,7 @@ def _point_bounds(
 
 @kernel()
 def _deciding(near: float, widest: Array, chosen: Integers) -> int:
-    """Coordinates in which distances may exceed `near`, into `chosen`; return how many."""
+    """Write coordinates whose distances may exceed `near` into `chosen`; return their number."""
     count = 0
     for k in range(widest.size):
         if widest[k] > near:
@@ -164,7 +166,7 @@ def _deciding(near: float, widest: Array, chosen: Integers) -> int:
 
 @kernel()
 def _bin_of(distance: float, edges: Array) -> int:
-    """Index of the first edge that the distance does not exceed."""
+    """Return the index of the first edge that the distance does not exceed."""
     begin = 0
     end = edges.size
     while begin < end:
@@ -180,9 +182,10 @@ def _bin_of(distance: float, edges: Array) -> int:
 def _distances(
     tree: Boxes, a: int, i: int, b: int, euclidean: bool, least: float, chosen: Integers, out: Array
 ) -> None:
-    """Distances of a point to all slots of a leaf; `out` is modified in place.
+    """Compute distances of a point to all slots of a leaf; `out` is modified in place.
 
-    Only coordinates that are chosen count; in the maximum norm no distance is below the least.
+    Only the chosen coordinates are used; `least` is a lower bound of all distances in the maximum
+    norm.
     """
     points, turns = tree.points, tree.turns
     slots = points.shape[2]
@@ -238,7 +241,7 @@ def _distances(
 
 @kernel()
 def _count_leaves(tree: Boxes, a: int, b: int, bins: Bins, own: Buffers) -> int:
-    """Count the pairs of points of two leaves, given as nodes; return how many were measured."""
+    """Count the pairs of points of two leaves, given as nodes; return the number of distances."""
     euclidean, edges, first_bins, shares = bins.euclidean, bins.edges, bins.first, own.shares
     top = edges[edges.size - 2]
     first = first_bins[first_bins.size - 1]
@@ -307,16 +310,16 @@ def count_pairs(
     Parameters
     ----------
     height
-        How many pairs of nodes, from the first on, the stack holds: one and the same node, or two
-        that share no point.
+        Number of pairs of nodes on the stack: a node with itself, or two nodes without a common
+        point.
     pause
-        After so many pairs of boxes and distances the call returns, for its time to be bounded.
+        Number of pairs of boxes and distances after which the call returns, to bound its time.
     low, ...
-        `Boxes`, `Bins` and `Buffers` one by one: Numba takes twice as long to accept tuples.
+        The fields of `Boxes`, `Bins` and `Buffers`, because Numba takes twice as long for tuples.
 
     Returns
     -------
-    height : what is left on the stack; 0 when all is done
+    height : number of pairs that remain on the stack; 0 when all are done
     """
     tree = Boxes(low, high, sizes, points, filled, blocks, turns, every)
     bins = Bins(euclidean, edges, first)
@@ -357,7 +360,7 @@ def count_pairs(
 
 @kernel()
 def distance(points: Array, i: int, j: int, turns: Array, euclidean: bool) -> float:
-    """Distance of two rows of points, (n, d); its square in the Euclidean norm."""
+    """Return the distance of two rows of points, (n, d); its square in the Euclidean norm."""
     total = 0.0
     for k in range(points.shape[1]):
         gap = abs(points[i, k] - points[j, k])
@@ -379,9 +382,9 @@ def uncount_near_in_time(
     edges: Array,
     shares: Integers,
 ) -> None:
-    """Take the pairs of rows at most a window apart out of the shares, (blocks, k + 1), again.
+    """Subtract the pairs of rows at most a window apart from the shares, (blocks, k + 1), in place.
 
-    They are those whose earlier row is in [begin, end).
+    These are the pairs whose earlier row is in [begin, end).
     """
     top = edges[edges.size - 2]
     for i in range(begin, end):

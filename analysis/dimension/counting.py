@@ -1,8 +1,8 @@
-"""Pairs of points, counted by their distances on all processors.
+"""Counts of pairs of points by their distances, on all processors.
 
-The tree's pairs of nodes of one level are the parts of the work; each thread counts in buffers of
-its own. The parts do not depend on the number of threads, and sums of integers do not depend on
-their order: neither do the counts.
+The pairs of nodes on one level of the tree are the parts of the work; each thread has separate
+buffers. The parts do not depend on the number of threads, and sums of integers do not depend on
+their order, so the counts depend on neither.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ Counts: TypeAlias = NDArray[np.int64]
 _Part: TypeAlias = tuple[int, int]
 
 BLOCKS = 64
-"""Blocks of time, at most, to which pairs are attributed."""
+"""Largest number of blocks of time to which pairs are attributed."""
 
-_LEVEL = 5  # of the nodes whose pairs are the parts: 528 of them
-_PAIRS_OF_A_CALL = 1 << 22  # some ten milliseconds: an interrupt is heard between calls
-_MOST_THREADS = 16  # each has its own counts for all nodes
+_LEVEL = 5  # level of the tree: its 528 pairs of nodes are the parts
+_PAIRS_OF_A_CALL = 1 << 22  # about ten milliseconds: interrupts are handled between calls
+_MOST_THREADS = 16  # each thread has counts for all nodes
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Counted:
-    """How many pairs are how far apart, and what it cost to know.
+    """Numbers of pairs by distance, and the work of counting.
 
     Parameters
     ----------
     shares : (blocks, k + 1) array
-        For each block of time and each bin the pairs with a point in the block; those with both in
-        it twice.
+        For each block of time and each bin, the number of pairs with a point in the block; pairs
+        with both points in it count twice.
     box_pairs, distances : int
-        Pairs of boxes looked at, and distances measured.
+        Numbers of examined pairs of boxes, and of computed distances.
     """
 
     shares: Counts
@@ -71,17 +71,17 @@ def count(
     Parameters
     ----------
     points : (n, d) array
-        One after the other in time; angles in [0, turn].
+        Points in the order of time; angles in [0, turn].
     turns : (d,) array
         One turn of each coordinate that is an angle; zero for others.
     edges : (k + 1,) array
-        Ascending, in the Euclidean norm squares; a distance counts in the first bin whose edge it
-        does not exceed. The last is infinite, and its bin is not counted in full.
+        Ascending, squared in the Euclidean norm; a distance counts in the first bin whose edge it
+        does not exceed. The last edge is infinite, and the count of its bin is incomplete.
     window : int
     euclidean : bool
-        Norm: Euclidean or maximum.
+        Whether the norm is Euclidean or the maximum norm.
     threads : int, optional
-        By default one for each processor, 16 at most. The result does not depend on it.
+        By default one for each processor, at most 16. The result does not depend on it.
     """
     from dynkit.analysis.dimension.correlation_kernels import (
         Bins,
@@ -92,7 +92,7 @@ def count(
     n, d = points.shape
     blocks = np.arange(n) * min(BLOCKS, n) // n
     number = int(blocks[-1]) + 1
-    # the maximum does not mind the order of coordinates: the widest part most
+    # the maximum norm does not depend on the order: coordinates with large extents first
     order = np.arange(d) if euclidean else np.argsort(-np.ptp(points, axis=0))
     tree = boxes_of(np.ascontiguousarray(points[:, order]), turns[order], blocks)
     bins = Bins(euclidean, edges, _first_bins(edges))
@@ -129,14 +129,14 @@ def count(
 
 
 def _processors() -> int:
-    """How many processors this process may use."""
+    """Return the number of processors that this process may use."""
     if sys.platform != "linux":
         return os.cpu_count() or 1
     return len(os.sched_getaffinity(0))
 
 
 def _node_pairs(leaves: int) -> Iterator[_Part]:
-    """All pairs of nodes of one level of a tree: between them they hold every pair of points."""
+    """Return all pairs of nodes on one level of a tree, which contain all pairs of points."""
     nodes = min(2**_LEVEL, leaves)
     return combinations_with_replacement(range(nodes - 1, 2 * nodes - 1), 2)
 
@@ -146,9 +146,9 @@ def _share_out(
     parts: Iterable[_Part],
     buffers: Sequence[Buffers],
 ) -> None:
-    """Do a task for all its parts, in one thread for each of the buffers.
+    """Do a task for all its parts, with one thread for each of the buffers.
 
-    An interrupt ends it at the next step of each thread.
+    An interrupt ends each thread at its next step.
     """
     left, ended = deque(parts), Event()
 
@@ -164,17 +164,17 @@ def _share_out(
 
     with ThreadPoolExecutor(len(buffers)) as pool:
         try:
-            for _ in pool.map(work, buffers):  # raises what was raised
+            for _ in pool.map(work, buffers):  # raises exceptions of the threads
                 pass
         finally:
-            left.clear()  # of which no thread takes any more
+            left.clear()  # threads take no further parts
             ended.set()
 
 
 def _share_lumps(tree: Boxes, total: Buffers) -> None:
-    """Add what nodes have in common to the shares; both are modified in place."""
+    """Add the counts of whole nodes to the shares; both are modified in place."""
     lumps, leaves = total.lumps, len(tree.filled)
-    for v in range(leaves - 1):  # what holds for a node holds for its children
+    for v in range(leaves - 1):  # counts of a node are counts of its children
         lumps[2 * v + 1 : 2 * v + 3] += lumps[v]
     for blocks, points, lump in zip(tree.blocks, tree.filled, lumps[-leaves:], strict=True):
         held = np.bincount(blocks[:points], minlength=len(total.shares))
@@ -183,7 +183,7 @@ def _share_lumps(tree: Boxes, total: Buffers) -> None:
 
 
 def _buffers(tree: Boxes, blocks: int, bins: int) -> Buffers:
-    """Buffers without any counts."""
+    """Return buffers with zero counts."""
     from dynkit.analysis.dimension.correlation_kernels import Buffers
 
     leaves, d, slots = tree.points.shape
@@ -194,7 +194,7 @@ def _buffers(tree: Boxes, blocks: int, bins: int) -> Buffers:
 
 
 def _first_bins(edges: Array) -> Counts:
-    """For each cell of leading bits the first bin that it meets; last the first cell's number."""
+    """Return the first bin of each cell of leading bits, and last the number of the first cell."""
     from dynkit.analysis.dimension.correlation_kernels import SHIFT
 
     ends = np.ascontiguousarray(edges[[0, -2]]).view(np.int64) >> SHIFT

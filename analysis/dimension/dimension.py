@@ -44,7 +44,7 @@ from dynkit.dynamics.attractor import Attractor
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_WINDOW = 100  # costs nothing, and takes care of chatter, which autocorrelations do not see
+_WINDOW = 100  # costs nothing, and excludes chatter, which autocorrelations do not show
 
 
 @final
@@ -52,40 +52,40 @@ _WINDOW = 100  # costs nothing, and takes care of chatter, which autocorrelation
 class CorrelationDimension(Saved):
     """The correlation dimension of a set of states, after Grassberger and Procaccia.
 
-    C(r) is the part of all pairs of states that are at most r apart; where it is a power of r, the
-    exponent is the dimension. Nothing is computed before it is asked for, and everything once.
+    C(r) is the fraction of all pairs of states whose distance is at most r; where it is a power of
+    r, the exponent is the dimension. Results are computed when they are first read, and once.
 
-    What is computed is the dimension of the set as far as the states show it. A periodic orbit
-    meets a section in finitely many points: their dimension is 0 (and that of the orbit in time
-    1). When no range of radii scales, that is the result, and `value` is NaN.
+    The result is the dimension of the set as far as the states resolve it. A periodic orbit meets a
+    section in finitely many points: their dimension is 0 (and that of the orbit in time is 1).
+    Where no range of radii scales, `outcome` says so and `value` is NaN.
 
-    Local slopes may drift over all radii, as where the density has square-root singularities (the
-    logistic map at 4, most maps with a smooth hump). Then `outcome` and the printed form say that
-    there is no plateau: `value` is the slope of the straightest range, and `error` contains the
-    limit of small radii as far as the drift shows it. A drift that is too weak to be named enlarges
-    `error` too, and so does one that slopes over too few octaves do not exclude. Data rounded to a
-    grid are only searched above 8 steps of the grid.
+    Local slopes may drift over all radii, for example where the density has square-root
+    singularities (the logistic map at 4, most maps with a smooth hump). Then `outcome` and the repr
+    say that there is no plateau: `value` is the slope of the straightest range, and `error` covers
+    the limit of small radii as far as the drift shows it. A weak drift also increases `error`, and
+    so does a drift that slopes over few octaves cannot exclude. Data rounded to a grid are searched
+    only above 8 steps of the grid.
 
     Parameters
     ----------
     source : Attractor, ImpactRecord or (n, d) array_like
-        States, one after the other in time; 64 or more. They are taken in the units that they come
-        in. A record is kept as its attractor.
+        States in the order of time, 64 or more, in their given units. A record is converted to its
+        attractor.
     norm : {"maximum", "euclidean"}
     theiler : int, optional
         Theiler's window: states i and j count as a pair when abs(i - j) > theiler. By default 100,
-        or three times the lag at which the autocorrelation falls below 1/e where that is more; a
-        twentieth of the states at most.
+        or three times the lag at which the autocorrelation falls below 1/e where that is more; at
+        most a twentieth of the states.
     angles : mapping of int to float, optional
-        For an array: each coordinate that is an angle, and one turn of it. An attractor's system
-        knows its own.
+        For an array: each coordinate that is an angle, and one turn of it. For an attractor the
+        system determines them.
     largest : float, optional
-        Largest radius, by default a tenth of the diameter; in the Euclidean norm, of the diagonal
-        of the box that holds the states, which is no smaller. Few states in many dimensions have
-        too few pairs there: where no range scales, a fifth is tried.
+        Largest radius; by default a tenth of the diameter, or, in the Euclidean norm, of the
+        diagonal of the bounding box. Few states in many dimensions have too few pairs there: where
+        no range scales, a fifth is tried.
     least_ratio : float
-        The shortest scaling region that is believed: its largest radius over its smallest. Any
-        smooth curve is straight over a short range.
+        Least ratio of the largest to the smallest radius of a scaling region: any smooth curve is
+        straight over a short range.
 
     Raises
     ------
@@ -171,7 +171,7 @@ class CorrelationDimension(Saved):
 
     @cached_property
     def diameter(self) -> float:
-        """Largest distance of two states; in the Euclidean norm a bound, the box's diagonal."""
+        """Largest distance of two states; in the Euclidean norm the bounding box's diagonal."""
         extents = extents_of(self.states, self.turns)
         return float(extents.max() if self.norm == "maximum" else np.linalg.norm(extents))
 
@@ -182,7 +182,7 @@ class CorrelationDimension(Saved):
 
     @cached_property
     def _found(self) -> tuple[CorrelationSums, Scaling, Cost]:
-        """Sums up to a largest radius, what they scale like, and the cost of all that was tried."""
+        """Sums up to a largest radius, their scaling, and the cost of all trials."""
         sums_at = partial(
             correlation_sums, self.states, norm=self.norm, theiler=self.window, angles=self.turns
         )
@@ -195,31 +195,32 @@ class CorrelationDimension(Saved):
 
     @property
     def outcome(self) -> Outcome:
-        """Whether there is a scaling region; its value is the message."""
+        """Whether there is a scaling region; the value of the member says it in words."""
         return self._found[1].outcome
 
     @property
     def region(self) -> ScalingRegion | None:
-        """The scaling region, as `dynkit.analysis.dimension.scaling.find_scaling` chooses it.
+        """The scaling region, chosen by `dynkit.analysis.dimension.scaling.find_scaling`.
 
-        Of a finite set, the radii over which nothing changes; None where there is none.
+        For a finite set it is the range of radii over which the sum is constant. None where there
+        is none.
         """
         return self._found[1].region
 
     def region_over(self, least_ratio: float) -> ScalingRegion | None:
-        """Return the region that scales over another least ratio, from the same sums.
+        """Return the scaling region for another least ratio, from the same sums.
 
-        So a shorter range than is believed here is compared with one that was published.
+        It allows comparison with published regions that are shorter than `least_ratio`.
 
         Parameters
         ----------
         least_ratio : float
-            Its largest radius over its smallest, at least 1.5.
+            Least ratio of the largest to the smallest radius, at least 1.5.
 
         Returns
         -------
         ScalingRegion or None
-            As `region` chooses it; None when no range scales.
+            The region chosen as for `region`; None when no range scales.
 
         Examples
         --------
@@ -235,7 +236,7 @@ class CorrelationDimension(Saved):
     def value(self) -> float:
         """The correlation dimension; NaN when there is no scaling region.
 
-        The slope of the straightest range of radii when the outcome is a drift.
+        When the outcome is a drift it is the slope of the straightest range of radii.
         """
         return nan if self.region is None else self.region.slope
 
@@ -243,28 +244,28 @@ class CorrelationDimension(Saved):
     def error(self) -> float:
         """One standard error of the dimension; infinite when there is no scaling region.
 
-        It covers about 68 %, and is no bound: twice it covers about 95 %.
-        It is made of the slope's statistical error, from bootstrap over blocks of time, which
-        covers that neighbouring radii and successive states share pairs, and of the scatter of the
-        slopes of the region's quarters beyond that. Where the local slopes drift with the radius,
-        it contains how far the slope may lie from the limit of small radii: see
-        `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it covers
-        the dimension of the last regime, too.
+        One standard error covers about 68 %, and two about 95 %; it is not a bound. It consists of
+        the statistical error of the slope, from a bootstrap over blocks of time, which accounts for
+        the pairs shared by neighbouring radii and successive states, and of the additional scatter
+        of the slopes of the region's quarters. Where the local slopes drift with the radius, it
+        includes the distance to the limit of small radii: see
+        `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it also
+        covers the dimension of the last regime.
         """
         return inf if self.region is None else self.region.error + self._apart
 
     @cached_property
     def change(self) -> RegimeChange | None:
-        """Where the attractor's states change their regime; None where nothing shows it.
+        """The change of regime of the attractor's states; None where no change is detected.
 
         A transient longer than the run looks like sustained chaos: see
-        `dynkit.analysis.regimes.regime_change`. None for an array, whose order is not looked at.
+        `dynkit.analysis.regimes.regime_change`. None for an array, whose order is not tested.
         """
         return regime_change(self.states) if isinstance(self.source, Attractor) else None
 
     @cached_property
     def _apart(self) -> float:
-        """How far the dimension of the last regime is from that of all states."""
+        """Distance of the dimension of the last regime from that of all states, with its error."""
         if self.change is None:
             return 0.0
         last = self.states[self.change.at :]
@@ -283,10 +284,10 @@ class CorrelationDimension(Saved):
 
     @property
     def bounds(self) -> tuple[int, int] | None:
-        """Bounds [d] and 2 [d] + 1 of the dimension of a phase space that holds the set.
+        """Bounds [d] and 2 [d] + 1 of the dimension of a phase space that can contain the set.
 
-        [d] is d rounded up: the least integer that d, less its error, does not exceed. None when
-        there is no scaling region.
+        [d] is the least integer that d minus its error does not exceed. None when there is no
+        scaling region.
 
         References
         ----------
@@ -300,10 +301,10 @@ class CorrelationDimension(Saved):
 
     @property
     def points(self) -> int | None:
-        """How many points a finite set has, if all are visited as often; None for other sets.
+        """Number of points of a finite set, if all are visited equally often; None for other sets.
 
-        Measurements that were rounded to a grid are such a set too: then they are too coarse, or
-        too many, for another dimension to be seen.
+        Measurements rounded to a grid may also be such a set: they are then too coarse, or too
+        many, to show another dimension.
         """
         if self.outcome is not Outcome.FINITE or self.region is None:
             return None
@@ -333,7 +334,7 @@ class CorrelationDimension(Saved):
 
     @property
     def cost(self) -> Cost:
-        """What all sums and searches for the scaling region cost."""
+        """Cost of all sums and searches for the scaling region."""
         return self._found[2]
 
     def __repr__(self) -> str:
@@ -355,9 +356,9 @@ class CorrelationDimension(Saved):
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         label : str, optional
-            For a legend.
+            Text for a legend.
         """
         return draw_sums(self.sums, self._found[1], self.error, ax, label)
 
@@ -367,9 +368,9 @@ class CorrelationDimension(Saved):
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
         label : str, optional
-            For a legend.
+            Text for a legend.
         """
         scaling, error = self._found[1], self.error
         return draw_slopes(self.local_slopes, scaling, self.takens, error, ax, label)

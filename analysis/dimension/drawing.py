@@ -1,4 +1,4 @@
-"""Correlation sums and local slopes on paper."""
+"""Figures of correlation sums and local slopes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# beyond this the slopes say nothing, and would only stretch the axes
+# largest relative error of drawn slopes: others would only stretch the axes
 _UNKNOWN = 0.5
 
 
@@ -23,7 +23,7 @@ def draw_sums(
 ) -> Axes:
     """Draw the correlation sum against the radius, and the scaling region with its line.
 
-    The error is that of the dimension.
+    `error` is that of the dimension.
     """
     region = scaling.region
     axes = shown_axes(ax)
@@ -52,7 +52,7 @@ def draw_slopes(
 ) -> Axes:
     """Draw the local slopes with one standard error, the scaling region and both estimates.
 
-    The error is that of the dimension.
+    `error` is that of the dimension.
     """
     region = scaling.region
     axes = shown_axes(ax)

@@ -1,10 +1,10 @@
-"""How far the limit of small radii lies from the slope of a scaling region.
+"""Distance between the slope of a scaling region and the limit of small radii.
 
 A density with square-root singularities has C(r) ~ r (a + b ln(1/r)), and products of such
-densities have powers of that: the local slopes approach the dimension like 1 / ln(1/r), too slowly
-for any range of radii to look bent. The borders of a set change the slope in proportion to r, its
-curvature in proportion to r^2. Self-similar sets have waves in ln r. Every such model has a
-posterior probability, and the shift is the root of the mean square over all models.
+densities have powers of that: the local slopes approach the dimension like 1 / ln(1/r), so slowly
+that no range of radii looks bent. The borders of a set change the slope in proportion to r, its
+curvature in proportion to r^2. Self-similar sets have waves in ln r. Each of these models has a
+posterior probability, and the shift is the root mean square over all models.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from dynkit.analysis.dimension.counting import Counts
 from dynkit.analysis.dimension.errors import standard_errors
 from dynkit.core.validation import Array
 
-# the width of a slope is a sixth of the range at most: two numbers of a model, four for the scatter
+# least number of slopes: two for the numbers of a model, four for the scatter
 _FEWEST_SLOPES = 6
-# Prior odds of a singular density where there are no waves. A short range of radii does not
-# decide, and an error that is too small is worse than one that is too large: calibrated, like the
-# square roots of 1 / A, so that two errors cover nine in ten products of two arcsines at 1000
-# states; even odds and values cover three in four. With waves the odds are even.
+# Prior odds of a singular density without waves. A short range of radii cannot decide, and too
+# small an error is worse than too large a one. The odds, and the square roots of 1 / A, are
+# calibrated: two errors cover nine of ten products of two arcsine densities at 1000 states (three
+# of four with even odds and values). With waves the odds are even.
 _SINGULAR = 3.0
 _CERTAIN = 20.0  # times the prior odds: strong evidence (Kass, Raftery)
 # 1 / (A + ln(R/r)) at the largest radius R. Two arcsine singularities and nothing else have
 # C(r) ~ r (1 + ln(4 L/r)) over a length L: 0.21 at L/10. A narrower coordinate has more.
 _LOGARITHMS = np.linspace(0.0, 0.25, 11)[1:]
-# the part of the slope that a bend takes or adds at R: half at most
+# the relative change of the slope by a bend at R: at most half
 _BENDS = np.append(_HALF := np.linspace(0.0, 0.5, 9)[1:], -_HALF)
 _POWERS = (1.0, 2.0, 4.0)  # of r: borders, curvature and its next order
 # waves of ln C: from the error of 1e6 pairs to half of C, at steps below a factor of two
@@ -51,7 +51,7 @@ class Drift(NamedTuple):
 
 
 class _Slopes(NamedTuple):
-    """Slopes over disjoint steps of ln r, and the covariance of their chance."""
+    """Slopes over disjoint steps of ln r, and their statistical covariance."""
 
     length: float
     values: Array
@@ -62,28 +62,29 @@ class _Slopes(NamedTuple):
 def drift_of(
     radii: Array, pairs: Counts, shares: Counts, region: Array, *, steps: int, coordinates: int
 ) -> Drift:
-    """Return how far the slope of a region may lie from the limit of small radii.
+    """Return the distance of the slope of a region from the limit of small radii.
 
     The models of the slopes over successive octaves, or sixths of the range where that is less, are
     a constant D; D (1 - b (r/R)^p) for p = 1, 2 and 4; and the slope of (r (A + ln(R/r)))^D. Each
-    model has the scatter of chance, from bootstrap over blocks of time, or waves of ln C besides,
-    as self-similar sets have them. The likelihood is normal, and integrated over D. The prior is
-    3/4 for a logarithm, 1/8 for a constant and 1/8 for a bend, with waves 1/2, 1/4 and 1/4; waves
-    are as probable as none; the values of 1 / A have odds like their square roots, all values of
-    other parameters are equally probable. The shift is the root of its mean square over the
-    posterior. No dimension exceeds the number of coordinates: no shift leads beyond it.
+    model has statistical scatter, from a bootstrap over blocks of time, without or with waves of
+    ln C as in self-similar sets. The likelihood is normal, and integrated over D. The prior is 3/4
+    for a logarithm, 1/8 for a constant and 1/8 for a bend; with waves 1/2, 1/4 and 1/4. Waves have
+    probability 1/2; values of 1 / A have odds like their square roots, and all values of other
+    parameters are equally probable. The shift is the root mean square over the posterior. It is
+    limited because no dimension exceeds the number of coordinates.
 
     Parameters
     ----------
     radii : (k,) array
-        Ascending, at equal steps of the logarithm, all that are resolved.
+        All resolved radii, ascending at equal steps of the logarithm.
     pairs : (k,) array of int
     shares : (b, k) array of int
     region : (k,) array
         Weights of ln C in the slope of the region.
     steps : int
-        Radii to the octave.
+        Number of radii per octave.
     coordinates : int
+        Number of coordinates with an extent.
 
     References
     ----------
@@ -116,9 +117,9 @@ def drift_of(
 
 
 def _models(parts: Array) -> tuple[Array, Array]:
-    """Models of (ln C - D ln r) / D at parts of the largest radius, (k, n), and their prior.
+    """Return models of (ln C - D ln r) / D at fractions of the largest radius, (k, n), and priors.
 
-    The prior, (2, k), is first that without waves, then that with waves.
+    The priors, (2, k), are those without and with waves.
     """
     bends = np.vstack([-_BENDS[:, None] * parts**power / power for power in _POWERS])
     logarithms = np.log1p(-_LOGARITHMS[:, None] * np.log(parts))
@@ -130,7 +131,7 @@ def _models(parts: Array) -> tuple[Array, Array]:
 
 
 def _with_waves(slopes: _Slopes) -> tuple[Array, Array]:
-    """Covariances (c, m, m): of chance, and of chance with waves of ln C; and their prior."""
+    """Return covariances (c, m, m) without and with waves of ln C, and their prior."""
     count = len(slopes.values)
     steps = (np.eye(count, count + 1, k=1) - np.eye(count, count + 1)) / slopes.length
     sizes = np.append(0.0, _WAVES)
@@ -145,14 +146,14 @@ def _slopes(radii: Array, pairs: Counts, shares: Counts, width: int) -> _Slopes:
     weights = np.zeros((count, len(radii)))
     weights[np.arange(count), nodes[1:]] = 1.0 / length
     weights[np.arange(count), nodes[:-1]] = -1.0 / length
-    # where no pair is new, one might be
+    # where no pair is new, allow for one
     errors = np.maximum(standard_errors(pairs, shares, weights), 1.0 / (length * pairs[nodes[1:]]))
     groups = (shares / pairs) @ weights.T
     groups = groups - groups.mean(axis=0)
     sizes = np.sqrt((groups * groups).sum(axis=0))
     groups /= np.where(sizes > 0.0, sizes, 1.0)
-    # counts between successive radii are independent, their density is not: of the correlations of
-    # so few blocks half are taken
+    # counts between successive radii are independent, but their density is not: half of the
+    # correlations, which are uncertain for so few blocks, are used
     correlations = 0.5 * (groups.T @ groups)
     np.fill_diagonal(correlations, 1.0)
     chance = correlations * np.outer(errors, errors)

@@ -1,18 +1,18 @@
-"""Standard errors of what is linear in the logarithm of a correlation sum.
+"""Standard errors of linear functions of the logarithm of a correlation sum.
 
-Neighbouring radii share most of their pairs, and pairs share states that follow one another in
-time. So whole curves are resampled, over blocks of time: with weights m_a that are drawn like the
-numbers of times that each block is taken, the curve becomes
+Neighbouring radii share most of their pairs, and pairs share successive states. Therefore whole
+curves are resampled over blocks of time. If m_a is the number of times that block a is drawn, the
+curve becomes
 
     ln C*(r) = ln C(r) + sum_a (m_a - 1) shares_a(r) / pairs(r)
 
-to first order. What is linear in ln C then has the variance sum_a (g_a - mean g)^2 over infinitely
-many resamples, g_a being the share of block a: no resample need be drawn.
+to first order. A linear function of ln C then has the variance sum_a (g_a - mean g)^2 over
+infinitely many resamples, where g_a is the share of block a: no resample has to be drawn.
 
-Each pair has a part in two blocks, so that the pairs' own scatter, that of independent counts, is
-counted twice: it is subtracted once, and never comes out below itself. Blocks are too short when
-the variance grows as they are joined, two and two, by more than the standard error that a variance
-over so many blocks has: then those that were joined are taken.
+Each pair belongs to two blocks, so that the variance of independent counts is included twice: it is
+subtracted once, and is a lower bound. Blocks are too short when the variance grows, as pairs of
+blocks are joined, by more than the standard error of a variance over this number of blocks: then
+the joined blocks are used.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ def standard_errors(pairs: Counts, shares: Counts, weights: Array) -> Array:
     Parameters
     ----------
     pairs : (k,) array of int
-        Above zero.
+        Positive counts.
     shares : (b, k) array of int
-        As for `CorrelationSums`.
+        As in `CorrelationSums`.
     weights : (w, k) array
 
     Returns
@@ -59,14 +59,14 @@ def standard_errors(pairs: Counts, shares: Counts, weights: Array) -> Array:
 
 
 def counting_errors(pairs: Counts, weights: Array) -> Array:
-    """Return what the standard errors, (w,), would be of independent pairs: they are no smaller."""
+    """Return the standard errors, (w,), for independent pairs: lower bounds."""
     # a pair counts at its distance and at all larger radii
     reach = np.cumsum((weights / pairs)[:, ::-1], axis=1)[:, ::-1]
     return np.asarray(np.sqrt(reach**2 @ np.append(pairs[:1], pairs[1:] - pairs[:-1])))
 
 
 def _variances(groups: Array) -> Array:
-    """Variances, (w,), of sums over blocks of what each has, (b, w)."""
+    """Return the variances, (w,), of sums over blocks of their contributions, (b, w)."""
     count = len(groups)
     apart = groups - groups.sum(axis=0) / count
     return np.asarray((apart * apart).sum(axis=0) * (count / (count - 1)))

@@ -1,4 +1,4 @@
-"""Where a correlation sum is a power of the radius, and of which exponent."""
+"""Scaling regions of correlation sums, and their exponents."""
 
 from __future__ import annotations
 
@@ -17,24 +17,25 @@ from dynkit.core.reprs import span
 from dynkit.core.validation import Array
 
 STEPS = 8
-"""Radii to an octave."""
+"""Number of radii per octave."""
 
 TOLERANCE = 0.05
-"""How far, relative, the slopes of a scaling region may differ beyond two standard errors."""
+"""Largest relative difference of slopes in a scaling region beyond two standard errors."""
 
 _PITCH = np.log(2.0) / STEPS
 _PARTS = 4
 _LOCAL = STEPS // 2
-_FEWEST_PAIRS = 30  # of which a logarithm has an error worth the name
-# a finite set: a factor of the radius, over which the sum may grow by a part, and visits of a point
+_FEWEST_PAIRS = 30  # fewer have no reliable logarithm
+# a finite set: least ratio of radii over which the sum is flat, to a fraction; visits per point
 _FLAT_RATIO, _FLAT, _VISITS = 100.0, 0.01, 10
-# Rounding to a grid moves a distance by half a step. At 8 steps ln r moves by a 16th: the slope of
-# a region of 4:1, the shortest by default, moves by 1 / 16 / ln 4 = 4.5 %, less than TOLERANCE.
+# Rounding to a grid changes a distance by half a step. At 8 steps ln r changes by 1/16: the slope
+# of a region of 4:1, the default least ratio, changes by 1 / 16 / ln 4 = 4.5 %, less than
+# TOLERANCE.
 _GRID_STEPS = 8
 
 
 class Outcome(Enum):
-    """What the search for a scaling region came to; the value is the message."""
+    """Outcome of the search for a scaling region; the value says it in words."""
 
     FOUND = "there is a scaling region"
     DRIFT = "the local slopes drift: there is no plateau"
@@ -45,7 +46,7 @@ class Outcome(Enum):
 @final
 @dataclass(frozen=True)
 class Estimate:
-    """A number and one standard error, which covers about 68 % and is no bound.
+    """A number and one standard error, which covers about 68 % and is not a bound.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ class LocalSlopes:
 @final
 @dataclass(frozen=True)
 class ScalingRegion:
-    """Radii over which the correlation sum is a power.
+    """A range of radii over which the correlation sum is a power.
 
     Parameters
     ----------
@@ -94,8 +95,8 @@ class ScalingRegion:
     statistical : float
         One standard error of the slope, from bootstrap over blocks of time.
     systematic : float
-        Scatter of the slopes of the region's quarters, beyond what chance explains: their mean
-        variance, and the standard error that a variance of four has.
+        Scatter of the slopes of the region's quarters beyond the statistical one: the mean variance
+        of the quarters and the standard error of a variance of four are subtracted.
     drift : float
         One standard error for the limit of small radii, where the local slopes drift: see
         `dynkit.analysis.dimension.drift.drift_of`.
@@ -115,7 +116,7 @@ class ScalingRegion:
 
     @property
     def error(self) -> float:
-        """One standard error, statistical, systematic and of the drift together; no bound."""
+        """One standard error: statistical, systematic and drift combined; not a bound."""
         return float(np.hypot(self.scatter, self.drift))
 
     @property
@@ -127,13 +128,12 @@ class ScalingRegion:
 @final
 @dataclass(frozen=True)
 class Scaling:
-    """What a correlation sum scales like.
+    """The scaling of a correlation sum.
 
     Parameters
     ----------
     outcome : Outcome
     region : ScalingRegion or None
-        None when there is none.
     """
 
     outcome: Outcome
@@ -141,7 +141,7 @@ class Scaling:
 
 
 def local_slopes(sums: CorrelationSums) -> LocalSlopes:
-    """Return the local slopes of sums at radii of 8 to the octave, where there are 30 pairs."""
+    """Return the local slopes of sums at 8 radii per octave, where there are 30 pairs or more."""
     radii, pairs, shares = _populated(sums)
     weights = _slope_weights(len(radii), _LOCAL)
     return LocalSlopes(
@@ -152,20 +152,19 @@ def local_slopes(sums: CorrelationSums) -> LocalSlopes:
 
 
 def find_scaling(sums: CorrelationSums, states: Array, least_ratio: float) -> Scaling:
-    """Find the scaling region of the sums of states, (n, d), at radii of 8 to the octave.
+    """Find the scaling region of the sums of states, (n, d), at 8 radii per octave.
 
-    It is the longest range of radii, `least_ratio` or more from end to end, whose quarters have
-    slopes that agree with that of the whole within `TOLERANCE` and two standard errors, and are all
-    known better than `TOLERANCE`. Among ranges of one length it is that of the smallest radii.
+    It is the longest range of radii, with a ratio of `least_ratio` or more, whose quarters have
+    slopes that agree with that of the whole within `TOLERANCE` plus two standard errors, and have
+    errors below `TOLERANCE`. Among ranges of one length it is that of the smallest radii.
 
-    The outcome is a drift when the local slopes over all radii that are resolved raise the odds of
-    a singular density by a factor of 20, and the drift moves the limit of small radii by more than
+    The outcome is a drift when the local slopes over all resolved radii raise the odds of a
+    singular density by a factor of 20, and the drift shifts the limit of small radii by more than
     two other errors.
 
-    Where a coordinate was rounded to a grid, radii below 8 of its steps are not searched. When the
-    sum is flat over a factor of 100 the states are clusters of points there, and only what is
-    smaller is searched, or what is larger than 8 steps of the grid; when nothing there scales, the
-    set is finite as far as can be seen.
+    Where a coordinate was rounded to a grid, radii below 8 of its steps are not searched. A sum
+    that is flat over a factor of 100 shows clusters of points: then only smaller radii are searched
+    (not below 8 steps of a grid). When no range scales there, the set is finite at this resolution.
     """
     every, pairs, shares = _populated(sums)
     flat = _flat_range(every, pairs, sums.total, len(states))
@@ -191,13 +190,13 @@ def find_scaling(sums: CorrelationSums, states: Array, least_ratio: float) -> Sc
 def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     """Return Takens' maximum-likelihood estimate of the exponent, from all pairs below `high`.
 
-    Distances count by the bins that they fell in, and those below `low` only as below it: the
-    likelihood is that of these counts, so nothing is interpolated. The error is that of bootstrap
-    over blocks of time, and the most that the estimate changes by, beyond what chance explains,
-    when only pairs below a smaller radius are taken, down to the middle of the region in ln r: the
-    pairs at the largest radii are the most, and a curve that bends there, or that waves about a
-    line, shifts the estimate. It is enlarged by what a shift in proportion to the radius, as the
-    borders of a set cause it, has left at the middle, and contains the drift of the region.
+    The likelihood is that of the counts in bins, where distances below `low` are one bin; nothing
+    is interpolated. The error combines that of a bootstrap over blocks of time with the largest
+    change of the estimate, beyond the statistical one, when only pairs below a smaller radius are
+    used, down to the middle of the region in ln r: most pairs are at the largest radii, and a curve
+    that bends there, or oscillates about a line, shifts the estimate. This change is increased to
+    the extrapolation of a shift in proportion to the radius, as at the borders of a set. The error
+    includes the drift of the region.
 
     References
     ----------
@@ -218,9 +217,9 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
 
 
 def _likeliest(pairs: Counts, fewest: int) -> tuple[Array, Array]:
-    """Takens' estimates (m,) from the first counts, `fewest` or more, and their derivatives (m, k).
+    """Return Takens' estimates (m,) from the first `fewest` or more counts, and derivatives (m, k).
 
-    The derivatives are by the logarithms of the counts (k,), at successive radii.
+    The derivatives are with respect to the logarithms of the counts (k,) at successive radii.
     """
     counts = np.arange(max(fewest, 2), len(pairs) + 1)
     later = np.cumsum(pairs[1:], dtype=np.float64)[counts - 2]
@@ -238,7 +237,7 @@ def _populated(sums: CorrelationSums) -> tuple[Array, Counts, Counts]:
 
 
 def _slope_weights(count: int, width: int) -> Array:
-    """Weights, (count - width, count), of the slopes over each width + 1 successive radii."""
+    """Return weights, (count - width, count), of the slopes over width + 1 successive radii."""
     offsets = np.arange(width + 1) - 0.5 * width
     begins = np.arange(max(count - width, 0))[:, None]
     weights = np.zeros((len(begins), count))
@@ -247,7 +246,7 @@ def _slope_weights(count: int, width: int) -> Array:
 
 
 def _flat_range(radii: Array, pairs: Counts, total: int, states: int) -> tuple[int, int] | None:
-    """First and last index of the lowest flat range of radii."""
+    """Return the first and last index of the lowest flat range of radii, if any."""
     logs = np.log(pairs)
     ends = np.searchsorted(logs, logs + _FLAT, side="right") - 1
     often = pairs * states >= _VISITS * total
@@ -259,7 +258,7 @@ def _flat_range(radii: Array, pairs: Counts, total: int, states: int) -> tuple[i
 def _longest_region(
     radii: Array, pairs: Counts, shares: Counts, least_ratio: float
 ) -> tuple[ScalingRegion, Array] | None:
-    """The region and the weights of ln C in its slope, or None."""
+    """Return the region and the weights of ln C in its slope, or None."""
     logs = np.log(pairs)
     shortest = int(np.ceil(np.log(least_ratio) / (_PARTS * _PITCH) - 1e-9))
     for width in range((len(radii) - 1) // _PARTS, max(shortest, 1) - 1, -1):
@@ -269,7 +268,7 @@ def _longest_region(
         begins = np.arange(len(whole))[:, None] + width * np.arange(_PARTS)
         parts = (quarters @ logs)[begins]
         apart = abs(parts - slopes[:, None]).max(axis=1)
-        # two errors of TOLERANCE at most, and TOLERANCE itself
+        # TOLERANCE plus two errors, which are at most TOLERANCE each
         likely = np.flatnonzero((slopes > 0.0) & (apart <= 3.0 * TOLERANCE * slopes))
         # the lowest quarter has the fewest pairs
         errors = counting_errors(pairs, (quarters[: len(whole)] - whole)[likely])

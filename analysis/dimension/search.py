@@ -1,4 +1,4 @@
-"""Correlation sums up to the largest radius below which a range scales."""
+"""Search for the largest radius of correlation sums below which a range scales."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from dynkit.analysis.dimension.sums import CorrelationSums
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 
-# Of the diameter: the largest radii that are tried. Up to 0.3 some sets of many dimensions, whose
-# sums bend everywhere, have a range that looks straight.
+# Largest radii that are tried, relative to the diameter. Up to 0.3 some sets of many dimensions,
+# whose sums bend everywhere, have a range that looks straight.
 _PARTS = 0.1, 0.2
-_ROUNDING = 2.0**-42  # of the largest coordinate: smaller distances are rounding, not motion
-_LEAST_SPAN = 128.0  # of the radii, also when all states are one point
+_ROUNDING = 2.0**-42  # smallest distance above rounding, relative to the largest coordinate
+_LEAST_SPAN = 128.0  # least ratio of radii, also when all states are one point
 
 
 def search_scaling(
@@ -27,20 +27,20 @@ def search_scaling(
     largest: float | None,
     least_ratio: float,
 ) -> tuple[CorrelationSums, Scaling, Cost]:
-    """Return the sums of states (n, d), what they scale like, and the cost of all that was tried.
+    """Return the sums of states (n, d), their scaling, and the cost of all trials.
 
-    Sums are taken up to the first largest radius below which a range scales; up to the first of all
-    where none does.
+    The sums are those up to the first of several largest radii below which a range scales, or up to
+    the first one when no range scales.
 
     Parameters
     ----------
     sums_at : callable
-        Return the correlation sums at radii, (k,).
+        Function that returns the correlation sums at radii, (k,).
     states : (n, d) array
     diameter : float
         Largest distance of two states.
     largest : float, optional
-        Largest radius, where it is given.
+        Largest radius; by default fractions of the diameter are tried.
     least_ratio : float
         As for `find_scaling`.
 
@@ -62,7 +62,7 @@ def search_scaling(
 
 
 def _ladders(states: Array, diameter: float, largest: float | None) -> Iterator[Array]:
-    """Radii down to the rounding of the states, from each largest one that is tried."""
+    """Yield radii down to the rounding of the states, for each largest radius to try."""
     finest = max(_ROUNDING * float(abs(states).max()), 1e-140)
     least = _LEAST_SPAN * finest
     if largest is not None and largest < least:

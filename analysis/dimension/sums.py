@@ -1,4 +1,4 @@
-"""Correlation sums: how many pairs of states are near to one another, at every radius."""
+"""Correlation sums: numbers of pairs of states within each radius."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from dynkit.core.validation import (
 )
 
 Norm: TypeAlias = Literal["maximum", "euclidean"]
-"""How the distance of two states is measured."""
+"""Norm of the distance of two states."""
 
-_SMALLEST, _LARGEST = 1e-150, 1e150  # what has a square
+_SMALLEST, _LARGEST = 1e-150, 1e150  # numbers whose squares neither underflow nor overflow
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class CorrelationSums:
-    """Pairs of states that are at most a radius apart, at every radius.
+    """Numbers of pairs of states within each radius.
 
-    The counts are exact: they are those that comparing each pair would give, in double precision.
+    The counts are exact: they equal those of a comparison of each pair in double precision.
 
     Parameters
     ----------
     radii : (k,) array
         Ascending.
     pairs : (k,) array of int
-        How many pairs are at most so far apart.
+        Number of pairs within each radius.
     total : int
-        How many pairs there are.
+        Number of all pairs.
     shares : (b, k) array of int
-        For each block of time the pairs with a state in it, those with both states in it twice: so
-        the sum over all blocks is twice `pairs`. The blocks follow one another.
+        For each block of time the number of pairs with a state in it, where pairs with both states
+        in it count twice: the sum over all blocks is twice `pairs`. The blocks are successive.
     cost : Cost
-        Distances that were measured one by one, and pairs of boxes that were looked at.
+        Seconds, computed distances, and examined pairs of boxes.
     """
 
     radii: Array
@@ -64,16 +64,15 @@ class CorrelationSums:
 
     @property
     def values(self) -> Array:
-        """The correlation sum C(r), (k,): the part of all pairs."""
+        """The correlation sum C(r), (k,): the fraction of all pairs."""
         return np.asarray(self.pairs / self.total)
 
     @property
     def error(self) -> Array:
         """One standard error of C(r), (k,), relative, from bootstrap over blocks of time.
 
-        It covers about 68 %, and is no bound.
-        See `dynkit.analysis.dimension.errors`. Infinite where no pair is so near, and where there
-        are too few blocks to tell.
+        It covers about 68 %, and is not a bound; see `dynkit.analysis.dimension.errors`. Infinite
+        where there are no pairs within the radius, or too few blocks.
         """
         errors = np.full(len(self.radii), np.inf)
         there = self.pairs > 0
@@ -91,23 +90,24 @@ def correlation_sums(
     theiler: int = 0,
     angles: Mapping[int, float] | None = None,
 ) -> CorrelationSums:
-    """Count the pairs of states that are at most a radius apart, at every radius at once.
+    """Count the pairs of states within each radius.
 
-    Two trees of boxes are descended together; the pairs of two boxes are counted at once when all
-    their distances lie between two successive radii. The work is done on all processors.
+    The method descends a tree of boxes in pairs of nodes; the pairs of points of two boxes are
+    counted at once when all their distances lie between two successive radii. It uses all
+    processors.
 
     Parameters
     ----------
     states : (n, d) array_like
-        One after the other in time; n >= 2.
+        States in the order of time; n >= 2.
     radii : (k,) array_like
         Ascending, positive.
     norm : {"maximum", "euclidean"}
     theiler : int
         Theiler's window: states i and j count as a pair when abs(i - j) > theiler.
     angles : mapping of int to float, optional
-        For each coordinate that is an angle one turn of it. The distance of two angles is the
-        shortest way.
+        For each coordinate that is an angle, one turn of it. The distance of two angles is taken
+        the shortest way around.
 
     Returns
     -------
@@ -148,12 +148,12 @@ def correlation_sums(
 
 
 def checked_states(states: object) -> Array:
-    """Return states, (n, d), of which there are two or more.
+    """Return states, (n, d), after checks; n >= 2.
 
     Raises
     ------
     ValueError
-        When they are refused.
+        When there are fewer than two, or a number is not finite or too large.
     """
     array = finite_array("states", states, (None, None))
     if len(array) < 2 or array.shape[1] < 1:
@@ -166,12 +166,12 @@ def checked_states(states: object) -> Array:
 
 
 def checked_theiler(theiler: object, n: int) -> int:
-    """Return a window that leaves pairs of n states.
+    """Return Theiler's window after a check that it leaves pairs of n states.
 
     Raises
     ------
     ValueError
-        When it does not.
+        When the window is negative, not an integer, or too large.
     """
     window = non_negative_integer("theiler", theiler)
     if window > n - 2:
@@ -180,7 +180,7 @@ def checked_theiler(theiler: object, n: int) -> int:
 
 
 def checked_angles(angles: Mapping[int, float], d: int) -> Mapping[int, float]:
-    """Return the angles among d coordinates: numbers from 0 on, and their turns.
+    """Return the angles among d coordinates: indices from 0 on, and their turns.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def checked_angles(angles: Mapping[int, float], d: int) -> Mapping[int, float]:
 
 
 def wrapped(states: Array, angles: Mapping[int, float]) -> tuple[Array, Array]:
-    """Return states with angles in [0, turn], and the turns, (d,): zero where there is no angle."""
+    """Return states with angles in [0, turn], and the turns, (d,), zero for other coordinates."""
     points, turns = states.copy(), np.zeros(states.shape[1])
     for index, turn in angles.items():
         points[:, index] %= turn
@@ -218,7 +218,7 @@ def _checked_radii(radii: object) -> Array:
 
 
 def _squares(radii: Array) -> Array:
-    """The largest numbers whose square roots, as computed, do not exceed the radii."""
+    """Return the largest numbers whose computed square roots do not exceed the radii."""
     squares = radii * radii
     while (large := np.sqrt(squares) > radii).any():
         squares = np.where(large, np.nextafter(squares, 0.0), squares)

@@ -1,4 +1,4 @@
-"""Trees of boxes: points that are near to one another lie together."""
+"""Trees of boxes that group near points."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from dynkit.analysis.dimension.correlation_kernels import Boxes
 
 LEAF = 64
-"""The most points of a leaf: fewer cost more boxes, more are measured although they are far."""
+"""Most points of a leaf: a balance between the number of boxes and of distances of far points."""
 
 _LANES = 8
 
 
 def boxes_of(points: Array, turns: Array, blocks: NDArray[np.int64]) -> Boxes:
-    """Return the balanced tree of some points, each box halved across its widest coordinate.
+    """Return the balanced tree of points; each box is halved across its widest coordinate.
 
     Node v has the children 2v + 1 and 2v + 2; the leaves come last.
 

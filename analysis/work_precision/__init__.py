@@ -1,1 +1,1 @@
-"""Error against run time: methods that simulate impacts, beside exact impacts."""
+"""Error against run time: methods that simulate impacts, compared with exact impacts."""

@@ -1,4 +1,4 @@
-"""Found impacts beside exact ones: which belong together, and how far they are apart."""
+"""Comparison of found impacts with exact ones: matching and errors."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from dynkit.analysis.work_precision.methods import FoundImpacts
 from dynkit.core.validation import Array
 
 NEAR = 0.05
-"""Part of the period within which a found impact may be an exact one."""
+"""Largest distance of a found impact from its exact one, relative to the period."""
 
 
 @final
 @dataclass(frozen=True)
 class Comparison:
-    """What was right and wrong in one simulation.
+    """Comparison of one simulation with exact impacts.
 
     Parameters
     ----------
     impacts : int
-        Exact impacts and releases.
+        Number of exact impacts and releases.
     missed, invented : int
-        Exact ones that were not found; found ones that are none.
+        Number of exact ones that were not found, and of found ones that do not exist.
     error : float
-        Largest error of those that were found, 0 without any.
+        Largest error of those that were found; 0 if there are none.
     """
 
     impacts: int
@@ -38,16 +38,15 @@ class Comparison:
 
     @property
     def right(self) -> bool:
-        """Whether none is missed and none invented."""
+        """Whether no impact is missed and none invented."""
         return not (self.missed or self.invented)
 
 
 def compare(found: FoundImpacts, exact: ExactImpacts) -> Comparison:
-    """Compare found impacts and releases with exact ones, up to the end of these.
+    """Compare found impacts and releases with exact ones, up to the end of the exact ones.
 
-    Found and exact ones are matched in the order of time, each with one at most, none with one that
-    is further away than `NEAR` of the period: as many as possible of them, then as near as
-    possible.
+    Found and exact ones are matched in the order of time, one to one, at distances up to `NEAR` of
+    the period: first as many as possible, then as near as possible.
     """
     times, near = found.times, NEAR * exact.period
     ours, theirs = matched(times, exact.times, near)
@@ -73,7 +72,7 @@ def matched(found: Array, exact: Array, near: float) -> tuple[NDArray[np.intp], 
     ----------
     found, exact : (k,), (n,)
     near : float
-        No pair is further apart.
+        Largest distance of a pair.
 
     Examples
     --------
@@ -83,11 +82,11 @@ def matched(found: Array, exact: Array, near: float) -> tuple[NDArray[np.intp], 
     from scipy.optimize import linear_sum_assignment
 
     apart = abs(found[:, None] - exact)
-    # a pair saves more than all distances together cost: pairs are as many as can be
+    # a pair saves more than all distances together cost: the number of pairs is largest
     saved = near * (1.0 + min(apart.shape))
     ours, theirs = linear_sum_assignment(np.where(apart <= near, apart - saved, 0.0))
     paired = apart[ours, theirs] <= near
-    # in the order of time no pair is further apart than in any other
+    # the order of time gives the smallest largest distance
     return ours[paired], np.sort(theirs[paired])
 
 

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 _WIDTH, _HEIGHT, _COLUMNS = 7.0, 2.3, 2
 _LOWEST, _DOUBLE = 1e-17, 2.0**-53
 _LOST = 30.0
-"""Where in a panel a run with a missed or invented impact is drawn: above all errors."""
+"""Height at which runs with a missed or invented impact are drawn: above all errors."""
 
-# told apart in black and white: markers, dashes, and full or hollow
+# distinguishable in black and white: markers, dashes, full or hollow
 _MARKERS = ("*", "o", "s", "^", "v", "D", "X", "P", "h", "<", ">", "p")
 _DASHES: tuple[Any, ...] = ("-", "-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
 _COLORS = ("black", "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown",
@@ -28,20 +28,20 @@ _COLORS = ("black", "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purpl
 
 
 Lines: TypeAlias = Sequence[Sequence[Measurement]]
-"""Measurements of a job, method by method: the method's number says its marker and dashes."""
+"""Measurements of a job by method; the index of the method determines its marker and dashes."""
 
 
 class Job(NamedTuple):
-    """What is said of a job besides its measurements.
+    """Properties of a job besides its measurements.
 
     Parameters
     ----------
     name : str
     starts : int
     floor : float
-        What rounding the start costs; NaN if unknown.
+        Error from the rounding of the start; NaN if unknown.
     error : float
-        Of the exact impacts themselves.
+        Error of the exact impacts.
     """
 
     name: str
@@ -95,7 +95,7 @@ def _draw(job: Job, lines: Lines, axes: Axes) -> None:
             _line(axes, rows, k, several=several)
     axes.set_xlabel("seconds")
     low, high = np.log10(axes.get_xlim())
-    axes.set_xlim(10.0 ** math.floor(low), 10.0 ** math.ceil(high))  # whole decades have names
+    axes.set_xlim(10.0 ** math.floor(low), 10.0 ** math.ceil(high))  # only whole decades are named
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())
     if several:

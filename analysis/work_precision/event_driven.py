@@ -1,8 +1,7 @@
-"""Flights that end at events: the loop of every method that integrates from one impact to the next.
+"""Event-driven simulation: the loop of methods that integrate from one impact to the next.
 
-What a competent user of such an integrator adds to it stands here: the impact law, the change to
-contact when bounces have become small, the release, and the start of flights whose event function
-is zero where they begin.
+It adds to an integrator the impact law, the transition to contact when bounces have become small,
+the release, and the start of flights whose event function is zero at the beginning.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ from dynkit.analysis.work_precision.models import ImpactModel, first_order
 from dynkit.core.validation import Array
 
 BLIND = 1e-3
-"""Part of the period after a release in which no impact is looked for: the gap opens from zero
-with the third power of the time, and its sign there is that of rounding."""
+"""Fraction of the period after a release without search for impacts: the gap opens from zero with
+the third power of the time, and its sign is rounding at first."""
 
 SMALLEST = 1e-12
-"""No finer tolerance makes bounces smaller that are followed."""
+"""Tolerance below which the smallest simulated bounce no longer decreases."""
 
 
 class Integrator(ABC):
@@ -35,27 +34,27 @@ class Integrator(ABC):
     def fly(
         self, time: float, state: Array, end: float, flight: float
     ) -> tuple[float, Array, bool]:
-        """Free flight to the next impact or to the end: time, state (2N,), whether it is an impact.
+        """Fly freely to the next impact or to the end; return time, state (2N,), whether it hit.
 
-        ``flight`` is an estimate of its duration, infinite without one.
+        ``flight`` is an estimate of the duration, or infinite.
         """
 
     @abstractmethod
     def pass_freely(self, time: float, state: Array, end: float) -> Array:
-        """Free flight to the end, without looking for impacts: state (2N,)."""
+        """Fly freely to the end without search for impacts; return the state (2N,)."""
 
     @abstractmethod
     def hold(self, time: float, state: Array, end: float) -> tuple[float, Array, bool]:
-        """Contact until its force falls through zero, or to the end; states (2N - 2,) of others."""
+        """Hold contact until its force falls to zero or to the end, for states (2N - 2,)."""
 
     @abstractmethod
     def work(self) -> dict[str, int]:
-        """What was done so far."""
+        """Return the work so far."""
 
 
 @final
 class ContactMatrices:
-    """Contact: the other coordinates, driven by the table, and the force of the table."""
+    """Matrices of contact: other coordinates driven by the table, and the contact force."""
 
     def __init__(self, model: ImpactModel) -> None:
         c, others = model.contact, model.others
@@ -67,16 +66,16 @@ class ContactMatrices:
         self.inverse, self.matrix = first_order(
             model.mass[inner], model.damping[inner], model.stiffness[inner]
         )
-        # what the table does to the others: by its position, velocity and acceleration
+        # effect of the table on the others, by its position, velocity and acceleration
         columns = (model.stiffness, model.damping, model.mass)
         self.drive = -self.inverse @ np.stack([part[others, c] for part in columns], axis=1)
-        # the force that the others leave to the table
+        # contact force from the state of the others
         row = np.concatenate([model.stiffness[c, others], model.damping[c, others]])
         self.row = row + model.mass[c, others] @ self.matrix[n:]
         self.own = np.array([part[c, c] for part in columns]) + model.mass[c, others] @ self.drive
 
     def rate(self, time: float, y: Array) -> Array:
-        """Derivative (2N - 2,) of positions and velocities of the others."""
+        """Return the derivative (2N - 2,) of positions and velocities of the others."""
         out = self.matrix @ y
         n, model = len(self.others), self.model
         out[n:] += self.drive @ np.array(model.table(time))
@@ -85,7 +84,7 @@ class ContactMatrices:
         return np.asarray(out)
 
     def force(self, time: float, y: Array) -> float:
-        """Force of the table towards the structure's side."""
+        """Return the contact force, positive for compression."""
         model, c = self.model, self.model.contact
         pull = float(self.row @ y + self.own @ np.array(model.table(time)))
         if model.forced:
@@ -102,8 +101,8 @@ def simulate(integrator: Integrator, stick_below: float) -> FoundImpacts:
     ----------
     integrator : Integrator
     stick_below : float
-        A mass that is pressed onto the table stays there once its relative velocity after an impact
-        is below this. What is left of the chatter would move it by about the square of that.
+        Relative velocity after an impact below which a mass pressed onto the table sticks. The
+        error of the position is about the square of this.
     """
     contact, model = integrator.contact, integrator.model
     n, c, end, kick = model.size, model.contact, model.until, contact.kick
@@ -126,7 +125,7 @@ def simulate(integrator: Integrator, stick_below: float) -> FoundImpacts:
         rebound = abs(model.restitution * approach)
         force = contact.force(time, state[contact.inner])
         pressed = force > 0.0
-        # the gap closes with the acceleration force / (mass that the table feels)
+        # the gap closes with the acceleration force / (effective mass at the contact)
         flight = 2.0 * rebound / (force * contact.compliance) if pressed else math.inf
         if pressed and rebound <= stick_below:
             state = state.copy()
@@ -156,17 +155,17 @@ def smallest_bounce(model: ImpactModel, tolerance: float) -> float:
 
 
 def weakest_bounce(table: float, velocity: Array, tolerance: float) -> float:
-    """The relative velocity below which a mass sticks: its square is of the tolerance's order.
+    """Return the relative velocity below which a mass sticks; its square is about the tolerance.
 
-    Not less than what rounding hides: a bounce of 1e-6 of the table's velocity rises by some 1e-13
-    of its amplitude.
+    It is above rounding: a bounce of 1e-6 of the table's velocity rises by about 1e-13 of the
+    table's amplitude.
 
     Parameters
     ----------
     table : float
         Largest velocity of the table.
     velocity : (N,)
-        Of the masses at the start.
+        Velocities of the masses at the start.
     tolerance : float
     """
     speed = max(table, 1e-3 * float(abs(velocity).max()))

@@ -1,4 +1,4 @@
-"""Exact impacts: what the methods are measured by."""
+"""Exact impacts: the reference for methods."""
 
 from __future__ import annotations
 
@@ -18,49 +18,49 @@ _DOUBLE, _PAIR = 2.0**-53, 2.0**-105
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExactImpacts:
-    """A start of a system, and all its impacts and releases up to a time, from a reference.
+    """A start of a system, and all impacts and releases up to a time, from a reference.
 
-    Numbers with more digits than a double are given as ``Decimal`` or as texts; 32 digits are kept.
+    Numbers with more digits than a double are ``Decimal`` or text; 32 digits are kept.
 
     Parameters
     ----------
     system : object
-        What the methods simulate. Those of dynkit take an `ImpactOscillator`, or anything that has
+        The simulated system. The methods of dynkit require an `ImpactOscillator`, or an object with
         its attributes.
     position, velocity : (N,) array_like
-        To start from, doubles.
+        The start, in doubles.
     phase : float
-        Of the table at the start.
+        Phase of the table at the start.
     until : float
-        Up to this time after the start impacts are compared.
+        Time after the start up to which impacts are compared.
     times : (n,) array_like
         Times of the impacts, ascending.
     positions, velocities : (n, k) array_like
-        At the impacts, and just after them.
+        Positions at the impacts, and velocities just after them.
     coordinates : sequence of int
-        Which coordinates these are; by default all.
+        Indices of these k coordinates; by default all.
     releases : (m,) array_like
-        Times at which the table lets a mass go that stuck to it.
+        Times at which a sticking mass leaves the table.
     chatters : (l, 2) array_like
-        Intervals in which bounces are too many to be compared one by one: the impacts that a method
-        finds there count neither as right nor as wrong, and none are given.
+        Intervals with too many bounces for comparison: they contain no exact impacts, and impacts
+        found there are ignored.
     conditioning : float, optional
-        About how many times a relative disturbance of the start is found in the errors of the
-        impacts; rounding the start costs this times 2^-53.
+        Approximate factor from relative disturbances of the start to errors of the impacts; the
+        rounding of the start causes an error of this times 2^-53.
     period : float, optional
-        By which errors of times are judged; by default that of the table.
+        Unit of errors of times; by default the period of the table.
     error : float, optional
-        Estimate of the largest error of these impacts themselves, as `errors` counts; by default
-        their `rounding`.
+        Estimate of the largest error of these impacts, in the norm of `errors`; by default their
+        `rounding`.
 
     Raises
     ------
     ValueError
-        Naming the argument, the limit and the value.
+        When an argument is refused; the message names argument, limit and value.
 
     Examples
     --------
-    A ball that falls by one in one unit of time:
+    A ball that falls by one unit of length in one unit of time:
 
     >>> exact = ExactImpacts(
     ...     system="a ball", position=[1.0], velocity=[0.0], until=1.5, period=1.0,
@@ -127,7 +127,7 @@ class ExactImpacts:
         object.__setattr__(self, name, value)
 
     def _pair(self, name: str, shape: tuple[int | None, ...]) -> None:
-        """Keep numbers as doubles and what is left of them."""
+        """Store numbers as doubles and remainders."""
         numbers = np.array(getattr(self, name), dtype=object)
         if not numbers.size:
             numbers = numbers.reshape([length or 0 for length in shape])
@@ -143,12 +143,12 @@ class ExactImpacts:
 
     @property
     def rounding(self) -> float:
-        """Relative rounding of the numbers that were given: that of doubles, or of two of them."""
+        """Relative rounding of the given numbers: that of doubles, or of pairs of doubles."""
         return _PAIR if any(part.any() for part in self._pairs.values()) else _DOUBLE
 
     @property
     def size(self) -> tuple[float, float]:
-        """Largest position and largest velocity of the impacts, by which errors are judged."""
+        """Largest position and largest velocity of the impacts: the units of errors."""
         sizes = (float(abs(x).max(initial=0.0)) for x in (self.positions, self.velocities))
         first, second = (x or 1.0 for x in sizes)
         return first, second
@@ -158,16 +158,16 @@ class ExactImpacts:
     ) -> Array:
         """Return the error of each impact, (n,).
 
-        That is the largest of: the error of the time over the period, of a position over the
-        largest position of all impacts, of a velocity over the largest velocity.
+        It is the largest of these: the error of the time over the period, of a position over the
+        largest position of all impacts, and of a velocity over the largest velocity.
 
         Parameters
         ----------
         times : (n,) array_like
         positions, velocities : (n, N) array_like
-            Of all coordinates.
+            Positions and velocities of all coordinates.
         which : (n,) array_like of int, optional
-            Numbers of the exact impacts; by default 0 to n - 1.
+            Indices of the exact impacts; by default 0 to n - 1.
         """
         t, kept = np.asarray(times, dtype=np.float64), list(self.coordinates)
         chosen = np.arange(len(t)) if which is None else np.asarray(which, dtype=np.intp)
@@ -180,7 +180,7 @@ class ExactImpacts:
         return np.asarray(np.max([late, *parts], axis=0))
 
     def lateness(self, releases: object, which: object) -> Array:
-        """Return the errors of release times over the period, (m,); arguments as in `errors`."""
+        """Return errors of release times relative to the period, (m,); arguments as in `errors`."""
         found, chosen = np.asarray(releases, dtype=np.float64), np.asarray(which, dtype=np.intp)
         return np.asarray(abs(self._off("releases", found, chosen)) / self.period)
 

@@ -1,4 +1,4 @@
-"""dynkit's own simulation: closed-form motion, certified roots."""
+"""The simulation of dynkit: closed-form motion, certified roots."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from dynkit.analysis.work_precision.methods import FoundImpacts, ImpactMethod, S
 class ExactMaps(ImpactMethod):
     """``system.simulate`` of dynkit; it has no tolerance.
 
-    Impacts are asked for by number, one more than there are to be, and then twice as many as before
-    while the end is not reached. Positions and velocities are made from the modal coordinates
-    within the time that is taken.
+    The number of impacts is one more than that of the exact ones, and then twice the last number
+    until the end is reached. The measured time includes the computation of positions and velocities
+    from modal coordinates.
     """
 
     name = "dynkit"

@@ -1,4 +1,4 @@
-"""One measurement: what a method makes of a job, and in how many seconds."""
+"""One measurement: error and run time of a method on a job."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from dynkit.analysis.work_precision.methods import (
 )
 
 _REPEATS, _ENOUGH = 300, 0.2
-"""A run is repeated so often at most, and no more once so many seconds have passed."""
+"""Largest number of repetitions of a run, and seconds after which repetitions end."""
 
 _now = process_time if get_clock_info("process_time").resolution < 1e-6 else perf_counter
-"""Time of the processor, which other work on the machine does not change; where it is coarse, the
-time that passes."""
+"""Clock of processor time, which does not depend on other processes; where its resolution is low,
+wall-clock time."""
 
 
 @final
@@ -36,25 +36,25 @@ class Measurement:
     ----------
     job, method : str
     tolerance : float
-        Of the method, in its own meaning; 0 when it has none, NaN when it did not run.
+        Tolerance of the method, with its own meaning; 0 when it has none, NaN when it did not run.
     error : float
-        Largest error of an impact as `ExactImpacts.errors` has it, or of a release; NaN when an
-        impact is missed or invented, or the method did not come to its end.
+        Largest error of an impact in the norm of `ExactImpacts.errors`, or of a release; NaN when
+        an impact is missed or invented, or the method did not finish.
     seconds : float
-        Of the processor, for all starts together, the least of some repetitions; NaN when it did
-        not come to its end.
+        Processor time for all starts together, the least of several repetitions; NaN when the
+        method did not finish.
     work : mapping of str to int
-        What the method counts.
+        Counts of the method's work.
     starts, lost : int
-        Starts that were simulated, and those of them in which an impact is missed or invented.
+        Number of simulated starts, and of those with a missed or invented impact.
     impacts, missed, invented : int
-        Exact impacts and releases of these starts; how many of them were not found; how many were
-        found that are none.
+        Number of exact impacts and releases of these starts, of those that were not found, and of
+        found ones that do not exist.
     reference : float
-        Error of the exact impacts themselves: a smaller `error` means nothing.
+        Error of the exact impacts: a smaller `error` is not significant.
     remark : str
-        What is to be said of it: that it gave up, is not installed, or lost an impact, or that its
-        error is not known better than to be below `reference`.
+        Whether the method gave up, is not installed or lost an impact, or its error is only known
+        to be below `reference`.
     """
 
     job: str
@@ -83,12 +83,12 @@ class Measurement:
 
     @property
     def right(self) -> bool:
-        """Whether it came to its end, and no impact is missed and none invented."""
+        """Whether the method finished, and no impact is missed and none invented."""
         return not math.isnan(self.error)
 
     @property
     def known_error(self) -> str:
-        """The error in words: less than that of the exact impacts where it is smaller."""
+        """The error as text: less than that of the exact impacts where it is smaller."""
         if math.isnan(self.error):
             return "-"
         within = self.error < self.reference
@@ -102,7 +102,7 @@ def measure(
     starts: tuple[ExactImpacts, ...],
     runs: list[Simulation],
 ) -> Measurement:
-    """Measure one method at one tolerance on the starts of a job, with what it has prepared."""
+    """Measure one method at one tolerance on the starts of a job, by its prepared simulations."""
     found: list[FoundImpacts] = []
     work: dict[str, int] = {}
     remark, left = "", method.budget
@@ -152,7 +152,7 @@ def measure(
 
 
 def _shortest(runs: list[Simulation], budget: int, first: float) -> float:
-    """The shortest time of some repetitions; the first may have compiled something."""
+    """Return the shortest time of several repetitions; the first run may include compilation."""
     best, spent = first, first
     for _ in range(_REPEATS - 1):
         if spent > _ENOUGH:

@@ -1,4 +1,4 @@
-"""Error against run time: jobs times methods times their tolerances."""
+"""Error against run time, for all jobs, methods and tolerances."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ if TYPE_CHECKING:
 
 @final
 class WorkPrecision(Saved):
-    """Error against run time of methods that simulate impacts, each over its own tolerance.
+    """Error against run time of methods that simulate impacts, each over its tolerances.
 
-    All is measured when it is first asked for, and once. Before the time is taken each method may
-    prepare itself: compile, find modes. The time is that of the processor, the least of up to 300
+    Measurements are made once, when they are first read. Preparations of a method, such as
+    compilation and modes, are not timed. The time is processor time, the least of up to 300
     repetitions, fewer where they take long.
 
     Parameters
     ----------
     jobs : mapping of str to ExactImpacts, or to a sequence of them
-        By name: a start with its exact impacts, or several starts that are one job together.
+        By name: a start with its exact impacts, or several starts that form one job.
     methods : sequence of ImpactMethod, optional
         By default those of `impact_methods`.
     progress : bool
-        Whether to show a bar on standard error while it is measured.
+        Whether to show a bar on standard error during measurements.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class WorkPrecision(Saved):
 
     Examples
     --------
-    A ball thrown up above a floor at rest, of which the first two impacts are known:
+    A ball thrown up from a floor at rest, with its first two impacts:
 
     >>> from dynkit.systems import MatrixOscillator
     >>> ball = MatrixOscillator(
@@ -108,7 +108,7 @@ class WorkPrecision(Saved):
         self._names = tuple(method.name for method in self.methods)
         self._progress = boolean("progress", progress)
         self._seconds = 0.0
-        (self._going,) = tee(self._run(), 1)  # copies of it share what was measured
+        (self._going,) = tee(self._run(), 1)  # copies share the measurements
 
     @classmethod
     def of(
@@ -120,30 +120,30 @@ class WorkPrecision(Saved):
         methods: Sequence[ImpactMethod] | None = None,
         progress: bool = True,
     ) -> WorkPrecision:
-        """Measure methods on a user's own impact oscillator, beside the impacts that dynkit finds.
+        """Measure methods on a user's impact oscillator, with the impacts of dynkit as reference.
 
-        Errors are differences from dynkit's own impacts. `ImpactRecord.error` estimates how wrong
-        these are: `plot` draws it as a band, in which points mean nothing, and `table` says of
-        which errors only that they are smaller. Bounces too weak for the coarsest method, before a
-        mass sticks, are not compared one by one.
+        Errors are differences from dynkit's impacts. `ImpactRecord.error` estimates the error of
+        these: `plot` draws it as a band, in which points are not significant, and `table` gives it
+        as an upper limit of smaller errors. Bounces before sticking that are too weak for the
+        coarsest method are not compared.
 
         Parameters
         ----------
         system : ImpactOscillator
         start : ImpactState, optional
-            From its ``state``, or where a motion ended; by default ``state()``.
+            State made by ``system.state``, or the end of a motion; by default ``state()``.
         impacts : int
-            How many impacts to compare.
+            Number of impacts to compare.
         methods : sequence of ImpactMethod, optional
             By default those of `impact_methods`.
         progress : bool
-            Whether to show a bar on standard error while it is measured.
+            Whether to show a bar on standard error during measurements.
 
         Raises
         ------
         ValueError
-            When an argument is refused; when there is no impact, or dynkit's own error has grown to
-            the size of the motion.
+            When an argument is refused; when there is no impact, or dynkit's error has grown to the
+            size of the motion.
 
         Examples
         --------
@@ -162,7 +162,7 @@ class WorkPrecision(Saved):
         return cls({line_of(system, "", ()): exact}, chosen, progress=progress)
 
     def __iter__(self) -> Iterator[Measurement]:
-        """Give the measurements one by one, as soon as they are made."""
+        """Yield the measurements one by one, as soon as they are made."""
         return iter(self.measurements) if "measurements" in vars(self) else copy(self._going)
 
     def __repr__(self) -> str:
@@ -176,18 +176,18 @@ class WorkPrecision(Saved):
 
     @property
     def floors(self) -> Mapping[str, float]:
-        """What rounding the start costs, job by job: conditioning times 2^-53; NaN if unknown."""
+        """Error from rounding of the start, by job: conditioning times 2^-53; NaN if unknown."""
         return {job.name: job.floor for job in self._jobs}
 
     @property
     def error(self) -> float:
-        """Error of the exact impacts themselves: no measured error is more certain than this."""
+        """Error of the exact impacts: a lower limit for significant errors."""
         return max(job.error for job in self._jobs)
 
     @cached_property
     def cost(self) -> Cost:
-        """Seconds of all runs, preparations and repetitions among them; the measurements."""
-        count = len(self.measurements)  # which measures
+        """Seconds of all runs, with preparations and repetitions; number of measurements."""
+        count = len(self.measurements)  # reading them starts the measurements
         return Cost(self._seconds, {"measurements": count})
 
     def table(self) -> str:
@@ -195,21 +195,21 @@ class WorkPrecision(Saved):
         return "\n".join(self.lines())
 
     def lines(self) -> Iterator[str]:
-        """Give the lines of `table` one by one, as soon as they are measured."""
+        """Yield the lines of `table` one by one, as soon as they are measured."""
         return table_lines([job.name for job in self._jobs], self._names, self)
 
     def plot(self, ax: Axes | None = None, *, job: str | None = None) -> Axes:
-        """Draw error against seconds for one job, both logarithmic; each method has its line.
+        """Draw error against seconds for one job, both logarithmic, with a line for each method.
 
-        Of a job of several starts the number of starts is drawn in which an impact is missed or
-        invented, against seconds.
+        For a job of several starts, the number of starts with a missed or invented impact is drawn
+        against seconds.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure.
+            Axes to draw into; by default those of a new figure.
         job : str, optional
-            Which one; by default the first.
+            Name of the job; by default the first.
 
         Raises
         ------
@@ -221,7 +221,7 @@ class WorkPrecision(Saved):
         return draw_job(jobs[one_of("job", name, jobs)], self._lines(name), ax)
 
     def dataset(self) -> Dataset:
-        """Return what every measurement holds as a dataset over ``measurement``."""
+        """Return the measurements as a dataset over ``measurement``."""
         found, each = self.measurements, "measurement"
         names = [entry.name for entry in fields(Measurement) if entry.name != "work"]
         counted = [next(iter(one.work.items()), ("", 0)) for one in found]
@@ -240,7 +240,7 @@ class WorkPrecision(Saved):
         )
 
     def figure(self) -> Figure:
-        """Return a new figure with a panel for each job, as `plot` draws them."""
+        """Return a new figure with a panel for each job; see `plot`."""
         return draw_all([(job, self._lines(job.name)) for job in self._jobs])
 
     def _lines(self, job: str) -> Lines:

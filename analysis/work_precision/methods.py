@@ -1,4 +1,4 @@
-"""What a method of simulating impacts owes, and what it gives."""
+"""The contract of a method that simulates impacts, and its results."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from dynkit.core.validation import finite_array
 @final
 @dataclass(frozen=True, eq=False)
 class FoundImpacts:
-    """What a method found: its impacts, the releases, and the work that it took.
+    """Impacts and releases found by a method, and its work.
 
     Parameters
     ----------
     times : (k,) array_like
     positions, velocities : (k, N) array_like
-        At the impacts, and just after them.
+        Positions at the impacts, and velocities just after them.
     releases : (m,) array_like
-        Times at which a mass that stuck to the table leaves it.
+        Times at which a sticking mass leaves the table.
     work : mapping of str to int
-        By name, such as ``{"evaluations": 1200}``; the first is what the budget counts.
+        Counts by name, such as ``{"evaluations": 1200}``; the budget limits the first.
 
     Raises
     ------
@@ -53,16 +53,16 @@ class FoundImpacts:
 
 
 Simulation: TypeAlias = Callable[[int], FoundImpacts]
-"""Simulates once, with at most so much work; this is what is timed."""
+"""Function of a budget of work that simulates once; its run time is measured."""
 
 
 class GaveUp(Exception):
-    """The method broke down; the message says how."""
+    """The method failed; the message says why."""
 
 
 @final
 class OverBudget(GaveUp):
-    """The budget of work was exceeded, which is counted in this unit."""
+    """The budget of work, in the given unit, was exceeded."""
 
     def __init__(self, unit: str) -> None:
         super().__init__(f"gave up: more {unit} than allowed")
@@ -70,26 +70,26 @@ class OverBudget(GaveUp):
 
 
 class Unsuited(Exception):
-    """The method is not installed, or not made for this system; the message says which."""
+    """The method is not installed, or not suitable for the system; the message says which."""
 
 
 class ImpactMethod(ABC):
-    """One way of simulating impacts, at tolerances of its own.
+    """A method that simulates impacts, at several tolerances.
 
-    A subclass owes
+    A subclass must implement:
 
     1. `name`, for tables and legends;
-    2. `tolerances`, from the coarsest to the finest, whatever they mean to it: a relative
-       tolerance, a step; a single 0 when it has none;
-    3. `prepare`, which does what need not be timed (compilation, modes, matrices), and returns a
-       function that simulates: all impacts up to ``exact.until``, and some beyond if it likes;
-    4. `budget`, the most work that the function may do for one start or for several of a job,
-       counted in the first entry of ``FoundImpacts.work``.
+    2. `tolerances`, from the coarsest to the finest, with a meaning that the method defines (a
+       relative tolerance, a step); a single 0 when it has none;
+    3. `prepare`, which does the work that is not timed (compilation, modes, matrices), and returns
+       a function that simulates all impacts up to ``exact.until``, and possibly later ones;
+    4. `budget`, the most work that the function may do for all starts of a job, in units of the
+       first entry of ``FoundImpacts.work``.
 
     Examples
     --------
     >>> class Late(ImpactMethod):
-    ...     '''Right but for the time, which is late by the tolerance.'''
+    ...     '''Exact impacts, late by the tolerance.'''
     ...
     ...     name, tolerances = "late", (1e-3, 1e-6)
     ...
@@ -105,10 +105,12 @@ class ImpactMethod(ABC):
 
     @abstractmethod
     def prepare(self, exact: ExactImpacts, tolerance: float) -> Simulation:
-        """Return a function that simulates the start of ``exact``; it sees nothing but that.
+        """Return a function that simulates the start of ``exact``.
+
+        The method must use only the system, the start and the end time of ``exact``.
 
         Raises
         ------
         Unsuited
-            When it is not installed or not made for such a system.
+            When the method is not installed or not suitable for such a system.
         """

@@ -1,4 +1,4 @@
-"""Impact oscillators as other programs take them: matrices, table, forces."""
+"""Impact oscillators as matrices, table and forces, for other programs."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _NEEDED = (
 @final
 @dataclass(frozen=True, eq=False)
 class ImpactModel:
-    """An impact oscillator in numbers, and a start.
+    """The numbers of an impact oscillator, and a start.
 
-    M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency; coordinate ``contact`` stays on
-    its side of a table at amplitude sin(phase) + offset.
+    M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency; coordinate ``contact`` remains
+    on its side of a table at amplitude sin(phase) + offset.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ class ImpactModel:
 
     @classmethod
     def of(cls, exact: ExactImpacts) -> ImpactModel:
-        """Return the numbers of a system.
+        """Return the model of a system and a start.
 
         Raises
         ------
         Unsuited
-            When it is no impact oscillator, or has a second stop or other elements.
+            When the system is not an impact oscillator, or has a second stop or other elements.
         """
         system = exact.system
         for name in _NEEDED:
@@ -90,17 +90,17 @@ class ImpactModel:
 
     @property
     def size(self) -> int:
-        """N."""
+        """The number N of coordinates."""
         return len(self.mass)
 
     @property
     def others(self) -> NDArray[np.intp]:
-        """The coordinates that do not meet the table, (N - 1,)."""
+        """Indices of the coordinates without contact, (N - 1,)."""
         return np.delete(np.arange(self.size), self.contact)
 
     @property
     def kick(self) -> Array:
-        """Velocity changes (N,) of an impulse that changes the contact velocity by one."""
+        """Velocity changes (N,) by an impulse that changes the contact velocity by one."""
         return np.asarray(self.response / self.response[self.contact])
 
     @cached_property
@@ -109,25 +109,25 @@ class ImpactModel:
         return np.asarray(np.linalg.solve(self.mass, np.eye(self.size)[self.contact]))
 
     def table(self, time: float) -> tuple[float, float, float]:
-        """Position, velocity and acceleration of the table."""
+        """Return position, velocity and acceleration of the table."""
         angle = self.frequency * time + self.phase
         sine, cosine = self.amplitude * math.sin(angle), self.amplitude * math.cos(angle)
         w = self.frequency
         return sine + self.offset, w * cosine, -w * w * sine
 
     def forces(self, time: float) -> Array:
-        """Forces (N,) from outside."""
+        """Return the external forces (N,)."""
         turn = np.exp(1j * (self.frequency * time + self.phase))
         return np.asarray(self.constant + (self.harmonic * turn).imag)
 
     @cached_property
     def forced(self) -> bool:
-        """Whether there are forces from outside."""
+        """Whether there are external forces."""
         return bool(self.harmonic.any() or self.constant.any())
 
 
 def first_order(mass: Array, damping: Array, stiffness: Array) -> tuple[Array, Array]:
-    """Return the inverse of the mass matrix, and the matrix (2N, 2N) of x and x' without forces."""
+    """Return the inverse of the mass matrix, and the first-order matrix (2N, 2N) of (x, x')."""
     n, inverse = len(mass), np.asarray(np.linalg.inv(mass), dtype=np.float64)
     matrix = np.zeros((2 * n, 2 * n))
     matrix[:n, n:] = np.eye(n)

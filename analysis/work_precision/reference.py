@@ -1,4 +1,4 @@
-"""dynkit's own impacts as the reference, where no exact ones are known."""
+"""Impacts of dynkit as the reference, where no exact ones are known."""
 
 from __future__ import annotations
 
@@ -16,29 +16,30 @@ from dynkit.core.validation import Array, positive_integer
 def reference_impacts(system: Any, start: Any, impacts: int, coarsest: float) -> ExactImpacts:
     """Return the first impacts that dynkit finds, with their error.
 
-    Bounces before a mass sticks that are weaker than a method at the coarsest tolerance follows are
-    left out, as a chatter.
+    Bounces before sticking that are weaker than those a method at the coarsest tolerance simulates
+    are left out, as chatters.
 
     Raises
     ------
     ValueError
-        When the system simulates no impacts, there are none, or they are not known.
+        When the system is not an impact oscillator, there are no impacts, or their error is as
+        large as the motion.
     """
     count = positive_integer("impacts", impacts)
     for name in ("state", "simulate"):
         if not hasattr(system, name):
             raise ValueError(f"system must be an ImpactOscillator; got {system!r}")
     state = system.state() if start is None else start
-    # of the numbers that the methods get, not of the digits that a state holds besides
+    # the state in doubles, as the methods get it, without further digits of the start
     anew = system.state(state.position, state.velocity, state.phase)
     record = system.simulate(impacts=count + 1, start=anew)
     times = record.time
     if not len(times):
         raise ValueError(f"start must lead to an impact; got {start!r}")
-    # half-way to the next impact, or half a period on where there is no other
+    # half-way to the next impact, or half a period later where there is none
     later = times[count] if len(times) > count else times[-1] + math.pi / system.frequency
     until = float(0.5 * (times[:count][-1] + later))
-    cut = 0.0  # without restitution no bounce follows another one
+    cut = 0.0  # without restitution there are no bounces
     if system.restitution > 0.0:
         cut = weakest_bounce(system.amplitude * system.frequency, state.velocity, coarsest)
     chatters = _chatters(times, abs(record.relative_velocity) < cut, record.sticking, until)
@@ -71,7 +72,7 @@ def reference_impacts(system: Any, start: Any, impacts: int, coarsest: float) ->
 
 
 def _chatters(times: Array, weak: Any, sticking: Array, until: float) -> list[tuple[float, float]]:
-    """Intervals from before the first weak bounce of a contact, or of the end, to the release."""
+    """Return intervals from before the first weak bounce of each contact to its release."""
     found = []
     for contact, release in [*sticking.tolist(), (until, until)]:
         last = int(np.searchsorted(times, contact, side="right"))
@@ -79,17 +80,17 @@ def _chatters(times: Array, weak: Any, sticking: Array, until: float) -> list[tu
         while first and weak[first - 1]:
             first -= 1
         if first < last:
-            # a motion that begins in a chatter has no bounce before it
+            # a motion that begins in a chatter has no earlier bounce
             begin = float(0.5 * (times[first - 1] + times[first])) if first else 0.0
             found.append((min(begin, until), min(release, until)))
     return found
 
 
 def _error(system: Any, error: float, exact: ExactImpacts) -> float:
-    """Return an error of section coordinates as `ExactImpacts.errors` counts.
+    """Return an error of section coordinates in the norm of `ExactImpacts.errors`.
 
-    The phase is off by it, and with the phase the place and the velocity of the table, where the
-    contact mass is.
+    An error of the phase is also one of the position and the velocity of the table, and so of the
+    contact mass.
     """
     position, velocity = exact.size
     reach = max(1.0, system.amplitude)

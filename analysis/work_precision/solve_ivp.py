@@ -29,29 +29,29 @@ from dynkit.core.validation import Array
 Solver: TypeAlias = Literal["RK45", "DOP853", "Radau", "LSODA"]
 
 BUDGETS: dict[str, int] = {"Radau": 40_000}
-"""Evaluations that take some seconds, where these are not 150,000."""
+"""Evaluations that take some seconds, where the default of 150,000 takes longer."""
 
 ABSOLUTE = 1e-2
 """Absolute tolerance over the relative one, in units of the start's largest coordinate."""
 
 LONGEST = 0.1
-"""Longest step over the table's period: the integrator does not see how the table moves."""
+"""Longest step over the table's period: the integrator does not resolve the table's motion."""
 
 
 @final
 class SolveIVP(ImpactMethod):
     """One ``solve_ivp`` per flight; its tolerance is the relative one.
 
-    The right-hand side is one product of a matrix and a vector, the Jacobian is given where the
-    solver takes one. The first step after an impact is a quarter of the flight to be expected, so
-    that bounces are not stepped over.
+    The right-hand side is one product of a matrix and a vector; implicit solvers get the Jacobian.
+    The first step after an impact is a quarter of the expected flight, so that no bounce is stepped
+    over.
 
     Parameters
     ----------
     solver : {"RK45", "DOP853", "Radau", "LSODA"}
     tolerances : sequence of float
     budget : int, optional
-        Evaluations of the right-hand side; by default what takes some seconds.
+        Evaluations of the right-hand side; by default a number that takes some seconds.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class _SciPy(Integrator):
         size = max(float(abs(model.position).max()), model.amplitude)
         self._options: dict[str, Any] = {
             "method": solver,
-            "rtol": max(tolerance, 100.0 * 2.0**-52),  # what solve_ivp takes
+            "rtol": max(tolerance, 100.0 * 2.0**-52),  # the least that solve_ivp accepts
             "atol": ABSOLUTE * tolerance * (size or 1.0),
             "max_step": LONGEST * 2.0 * math.pi / model.frequency,
         }
@@ -139,18 +139,18 @@ class _SciPy(Integrator):
 
         options = {**self._options, **({"jac": matrix} if self._implicit else {})}
         if self._options["method"] == "LSODA":
-            options["jac"] = lambda _t, _y: matrix  # it takes no constant one
+            options["jac"] = lambda _t, _y: matrix  # LSODA requires a function
         if first is not None:
             options["first_step"] = min(first, end - time)
         if event is not None:
             falling = options["events"] = partial(event)
-            vars(falling).update(terminal=True, direction=-1.0)  # a fall through zero ends it
+            vars(falling).update(terminal=True, direction=-1.0)  # a downward zero ends the flight
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # LSODA's, before it says that it failed
+            warnings.simplefilter("ignore")  # LSODA warns before it reports its failure
             try:
                 found = solve_ivp(counted, (time, end), state, **options)
             except ValueError as failure:
-                if "different signs" not in str(failure):  # as its root finder says
+                if "different signs" not in str(failure):  # a message of its root finder
                     raise
                 raise GaveUp(f"gave up: {failure}") from None
         if found.status < 0:

@@ -1,4 +1,4 @@
-"""The methods that come with dynkit, by name."""
+"""The methods of dynkit and SciPy, by name."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import get_args
 from dynkit.analysis.work_precision.methods import ImpactMethod
 
 NAMES = ("dynkit", "RK45", "DOP853", "Radau", "LSODA")
-"""dynkit's own maps, then SciPy's integrators."""
+"""The method of dynkit, then SciPy's integrators."""
 
 
 def impact_methods(names: Sequence[str] | None = None) -> list[ImpactMethod]:
-    """Return the methods for `WorkPrecision` that need nothing but dynkit and SciPy.
+    """Return the methods for `WorkPrecision` that require only dynkit and SciPy.
 
-    ``dynkit`` is closed-form motion with certified roots, ``RK45``, ``DOP853``, ``Radau`` and
+    ``dynkit`` is closed-form motion with certified roots; ``RK45``, ``DOP853``, ``Radau`` and
     ``LSODA`` are SciPy's ``solve_ivp`` with a terminal event.
 
     Parameters
     ----------
     names : sequence of str, optional
-        Some of them; by default all.
+        Names of methods; by default all.
 
     Raises
     ------

@@ -11,13 +11,13 @@ _COLUMNS = {
     "job": 3, "method": 6, "tolerance": 9, "error": 9, "seconds": 8, "work": 19, "missed": 6,
     "invented": 8, "remark": 6,
 }  # fmt: skip
-"""Names, and least widths."""
+"""Names of columns, and their least widths."""
 
 
 def table_lines(
     jobs: Sequence[str], methods: Sequence[str], measured: Iterable[Measurement]
 ) -> Iterator[str]:
-    """Give the lines of a table in Markdown, each as soon as it is measured."""
+    """Yield the lines of a table in Markdown, each as soon as it is measured."""
     widths = {**_COLUMNS}
     for name, texts in (("job", jobs), ("method", methods)):
         widths[name] = max([widths[name], *map(len, texts)])
@@ -32,7 +32,7 @@ def table_lines(
 
 
 def cells(one: Measurement) -> dict[str, str]:
-    """Return what a table writes of a measurement, by the names of the columns."""
+    """Return the texts of a measurement in a table, by the names of the columns."""
     ran = one.starts > 0
     work = next((f"{count} {name}" for name, count in one.work.items()), "-")
     texts = (

@@ -1,4 +1,4 @@
-"""The `dynkit` command: the one place that knows toolkit, systems and analysis.
+"""The `dynkit` command: a front end to toolkit, systems and analysis.
 
 For instance:
   dynkit simulate --frequency 0.87
@@ -7,7 +7,7 @@ For instance:
   dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --out map.png
   dynkit work-precision --frequency 0.87 --out error-time.png
 
-dynkit COMMAND --help tells more about each.
+dynkit COMMAND --help lists the options of a command.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit code: 0 when all went well; 2 for bad input, with one line on stderr and nothing
-        written; 1 when a run failed; 130 when it was interrupted.
+        Exit code: 0 for success; 2 for bad input, with one line on stderr and no file written; 1
+        for a failed run; 130 for an interrupted one.
 
     Examples
     --------
@@ -52,15 +52,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         arguments, unknown = _parser().parse_known_args(argv)
-    except SystemExit as ended:  # argparse has said why
+    except SystemExit as ended:  # argparse has printed the reason
         return ended.code if isinstance(ended.code, int) else _FAILED
     return _run(arguments, unknown)
 
 
 class _Parser(argparse.ArgumentParser):
-    """Refusals take one line, and exit code 2; options are added when their command is asked for.
+    """A parser whose errors take one line and exit code 2.
 
-    No help of another command waits for what the options are made from.
+    The options of a command are added when that command is parsed, so that the help of another
+    command does not import its modules.
     """
 
     def __init__(self, command: str = "", **settings: Any) -> None:

@@ -1,14 +1,15 @@
-"""The branch of a periodic orbit as one parameter changes, stable or not.
+"""The branch of a periodic orbit as one parameter changes, stable or unstable.
 
 Its bifurcations are folds (SN), period doublings (PD), tori (NS), branch
-points (BP), grazing (GR) and borders of chatter (CB). It goes through folds,
-and on where the orbits are no motions any more (inadmissible).
+points (BP), grazing (GR) and borders of chatter (CB). The branch passes
+through folds and continues as inadmissible where its orbits are not motions
+of the chain.
 
-Options may also stand in a TOML file, under the same names; what is given on
-the command line goes before what stands there. The branch starts at the value
-of the parameter that is given for the chain, and stays between --from and
---to. A file .csv has a row for each point, and between them a row for each
-bifurcation, with its kind; .h5 is what --store keeps.
+Options may also be in a TOML file, under the same names; the command line
+overrides the file. The branch starts at the chain's value of the parameter,
+and stays between --from and --to. A .csv file has a row for each point, and
+a row for each bifurcation between them, with its kind; .h5 is the format of
+--store.
 
 For instance:
   dynkit continue --frequency 0.87 --from 0.7 --to 1.1
@@ -49,25 +50,25 @@ if TYPE_CHECKING:
 _STEPS = ("step", "largest_step", "points", "inadmissible")
 OPTIONS = (
     *SYSTEM,
-    Option("impacts", "COUNT", "n, to start from an orbit P(n,m) instead of the attractor's (1)"),
+    Option("impacts", "COUNT", "n, to start from an orbit P(n,m) instead of the attractor (1)"),
     Option("periods", "COUNT", "m, periods of the table in that orbit (1)"),
     *options_of(ImpactOscillator.attractor, "transient"),
-    Option("parameter", "NAME", "what changes along the branch (frequency)"),
-    Option("from", "X", "its least value"),
-    Option("to", "X", "its greatest value"),
+    Option("parameter", "NAME", "parameter that changes along the branch (frequency)"),
+    Option("from", "X", "least value of the parameter"),
+    Option("to", "X", "greatest value of the parameter"),
     *options_of(continue_orbit, *_STEPS),
-    Option("store", "FILE.h5", "keep the branch here; dynkit.Branch.load reads it"),
+    Option("store", "FILE.h5", "file for the branch; dynkit.Branch.load reads it"),
     OUT,
 )
 
 
 def run(asked: Asked) -> None:
-    """Continue a periodic orbit, write, and print its bifurcations.
+    """Continue a periodic orbit, write files, and print its bifurcations.
 
     Raises
     ------
     ValueError
-        When an option is refused; nothing was written then.
+        When an option is refused; no file has been written then.
     """
     parameter = asked.parameter(asked.get("parameter", "frequency"))
     for name in ("from", "to"):
@@ -135,10 +136,10 @@ def _table(branch: Branch) -> list[list[str]]:
 
 
 def _in_order(branch: Branch) -> Dataset:
-    """Points and bifurcations, in the order in which the curve is run through.
+    """Return points and bifurcations in the order of the curve.
 
-    The kind of a point is empty. What a bifurcation has none of is NaN for it, and the other way
-    round: the errors mean different things.
+    The kind of a point is empty. Columns of points are NaN for bifurcations, and columns of
+    bifurcations are NaN for points: their errors have different meanings.
     """
     found, size, name = branch.bifurcations, len(branch), branch.system.observables[0]
     critical = [np.nan if each.multiplier is None else each.multiplier for each in found]

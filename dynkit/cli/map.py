@@ -2,10 +2,10 @@
 
 All motions start from the same state.
 
-Options may also stand in a TOML file, under the same names; what is given on
-the command line goes before what stands there. With --store every finished
-chunk is kept, and the same command resumes, also with another number of
---workers: the result is the same bits.
+Options may also be in a TOML file, under the same names; the command line
+overrides the file. With --store every finished chunk is kept, and the same
+command resumes, also with another number of --workers: the results are
+identical.
 
 For instance:
   dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --workers 2 --out map.png
@@ -43,8 +43,8 @@ _SIMULATION = ("transient", "keep", "exponents", "store", "progress")
 _AXIS = "PARAMETER,FROM,TO,COUNT"
 OPTIONS = (
     *SYSTEM,
-    Option("x", _AXIS, "parameter along x, and its values"),
-    Option("y", _AXIS, "parameter along y, and its values"),
+    Option("x", _AXIS, "parameter along x and its values"),
+    Option("y", _AXIS, "parameter along y and its values"),
     *options_of(parameter_map, *_SIMULATION),
     OBSERVABLE,
     Option("workers", "COUNT", "processes that simulate (1)"),
@@ -53,12 +53,12 @@ OPTIONS = (
 
 
 def run(asked: Asked) -> None:
-    """Make a map of two parameters, write, and print a summary.
+    """Compute a map of two parameters, write files, and print a summary.
 
     Raises
     ------
     ValueError
-        When an option is refused; nothing was written then.
+        When an option is refused; no file has been written then.
     """
     values = dict(_axis(asked, name) for name in ("x", "y"))
     if len(values) < 2:
@@ -85,7 +85,7 @@ def run(asked: Asked) -> None:
 
 
 def _axis(asked: Asked, name: str) -> tuple[str, Array]:
-    """Return parameter and values (count,) of an axis; ValueError when they are refused."""
+    """Return the parameter and the values (count,) of an axis; ValueError when refused."""
     given = asked.get(name)
     if not isinstance(given, list | tuple) or len(given) != 4 or not isinstance(given[0], str):
         raise ValueError(f"{name} must be NAME,FROM,TO,COUNT; got {given!r}")

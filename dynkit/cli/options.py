@@ -1,4 +1,4 @@
-"""Options of a command: what they are, from signatures; what was asked for, from texts and TOML."""
+"""Options of a command, made from signatures, and their values from arguments and TOML files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dynkit.core.validation import Array
     from dynkit.systems.impact.simulation.state import ImpactState
 
-# More values than this were not meant.
+# More values than this are taken for a mistake.
 _MOST_VALUES = 1_000_000
 _NUMBERS = "X1,X2,..."
 _ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction)}
@@ -33,8 +33,8 @@ _RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 class Option:
     """One option: its name on the command line and in a file, and its help.
 
-    Without a metavar it is a switch; one that is a name or a file is a text, all others are
-    numbers, or names, separated by commas.
+    An option without a metavar is a switch. The value of a name or a file is text; the values of
+    all others are numbers, or names, separated by commas.
     """
 
     name: str
@@ -43,18 +43,18 @@ class Option:
 
     @property
     def text(self) -> bool:
-        """Whether its value is taken as it is, with its commas."""
+        """Whether the value is text, which may contain commas."""
         return self.metavar in ("NAME", "FILE", "FILE.h5")
 
     def parsed(self, value: Any) -> Any:
-        """Return what a text on the command line stands for, as TOML would have it."""
+        """Return the value of a text on the command line, in the types of TOML."""
         if self.text or not isinstance(value, str):
             return value
         parts = [_number(part.strip()) for part in value.split(",")]
         return parts if len(parts) > 1 or self.metavar == _NUMBERS else parts[0]
 
     def checked(self, value: Any) -> Any:
-        """Return a value; ValueError for a switch without truth value, or a text that is none."""
+        """Return the value; ValueError for a switch that is no bool, or a text that is no str."""
         if not self.metavar and not isinstance(value, bool):
             raise ValueError(f"{self.name} must be true or false; got {value!r}")
         if self.text and not (isinstance(value, str) and value):
@@ -74,15 +74,15 @@ def _number(text: str) -> object:
 def options_of(owner: Callable[..., object], *names: str) -> tuple[Option, ...]:
     """Return options for arguments of a class or a function, by default for all of them.
 
-    Their names and defaults are those of its signature, their help is the first sentence of its
-    docstring about them.
+    Their names and defaults are those of the signature; their help is the first sentence about each
+    argument in the docstring.
 
     Examples
     --------
     >>> options_of(ImpactChain, "restitution")[0].help
     'Coefficient of restitution in [0, 1]. (0.85)'
     """
-    # a family of systems has a __new__ of its own, whose signature says nothing
+    # Family defines __new__, whose signature has no arguments
     called: Any = vars(owner).get("__init__", owner)
     arguments, texts, found = inspect.signature(called).parameters, _texts(owner), []
     for name in names or [name for name in list(arguments)[1:] if name != "elements"]:
@@ -94,7 +94,7 @@ def options_of(owner: Callable[..., object], *names: str) -> tuple[Option, ...]:
 
 
 def _texts(owner: object) -> dict[str, str]:
-    """First sentences about arguments, by name; what a class leaves to its base is found there."""
+    """Return the first sentences about arguments, by name, from a class and its base classes."""
     found: dict[str, str] = {}
     for each in getattr(owner, "__mro__", (owner,)):
         _, _, below = inspect.cleandoc(each.__doc__ or "").partition("Parameters\n----------\n")
@@ -107,7 +107,7 @@ def _texts(owner: object) -> dict[str, str]:
 
 
 def _metavar(annotation: str) -> str:
-    """Return what a kind of argument is called in the help; the first kind that fits."""
+    """Return the metavar of an annotation: that of the first kind which fits."""
     if annotation == "bool":
         return ""
     number = "COUNT" if annotation.startswith("int") else "X"
@@ -122,24 +122,24 @@ def _metavar(annotation: str) -> str:
 
 
 SYSTEM = (*options_of(ImpactChain), *options_of(ImpactOscillator.state, *_START))
-"""The chain, and where it starts."""
+"""Options of the chain and of its start."""
 
-OBSERVABLE = Option("observable", "NAME,...", "what to keep of an impact")
+OBSERVABLE = Option("observable", "NAME,...", "observables of impacts to keep")
 
 
 @final
 class Asked(dict[str, Any]):
-    """What was asked for, by the names of the options."""
+    """Values of options, by name."""
 
     @classmethod
     def of(cls, known: Iterable[Option], file: str | None, given: Mapping[str, object]) -> Asked:
-        """Return what was asked for; what was given goes before what stands in the file.
+        """Return the values; those on the command line override those in the file.
 
         Raises
         ------
         ValueError
-            When the file cannot be read, is not TOML, or holds an unknown key; when a switch or a
-            text is none.
+            When the file cannot be read, is not TOML, or has an unknown key; when the value of a
+            switch is not a bool, or that of a text not a str.
         """
         by_name = {option.name: option for option in known}
         options = {} if file is None else _read(Path(file), [*by_name, "elements"])
@@ -157,11 +157,11 @@ class Asked(dict[str, Any]):
         return cls(checked | elements)
 
     def only(self, *names: str) -> dict[str, Any]:
-        """Return those of some options that were asked for; the others keep their defaults."""
+        """Return the values of some options, without those that were not given."""
         return {name: self[name] for name in names if name in self}
 
     def refuse(self, names: Iterable[str], why: str) -> None:
-        """Refuse what was given beside something else.
+        """Raise when an option was given that does not fit other options.
 
         Raises
         ------
@@ -187,7 +187,7 @@ class Asked(dict[str, Any]):
         return one_of(name, value, some.parameters)
 
     def start(self, chain: ImpactChain) -> ImpactState | None:
-        """Return the state to start from, None for the chain's own; ValueError when refused."""
+        """Return the start, None for the default of the chain; ValueError when refused."""
         given = self.only(*_START)
         return chain.state(**given) if given else None
 
@@ -204,7 +204,7 @@ class Asked(dict[str, Any]):
 
 def _read(file: Path, names: list[str]) -> dict[str, Any]:
     try:
-        # a byte-order mark, as some editors write, is no part of the text
+        # some editors write a byte-order mark, which TOML does not allow
         found = tomllib.loads(file.read_bytes().decode("utf-8-sig"))
     except OSError as failure:
         raise ValueError(f"{file} cannot be read: {failure.strerror}") from failure
@@ -219,7 +219,7 @@ def _read(file: Path, names: list[str]) -> dict[str, Any]:
 
 
 def _elements(given: object) -> tuple[Element, ...]:
-    """Return the elements of a file, whose tables say their kind; ValueError for what is none."""
+    """Return the elements from tables with a key ``kind``; ValueError when one is refused."""
     if not (isinstance(given, list) and given):
         raise ValueError(f"elements must be tables [[elements]]; got {given!r}")
     found = []
@@ -268,12 +268,12 @@ def values_of(options: Mapping[str, Any]) -> Array:
     first, last, step = (finite_scalar(name, options[name]) for name in _RANGE)
     if step == 0.0 or (last - first) / step < 0.0:
         raise ValueError(f"step must lead from {first} to {last}; got {step}")
-    # a last step that is short by rounding only is a whole one
+    # rounding must not lose the last value
     count = (last - first) / step + 1e-6
     if count >= _MOST_VALUES:
         raise ValueError(f"step must not give more than {_MOST_VALUES} values; got {step}")
     values: Array = first + step * np.arange(int(count) + 1.0)
-    # steps such as 0.002 have no exact binary form: 0.872, not 0.8720000000000001
+    # 0.872, not 0.8720000000000001: steps such as 0.002 have no exact binary form
     short = np.round(values, 12)
     rounding = 4.0 * np.spacing(np.maximum(abs(values), abs(first)))
     return np.where(abs(short - values) <= rounding, short, values)

@@ -1,4 +1,4 @@
-"""Files that a run writes: refused before it begins, whole or not there when it ends."""
+"""Output files of a run: checked before it begins, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SYMBOLS = {
     "damping": r"\gamma", "springs": "k", "relative_velocity": "u", "energy": "E",
     "phase": r"\phi", "time": "t",
 }  # fmt: skip
-"""How parameters and observables are written on axes."""
+"""Symbols of parameters and observables on axes."""
 
 _MOST_LABELS = 12
 
@@ -32,7 +32,7 @@ _MOST_LABELS = 12
 def files_of(
     asked: Mapping[str, Any], endings: tuple[str, ...] = ENDINGS
 ) -> tuple[Path | None, Path | None]:
-    """Return the store and the file to write, checked but not touched.
+    """Return the paths of the store and the output file after checks, without writing.
 
     Raises
     ------
@@ -48,12 +48,12 @@ def files_of(
 
 
 def output_file(name: str, text: str, endings: tuple[str, ...] = ()) -> Path:
-    """Return the path of a file to write, checked but not touched.
+    """Return the path of an output file after checks, without writing.
 
     Raises
     ------
     ValueError
-        When its ending is none of some, or it cannot be written.
+        When its ending is not among the endings, or it cannot be written.
     """
     path = Path(text)
     if endings and path.suffix not in endings:
@@ -79,7 +79,7 @@ class _Plotted(Protocol):
 
 
 def plotted(found: _Plotted, height: float = 2.6) -> Figure:
-    """Return a figure of what a result draws, with symbols in the titles, and a legend above."""
+    """Return a figure of a result, with symbols in the axis titles and a legend above."""
     figure, (axes,) = new_figure(height=height)
     with print_style():
         found.plot(axes)
@@ -93,7 +93,7 @@ def plotted(found: _Plotted, height: float = 2.6) -> Figure:
 
 
 def write(path: Path, draw: Callable[[], Figure], data: Dataset) -> None:
-    """Write what the ending asks for: a picture, or the dataset."""
+    """Write a picture or the dataset, depending on the ending of the path."""
     if path.suffix in PICTURES:
         write_figure("out", path, draw())
     else:
@@ -101,11 +101,11 @@ def write(path: Path, draw: Callable[[], Figure], data: Dataset) -> None:
             stream.write(data.as_bytes(path.suffix))
 
 
-# --- what is printed when a run is done ----------------------------------------------------------
+# --- printed summaries ----------------------------------------------------------------------------
 
 
 def print_summary(shown: Mapping[str, object], *files: Path | None) -> None:
-    """Print two columns, and the files that were written."""
+    """Print names and values in two columns, and the written files."""
     written = ", ".join(str(file) for file in files if file)
     lines = {**shown, **({"written": written} if written else {})}
     print(*aligned((name, str(text)) for name, text in lines.items()), sep="\n")
@@ -125,7 +125,7 @@ def aligned(rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def counted(labels: Iterable[str]) -> str:
-    """Return how often there are which labels, the commonest first.
+    """Return the labels with their counts, the most frequent first.
 
     Examples
     --------

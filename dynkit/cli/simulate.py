@@ -2,9 +2,9 @@
 
 It prints the label of the motion, and writes its impacts.
 
-Options may also stand in a TOML file, under the same names; what is given on
-the command line goes before what stands there. Several numbers are separated
-by commas; --position=-0.1,0.5 needs the equals sign because of the minus.
+Options may also be in a TOML file, under the same names; the command line
+overrides the file. Several numbers are separated by commas;
+--position=-0.1,0.5 needs the equals sign because of the minus.
 
 For instance:
   dynkit simulate --frequency 0.87
@@ -17,7 +17,7 @@ motion.toml may hold:
   damping = 0.1
   frequency = 0.87
   impacts = 200
-and in place of the table stops and friction, as HardStop, SoftStop, DryFriction:
+and, in place of the table, elements of kind HardStop, SoftStop or DryFriction:
   [[elements]]
   kind = "HardStop"
   coordinate = 9
@@ -41,12 +41,12 @@ OPTIONS = (*SYSTEM, *RUN, OBSERVABLE, OUT)
 
 
 def run(asked: Asked) -> None:
-    """Simulate, write, and print a summary.
+    """Simulate, write files, and print a summary.
 
     Raises
     ------
     ValueError
-        When an option is refused; nothing was written then.
+        When an option is refused; no file has been written then.
     """
     names = asked.names("observable", _SCALARS, (*_SCALARS, "position", "velocity"))
     _, file = files_of(asked)

@@ -1,10 +1,10 @@
 """A sweep of one parameter.
 
-Each value starts from the last state of the value before.
+The motion at each value starts from the last state of the value before.
 
-Options may also stand in a TOML file, under the same names; what is given on
-the command line goes before what stands there. With --store every finished
-chunk is kept, and the same command resumes.
+Options may also be in a TOML file, under the same names; the command line
+overrides the file. With --store every finished value is kept, and the same
+command resumes.
 
 For instance:
   dynkit sweep --from 0.86 --to 0.88 --step 0.01 --out diagram.png
@@ -56,26 +56,26 @@ if TYPE_CHECKING:
 _SIMULATION = ("transient", "keep", "follow", "store", "progress")
 OPTIONS = (
     *SYSTEM,
-    Option("parameter", "NAME", "what to sweep (frequency)"),
+    Option("parameter", "NAME", "parameter to sweep (frequency)"),
     Option("from", "X", "first value"),
     Option("to", "X", "last value"),
-    Option("step", "X", "from one value to the next; may be negative"),
-    Option("values", "X1,X2,...", "the values themselves, instead of --from, --to, --step"),
+    Option("step", "X", "difference of successive values; may be negative"),
+    Option("values", "X1,X2,...", "list of values, instead of --from, --to, --step"),
     *options_of(sweep, *_SIMULATION),
     OBSERVABLE,
-    Option("labels", "", "say of each value what motion it is, P(1,3) or so (yes)"),
-    Option("error", "", "estimate the error at each value, by three more runs (no)"),
+    Option("labels", "", "label the motion at each value, such as P(1,3) (yes)"),
+    Option("error", "", "estimate the error at each value by three more runs (no)"),
     OUT,
 )
 
 
 def run(asked: Asked) -> None:
-    """Sweep, write, and print a summary.
+    """Sweep, write files, and print a summary.
 
     Raises
     ------
     ValueError
-        When an option is refused; nothing was written then.
+        When an option is refused; no file has been written then.
     """
     values = values_of(asked)
     parameter = asked.parameter(asked.get("parameter", "frequency"))
@@ -101,7 +101,7 @@ def run(asked: Asked) -> None:
 
 
 def _diagram(found: Sweep, labelled: bool) -> Figure:
-    """One diagram under the other, for all observables; the labels stand above the first."""
+    """Return a figure with one diagram below the other for each observable, labels on top."""
     names = found.observables
     figure, panels = new_figure(height=2.4 * len(names) + 0.4, rows=len(names))
     for name, axes in zip(names, panels, strict=True):

@@ -2,10 +2,10 @@
 
 The first impacts of a chain are compared.
 
-Errors are differences from dynkit's own impacts, whose own error is drawn as a
-band: points in it mean nothing. All options may also stand in a TOML file,
-under the same names; what is given on the command line goes before what stands
-there.
+Errors are differences from dynkit's most accurate impacts, whose estimated
+error is drawn as a band; points in the band are not significant. Options may
+also be in a TOML file, under the same names; the command line overrides the
+file.
 
 For instance:
   dynkit work-precision --masses 2 --frequency 0.87 --impacts 10 --out error-time.png
@@ -30,19 +30,19 @@ from dynkit.plotting.figures import PICTURES, write_figure
 OPTIONS = (
     *SYSTEM,
     *options_of(WorkPrecision.of, "impacts", "progress"),
-    Option("methods", "NAME,...", f"some of {', '.join(NAMES)} (all)"),
+    Option("methods", "NAME,...", f"methods among {', '.join(NAMES)} (all)"),
     Option("out", "FILE", f"picture to write: {', '.join(PICTURES)}"),
 )
 _COLUMNS = ("method", "tolerance", "error", "seconds", "work", "remark")
 
 
 def run(asked: Asked) -> None:
-    """Measure, draw, and print a table: of the columns of `WorkPrecision.table` what 80 take.
+    """Measure, draw, and print a table: the columns of `WorkPrecision.table` that fit 80 letters.
 
     Raises
     ------
     ValueError
-        When an option is refused; nothing was written then.
+        When an option is refused; no file has been written then.
     """
     methods = impact_methods(asked.names("methods", NAMES, NAMES))
     _, file = files_of(asked, PICTURES)

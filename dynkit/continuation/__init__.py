@@ -1,1 +1,1 @@
-"""Branches of periodic orbits in their parameters."""
+"""Continuation of periodic orbits and equilibria in parameters."""

@@ -1,4 +1,4 @@
-"""Pseudo-arclength continuation: the points of a curve, one after the other."""
+"""Pseudo-arclength continuation of a curve."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.validation import Array
 
 _LARGEST_ANGLE = 0.5
-# How far a point may be from its guess, in steps.
+# Largest distance of a point from its guess, in steps.
 _LARGEST_GAP = 0.3
-# And in parts of its orbit's distance from one of a shorter period: half of the way to that orbit,
-# from which its two halves are as far apart again.
+# The same relative to the `repetition`: a quarter of it is half of the distance to the orbit of a
+# shorter period.
 _PART = 0.25
-# A point on a bound is between two points: see `beside`.
+# Tolerances of `beside` for a point on a bound.
 _BETWEEN = (1e-9, 0.0), 1.5
 REPEATED = 1e-7
-"""Nearer than this to an orbit of a shorter period, in scaled unknowns, an orbit is that one."""
+"""An orbit with a `repetition` below this, in scaled unknowns, is an orbit of a shorter period."""
 
 _JUMPS = Failure(Reason.NO_CONVERGENCE, "its direction jumps")
 _NEAR_REPETITION = Failure(Reason.NEAR_REPETITION, "steps lead to other orbits")
 _NOT_ON_BOUND = Failure(Reason.NO_CONVERGENCE, "no point on the bound is found")
-_CANNOT_TELL = Failure(Reason.NO_SOLUTION, "it cannot be told what happens within a step")
+_CANNOT_TELL = Failure(Reason.NO_SOLUTION, "bifurcations within a step cannot be separated")
 
 
 @final
 @dataclass(frozen=True)
 class Continuation:
-    """A curve R(y) = 0 in one direction: iterating yields its points, the start first.
+    """A curve R(y) = 0 in one direction: iteration yields its points, the start first.
 
-    The last thing that it yields is the `Ending`. Iterating changes nothing in it.
+    The last item is the `Ending`. Iteration does not change the instance.
 
     Parameters
     ----------
     equations : CurveEquations
-        One equation less than unknowns. No step goes to an orbit that repeats one of a shorter
-        period, unless the start is one.
+        One equation less than unknowns. No step leads to a repeated orbit of a shorter period,
+        unless the start is one.
     start : Point
-        On the curve; its tangent is the direction.
+        A point of the curve; its tangent is the direction.
     bounds : tuple of Bound
-        What ends the curve; its last point is on the bound.
+        Bounds at which the curve ends; its last point is on the bound.
     method : ContinuationMethod
     accept : callable
-        (point before, point) -> the point with what is seen there, and whether the step was short
-        enough to tell what happens within.
+        (point before, point) -> the examined point, and whether the step is short enough to
+        separate the bifurcations within it.
     """
 
     equations: CurveEquations
@@ -95,13 +95,13 @@ class Continuation:
         yield Ending(Reason.LIMIT, limit)
 
     def _at(self, point: Point) -> Continuation:
-        """Return it with the equations as they are near a point."""
+        """Return the continuation with the equations near a point."""
         equations = self.equations.near(point.y)
         return self if equations is self.equations else replace(self, equations=equations)
 
     @cached_property
     def _repeated(self) -> bool:
-        """Whether the start is an orbit of a shorter period that is run through again."""
+        """Whether the start is a repeated orbit of a shorter period."""
         return self.equations.repetition(self.start.y) <= REPEATED
 
     def _first_step(self) -> float:
@@ -112,7 +112,7 @@ class Continuation:
         return ", ".join(f"{bound.name} {point.y[bound.unknown]:.10g}" for bound in self.bounds)
 
     def _outwards(self, point: Point) -> Bound | None:
-        """Return the bound that a start is on, and leaves."""
+        """Return the bound that the curve leaves at its start, if any."""
         for bound in self.bounds:
             value, slope = point.y[bound.unknown], point.tangent[bound.unknown]
             if (value <= bound.low and slope < 0.0) or (value >= bound.high and slope > 0.0):
@@ -144,7 +144,7 @@ class Continuation:
     def _reached(
         self, before: Point | None, point: Point, step: float
     ) -> tuple[Point | Failure, Bound | None]:
-        """Return the point a step further on, or on the bound that is reached before."""
+        """Return the point at a step, or the point on a bound that is reached before."""
         after = self.at(point, step, before)
         if isinstance(after, Failure):
             ahead = self._land_ahead(point, step) if after.reason is Reason.NO_SOLUTION else None
@@ -153,24 +153,24 @@ class Continuation:
         return (after, None) if bound is None else self._land(point, after, bound)
 
     def at(self, point: Point, step: float, before: Point | None = None) -> Point | Failure:
-        """Return the point a step along the tangent further on, or why there is none.
+        """Return the point at a step along the tangent, or why there is none.
 
-        The guess is better with the point before.
+        With the point before, the predictor is more accurate.
         """
         guess = self.method.predictor(point, before, step)
         found = self.corrected(guess, point, point.tangent)
         if isinstance(found, Failure):
             return found
-        # another branch, or too sharp a bend to be sure
+        # another branch, or a bend that is too sharp
         gap = (found.y - guess) / point.scale
         if not _ahead(point, found) or gap @ gap > (_LARGEST_GAP * step) ** 2:
             return _JUMPS
         return found if self._is_same(point, guess, found) else _NEAR_REPETITION
 
     def _is_same(self, before: Point, guess: Array, found: Point) -> bool:
-        """Whether a point is so near to its guess that no orbit of a shorter period is between.
+        """Whether a point is so near its guess that no orbit of a shorter period lies between them.
 
-        Nor is the same orbit from another of its states on: that is as far as two states are apart.
+        This also excludes cyclic shifts of the same orbit, which are at least as far.
         """
         if self._repeated:
             return True
@@ -179,13 +179,13 @@ class Continuation:
         return bool(gap @ gap <= room**2) and self.equations.repetition(found.y) > REPEATED
 
     def corrected(self, guess: Array, near: Point, row: Array) -> Point | Failure:
-        """Return the point whose distance from the guess is orthogonal to a row."""
+        """Return the point on the plane through the guess that is orthogonal to a row."""
         return self.method.corrector(self.equations, guess, near, row)
 
     def _corrected_at(
         self, unknown: int, value: float, guess: Array, near: Point
     ) -> Point | Failure:
-        """Return the point where an unknown has a value, which the guess gets, too."""
+        """Return the point where an unknown has a value; the guess is set to it in place."""
         guess[unknown] = value
         row = np.zeros(len(guess))
         row[unknown] = 1.0
@@ -200,7 +200,7 @@ class Continuation:
     def _land(
         self, before: Point, after: Point, bound: Bound
     ) -> tuple[Point, Bound] | tuple[Failure, None]:
-        """Return the point on a bound, between two points, and the bound."""
+        """Return the point on a bound between two points, and the bound."""
         for _ in self.bounds:
             index = bound.unknown
             value = bound.low if after.y[index] < bound.low else bound.high
@@ -220,7 +220,7 @@ class Continuation:
         return _NOT_ON_BOUND, None
 
     def _land_ahead(self, point: Point, step: float) -> tuple[Point, Bound] | None:
-        """Return the point on a bound beyond which the equations may not be defined."""
+        """Return the next point on a bound, where the equations may not be defined beyond it."""
         way = step * point.tangent * point.scale
         for bound in self.bounds:
             index = bound.unknown

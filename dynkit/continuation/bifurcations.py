@@ -24,27 +24,27 @@ _Known = TypeVar("_Known")
 
 
 def given(part: _Known | None, owner: str = "Branch") -> _Known:
-    """Return a part that no store keeps; ValueError where loading left it out."""
+    """Return a part that stores do not keep; ValueError when the result was loaded without it."""
     if part is None:
         raise ValueError(f"orbit must be given to {owner}.load to get orbits back; got None")
     return part
 
 
 def borders_a_motion(admissible: NDArray[np.bool_], place: float) -> bool:
-    """Whether one of the points on both sides of a place on a branch is a motion of the system."""
+    """Whether the orbit of a point next to a place on a branch is a motion of the system."""
     before, after = math.ceil(place) - 1, math.floor(place) + 1
     return bool(admissible[np.clip(before, 0, len(admissible) - 1) : after + 1].any())
 
 
 def shown(bifurcations: Iterable[Bifurcation]) -> str:
-    """Return kinds and values in one line; those that are no motions of the system say so."""
+    """Return kinds and values in one line; inadmissible ones are marked."""
     return ", ".join(
         f"{b.kind} {b.value:.6g}{'' if b.admissible else ' (inadmissible)'}" for b in bifurcations
     )
 
 
 def table_of(bifurcations: Iterable[Bifurcation], name: str) -> list[str]:
-    """Return bifurcations at values of a parameter as a table; none where there are none."""
+    """Return bifurcations at values of a parameter as a list of one table, or no table."""
     rows = [
         (b.kind, f"{b.value:.12g}", largest(b.error), b.multiplier, b.admissible)
         for b in bifurcations
@@ -56,53 +56,52 @@ def table_of(bifurcations: Iterable[Bifurcation], name: str) -> list[str]:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class Bifurcation(Tabled):
-    """A bifurcation on a branch, solved for to rounding.
+    """A bifurcation on a branch, computed to rounding.
 
     Parameters
     ----------
     kind : BifurcationKind
-        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, Hopf, grazing, chatter
-        border: it equals its text, ``"SN"`` and so on.
+        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, Hopf, grazing or chatter
+        border; it equals its text, ``"SN"`` ...
     parameter : str
-        Name of the parameter that was followed.
+        Name of the continuation parameter.
     value : float
-        Its value there.
+        Value of the parameter at the bifurcation.
     error : float
-        To first order a bound on the error of `value`. Infinite where a bifurcation of a map that
-        gives no jacobian was only bisected.
+        To first order a bound on the error of `value`. Infinite where a bifurcation of a map
+        without a jacobian was only bisected.
     multiplier : complex or None
-        The critical multiplier: 1, -1, or exp(i theta), as wrong as theta; of an equilibrium the
-        critical eigenvalue, 0 or i omega. None at GR and CB.
+        The critical multiplier: 1, -1, or exp(i theta), with the error of theta; for an equilibrium
+        the critical eigenvalue, 0 or i omega. None at GR and CB.
     direction : (m,) array
         Null vector of D(multiplier), in the unknowns of the orbit's problem; empty at GR and CB.
-        No error is claimed of it, nor of `tangent`: what starts along them is solved for.
+        It has no error estimate, and neither has `tangent`: orbits that start along them are
+        corrected by Newton's method.
     place : float
-        Between which points of its branch: 3.5 is between points 3 and 4; less than 0, or more than
-        the last one's, just beyond an end.
+        Position on the branch: 3.5 is between points 3 and 4; below 0, or above the index of the
+        last point, just beyond an end.
     touching : mapping of str to float
-        At GR where and when it touches, in the problem's own words; as wrong as `own`, or as the
-        unknowns where it is an impact that vanishes.
+        At GR place and time of the contact, named by the problem; their errors are those of `own`,
+        or of the unknowns where an impact vanishes.
     history : tuple of float
         Largest residual of the extended system before the first and after each Newton step.
     cost : Cost
     unknowns : (m,) array
         The solution of the equations of the orbit's problem.
     unknowns_error : (m,) array
-        To first order bounds on their errors; infinite, as `own_error`, where an older store has
-        none.
+        To first order bounds on the errors of the unknowns.
     own : (e,) array
-        Unknowns of the condition's own: at NS theta, at HB the angular frequency, at GR those of
-        the problem's condition.
+        Additional unknowns of the condition: at NS theta, at HB the angular frequency, at GR those
+        of the problem's condition.
     own_error : (e,) array
-        To first order bounds on their errors.
+        To first order bounds on the errors of `own`.
     tangent : (m + 1,) array
         Direction of the branch, the parameter last.
     event : int
-        Which of the problem's events it is; -1 at SN, BP, PD, NS and HB.
+        Index of the problem's event; -1 at SN, BP, PD, NS and HB.
     admissible : bool
-        Whether the orbit is a motion of the system; at GR and CB, which border the motions, whether
-        a neighbouring point of the branch is one. Where it is not, no motion of the system
-        bifurcates.
+        Whether the orbit is a motion of the system; at the borders GR and CB, whether a
+        neighbouring point of the branch is one. Otherwise no motion of the system bifurcates.
     """
 
     kind: BifurcationKind
@@ -126,16 +125,16 @@ class Bifurcation(Tabled):
 
     @cached_property
     def orbit(self) -> Any:
-        """The `PeriodicOrbit` there, or the `Equilibrium`: what the branch is of."""
+        """The `PeriodicOrbit`, or the `Equilibrium`, at the bifurcation."""
         return self.problem.solution(self.unknowns, np.array([self.value]), self.history[-1:])
 
     @property
     def rotation_number(self) -> float | None:
         """At NS the angle of the critical multiplier over 2 pi, in (0, 1/2); None at other kinds.
 
-        In turns of the period of the orbit: of an orbit of n iterates, of the n-th iterate. The
-        rotation number of a quasi-periodic motion tends to it where the motion is born here; it is
-        that of the label, `OrbitLabel.rotation_number`, as n closed curves are born.
+        For an orbit of n iterates it is the rotation number of the n-th iterate. At the bifurcation
+        n closed curves are born, and the `OrbitLabel.rotation_number` of the quasi-periodic motion
+        on them tends to this value.
         """
         if self.kind != BifurcationKind.NS or self.multiplier is None:
             return None
@@ -143,7 +142,7 @@ class Bifurcation(Tabled):
 
     @property
     def rotation_error(self) -> float | None:
-        """To first order a bound on the error of `rotation_number`; None where there is none."""
+        """To first order a bound on the error of `rotation_number`; None where that is None."""
         return None if self.rotation_number is None else float(self.own_error[0] / (2.0 * np.pi))
 
     @property
@@ -159,27 +158,27 @@ class Bifurcation(Tabled):
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """All parameters of the system there, by name."""
+        """All parameters of the system at the bifurcation, by name."""
         parameters: Mapping[str, float] = self.orbit.system.parameters
         return parameters
 
     def switch(self) -> list[Any]:
-        """Return an orbit on each branch that leaves here, near by; `continue_orbit` goes on.
+        """Return an orbit on each branch that leaves here, for `continue_orbit`.
 
-        At PD it is the branch of twice the period, at BP the one that crosses, at HB that of the
-        periodic orbits that are born, at GR those of the orbits with one impact more or less. SN,
-        NS and CB have none.
+        At PD it is on the branch of twice the period, at BP on the crossing branch, at HB on the
+        branch of the periodic orbits that are born, at GR on the branches with one impact more or
+        less. SN, NS and CB have none.
         """
         switch = KINDS[self.kind].switch
         return [] if switch is None else switch(self._place)
 
     @cached_property
     def criticality(self) -> Criticality | None:
-        """On which side orbits are born at SN, PD, NS or HB, and whether they are stable.
+        """The side on which orbits are born at SN, PD, NS or HB, and their stability.
 
-        From second and third derivatives of the orbit's equations, at NS of the map of returns.
-        None at the other kinds, at NS near a strong resonance or of a P(n,m) that is no motion of
-        the system, and where there are no such derivatives. In flows it takes seconds.
+        It is computed from second and third derivatives of the orbit's equations, at NS of the
+        return map. None at the other kinds, at NS near a strong resonance or for an inadmissible
+        orbit, and where there are no such derivatives. For flows it takes seconds.
         """
         kind = KINDS[self.kind]
         if kind.normal_form is None or self.multiplier is None:

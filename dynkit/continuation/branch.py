@@ -32,23 +32,23 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Branch(SolutionCurve):
-    """Periodic orbits, or equilibria, connected as one parameter changes, from `continue_orbit`.
+    """Periodic orbits, or equilibria, along a parameter; made by `continue_orbit`.
 
-    Its k points stand in the order in which the curve is run through; orbits are made of them when
-    asked for. All arrays are read-only.
+    Its k points are in the order of the curve; `orbit` returns the orbit of a point. All arrays are
+    read-only.
 
     Parameters
     ----------
     name : str
         Name of the parameter.
     label : str
-        What kind of orbits they are, such as ``P(2)`` or ``P(1,3)``.
+        Label of the orbits, such as ``P(2)`` or ``P(1,3)``.
     parameter : (k,) array
         Values of the parameter.
     unknowns : (k, m) array
         Solutions of the orbits' equations.
     multipliers : (k, d) array of complex
-        Floquet multipliers, the largest modulus first; of equilibria the eigenvalues, the largest
+        Floquet multipliers, the largest modulus first; for equilibria the eigenvalues, the largest
         real part first.
     admissible : (k,) array of bool
         Whether the orbits are motions of the system.
@@ -57,11 +57,11 @@ class Branch(SolutionCurve):
     bifurcations : tuple of Bifurcation
         In the order of the points.
     endings : (Ending, Ending)
-        Why and where it ends: at the first point, and at the last.
+        Why and where the branch ends at its first point, and at its last.
     spectrum : Spectrum
         Whether `multipliers` are multipliers or eigenvalues.
     cost : Cost
-        What it cost; of bifurcations that each carries itself, it holds only the seconds.
+        Cost of the branch; the Newton steps of bifurcations are in their costs only.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class Branch(SolutionCurve):
     def stable(self) -> NDArray[np.bool_]:
         """Whether all multipliers lie inside the unit circle, (k,), read-only.
 
-        Of equilibria whether all eigenvalues have negative real parts.
+        For equilibria, whether all eigenvalues have negative real parts.
         """
         stable = np.asarray(np.all(self.spectrum.stable(self.multipliers), axis=1))
         stable.setflags(write=False)
@@ -115,7 +115,7 @@ class Branch(SolutionCurve):
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
-        The parameter is measured in its range, the unknowns in their typical sizes.
+        The unit of the parameter is its range, those of the unknowns are their typical sizes.
         """
         error = np.array([(moved / scale).max() for moved, scale in self._moved])
         error.setflags(write=False)
@@ -125,7 +125,7 @@ class Branch(SolutionCurve):
     def multipliers_error(self) -> Array:
         """Estimate of the error of each multiplier, (k, d), read-only.
 
-        As `PeriodicOrbit.multipliers_error`; points may be off as they may from the exact curve.
+        As `PeriodicOrbit.multipliers_error`, for the distances of the points from the exact curve.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Branch(SolutionCurve):
 
     @cached_property
     def _moved(self) -> list[tuple[Array, Array]]:
-        """How far unknowns and parameter of each point may be from the curve, and their scales."""
+        """Errors of unknowns and parameter of each point, and their scales."""
         equations = OrbitEquations(self.problem, float(np.ptp(self.parameter)) or 1.0)
         rows = np.column_stack([self.unknowns, self.parameter])
         return [
@@ -196,16 +196,16 @@ class Branch(SolutionCurve):
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable against the parameter, and return the axes.
 
-        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. Bifurcations carry
-        their kinds: those of motions of the system beside circles, the others, in brackets, beside
-        crosses.
+        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. Admissible
+        bifurcations are circles with their kinds, inadmissible ones are crosses with their kinds in
+        brackets.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where; a new figure otherwise.
+            Axes to draw into; by default those of a new figure.
         y : str, optional
-            Name of an observable; the system's first one otherwise.
+            Name of an observable; by default the system's first.
         """
         from dynkit.continuation.drawing import draw_branch
 
@@ -213,12 +213,12 @@ class Branch(SolutionCurve):
 
     @property
     def _default(self) -> str:
-        """What is drawn of it by default."""
+        """Name of the observable that is drawn by default."""
         first: str = self.orbit(0).observables[0]
         return first
 
     def _line(self, y: str | None) -> Line:
-        """What is drawn of it: an observable, by default the system's first one."""
+        """Return the line that is drawn, by default of the system's first observable."""
         name = y or self._default
         rows, nodes = self.observable(name), nodes_of(len(self), self.bifurcations)
         points = [
@@ -236,10 +236,10 @@ class Branch(SolutionCurve):
         )
 
     def dataset(self) -> Dataset:
-        """Return its points as a dataset.
+        """Return the points as a dataset.
 
-        Dimensions are ``point``, ``multiplier``, ``unknown``, ``state`` and ``bifurcation``. Where
-        orbits can be made of it, what `plot` draws by default is in it: the first observable.
+        Dimensions are ``point``, ``multiplier``, ``unknown``, ``state`` and ``bifurcation``. It
+        contains the first observable, unless the branch was loaded without an orbit.
         """
         each = "point"
         drawn: Variables = {}

@@ -1,4 +1,4 @@
-"""What `continue_orbit` and `continue_curve` check at the door."""
+"""Checks of the arguments of `continue_orbit` and `continue_curve`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        When they are not.
+        When the bounds are not two such numbers.
     """
     if not isinstance(bounds, Sequence | np.ndarray) or len(bounds) != 2:
         raise ValueError(f"{name} must be two numbers; got {bounds!r}")
@@ -32,7 +32,7 @@ def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
 
 
 def checked_method(step: float, largest_step: float, points: int) -> ContinuationMethod:
-    """Return how a curve is followed, with these options validated.
+    """Return the continuation method with these options, after validation.
 
     Raises
     ------
@@ -48,14 +48,14 @@ def checked_method(step: float, largest_step: float, points: int) -> Continuatio
 
 
 def problem_of(orbit: ProblemSolution, names: tuple[str, ...]) -> Problem:
-    """Return the equations of an orbit with parameters free.
+    """Return the equations of an orbit with free parameters.
 
     Raises
     ------
     ValueError
-        When it is no orbit, or the system lacks one of them.
+        When the orbit is not a `ProblemSolution`, or its system lacks a parameter.
     Refused
-        When it does not solve its equations.
+        When the orbit does not solve its equations.
     """
     if not isinstance(orbit, ProblemSolution):
         raise ValueError(f"orbit must be a PeriodicOrbit or an Equilibrium; got {_no_orbit(orbit)}")

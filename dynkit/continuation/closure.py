@@ -1,4 +1,4 @@
-"""Whether a curve has come back to its start."""
+"""Detection of closed curves."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.continuation.points import SAME, Point, interpolated
 from dynkit.core.validation import Array
 
-# So many times the place of the start within a step is looked for, and so far beyond its ends, in
-# steps: a start at an end is on either side of it by rounding.
+# Iterations for the place of the start within a step, and largest distance of this place beyond the
+# ends of the step, in steps: rounding may put a start at an end on either side of it.
 _RETURNS, _SLACK = 12, 1e-3
 
 
 def passes(before: Array, after: Array) -> bool:
-    """Whether the way between two places, as seen from the start, leads past the start."""
+    """Whether a step between two places, relative to the start, passes near the start."""
     way = after - before
     length = way @ way
     if not length > 0.0:
@@ -34,13 +34,13 @@ def return_to(
     point: Point,
     after: Point,
 ) -> Point | None:
-    """Return the point between two that is the start again, or None where there is none.
+    """Return the point between two points that equals the start, or None.
 
     Parameters
     ----------
     equations : CurveEquations
     corrected : callable
-        Guess, point near by and row -> the point of the curve, as a `Corrector`.
+        (guess, near point, row) -> the point of the curve, as a `Corrector`.
     home : (q,) array
         Unknowns of the start.
     point, after : Point
@@ -63,7 +63,7 @@ def return_to(
         there = equations.apart(trial.y, home)
         if abs(there).max() < SAME:
             return trial
-        # the farther end of the two is given up
+        # replace the end that is farther away
         if place @ place > beyond @ beyond:
             low, place = part, there
         else:

@@ -1,4 +1,4 @@
-"""`continue_orbit`: all periodic orbits that hang together with one, as one parameter changes."""
+"""`continue_orbit`: the branch of periodic orbits through an orbit, along one parameter."""
 
 from __future__ import annotations
 
@@ -43,41 +43,42 @@ def continue_orbit(
     points: int = 2000,
     inadmissible: bool = True,
 ) -> Branch:
-    """Return the branch of periodic orbits, or equilibria, through one, in both directions.
+    """Return the branch of periodic orbits, or equilibria, through an orbit, in both directions.
 
-    Pseudo-arclength continuation: it goes through folds, and ends at the bounds, when it closes on
-    itself, or where there is nothing more; `Branch.endings` tells. What was found until then is
-    returned whatever happens. Bifurcations are solved for.
+    The method is pseudo-arclength continuation, which passes through folds. The branch ends at the
+    bounds, when it closes on itself, or where no further orbit is found; `Branch.endings` says why.
+    The points found before are always returned. Bifurcations are solved for by Newton's method.
 
     Parameters
     ----------
     orbit : PeriodicOrbit or Equilibrium
-        Where to start; for instance that of a bifurcation. Any `ProblemSolution` will do.
+        Start of the branch, for instance the orbit of a bifurcation; any `ProblemSolution`.
     parameter : str
         Name of the parameter that changes.
     bounds : (float, float)
         Least and greatest value of the parameter.
     step : float
-        First distance between points. The parameter is measured in the distance of the bounds, the
-        unknowns in their typical sizes (root mean square).
+        First distance between points. The unit of the parameter is the distance of the bounds,
+        those of the unknowns are their typical sizes (root mean square).
     largest_step : float
         Largest distance between points.
     points : int
-        How many points at most in each direction.
+        Largest number of points in each direction.
     inadmissible : bool
-        Whether the branch goes on where the orbits are no motions of the system. These points are
-        marked.
+        Whether the branch continues where the orbits are not motions of the system; these points
+        are marked.
 
     Returns
     -------
     Branch
-        Its points in the order in which the curve is run through.
+        The points in the order of the curve.
 
     Raises
     ------
     ValueError
         When the system has no such parameter, the bounds are reversed, the orbit lies outside of
-        them, solves nothing or is no motion where it should be, or a number is out of range.
+        them, does not solve its equations or must be admissible and is not, or a number is out of
+        range.
 
     References
     ----------
@@ -107,7 +108,7 @@ def continue_by(
     bounds: tuple[float, float],
     inadmissible: bool = True,
 ) -> Branch:
-    """Return the branch of `continue_orbit`, followed by a method whose parts may be one's own.
+    """Return the branch of `continue_orbit`, by a method with replaceable parts.
 
     Parameters
     ----------
@@ -146,9 +147,9 @@ def continue_by(
 
 
 def _once(problem: Problem, orbit: ProblemSolution) -> tuple[Problem, Array]:
-    """Return the equations and unknowns of an orbit that is run through once.
+    """Return the equations and unknowns of an orbit with its least period.
 
-    Where a period doubles, the orbit that branches off is the single one, run through twice.
+    At a period doubling the orbit of the doubled branch is the single orbit, repeated twice.
     """
     once, x = shortest(problem, orbit.unknowns)
     if once is problem:
@@ -188,7 +189,7 @@ def _bifurcation(
     problem: Problem, admissible: NDArray[np.bool_], place: float, found: Located, tangent: Array
 ) -> Bifurcation:
     kind, event, _ = found.crossing
-    # on a border rounding decides which side an orbit is on
+    # at a border rounding decides whether the orbit itself is admissible
     on_border = event >= 0
     motion = (
         borders_a_motion(admissible, place)

@@ -18,24 +18,24 @@ from dynkit.orbits.newton import (
     correct,
 )
 
-# A last Newton step so short, scaled, leaves the tangent as it is.
+# After a last Newton step below this, in scaled unknowns, the tangent need not be computed again.
 _SHORT = 1e-8
-# Where a residual stops falling it is rounding, and need not be pushed lower from there on.
+# Largest residual that is accepted as the rounding level of a point.
 _LARGEST_LEVEL = 1e-12
 
 
 @final
 class Failure(NamedTuple):
-    """Why there is no point, or none that may be taken."""
+    """Why there is no point, or none that is accepted."""
 
     reason: Reason
     message: str
 
 
 class Corrector(Protocol):
-    """Finds the point of R(y) = 0 near a guess (q,) on the plane through it orthogonal to a row.
+    """Finds the point of R(y) = 0 on the plane through a guess (q,) that is orthogonal to a row.
 
-    The row (q,) is in units of the scale of a point near by.
+    The row (q,) is in units of the scale of a near point.
     """
 
     def __call__(
@@ -48,7 +48,7 @@ class Corrector(Protocol):
 @final
 @dataclass(frozen=True)
 class NewtonCorrector:
-    """Damped Newton steps: at most so many, each of them halved at most so often.
+    """Damped Newton steps, with limits of their number and of the halvings of each.
 
     References
     ----------
@@ -96,7 +96,7 @@ class NewtonCorrector:
 def _direction(
     equations: Equations, solution: Correction, near: Point, row: Array, scale: Array
 ) -> Direction | Failure:
-    # after a last step so short the derivative before it serves
+    # after such a short step the derivative before it is accurate enough
     if row is near.tangent and scale is near.scale and solution.moved < _SHORT:
         if solution.direction is not None:
             return solution.direction

@@ -1,4 +1,4 @@
-"""Criticality: on which side of a bifurcation orbits are born, and whether they are stable."""
+"""Criticality: the side of a bifurcation on which orbits are born, and their stability."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ from dynkit.orbits.newton import ROUNDING, NoSolution
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.orbits.spectrum import Spectrum
 
-# Steps of differences, of disturbances that are scaled.
+# First step of differences, in scaled unknowns.
 _FIRST = 0.1
-# Of the error of the place, by a probe; of the accuracy of a map, in its second derivatives.
+# Safety factor of errors from trials; error of second derivatives in units of a map's accuracy.
 _MARGIN, _DERIVATIVES = 4.0, 1e3
-# The map of returns is that of the orbit when it has the critical multiplier within this.
+# Largest difference between the critical multiplier and that of the return map.
 _SAME = 1e-6
-# Nearer to a resonance of order up to four, mu^k = 1, cubic terms decide nothing.
+# Closer to a resonance of order up to four, mu^k = 1, cubic terms do not determine the criticality.
 _RESONANT = 1e-6
 
 
 @final
 @dataclass(frozen=True)
 class Criticality:
-    """What is born at a bifurcation: on which side, and whether it is stable.
+    """The orbits born at a bifurcation: their side and their stability.
 
     Parameters
     ----------
     coefficient : float
-        Of the normal form. SN: b of ``xi -> xi + b xi^2``, or of ``xi' = b xi^2``. PD: c of
-        ``xi -> -xi + c xi^3``. In both xi counts lengths of the bifurcation's `direction`. NS: the
-        real part of d of ``z -> exp(i theta) z (1 + d |z|^2)``; HB: that of c of
+        Coefficient of the normal form. SN: b of ``xi -> xi + b xi^2``, or of ``xi' = b xi^2``. PD:
+        c of ``xi -> -xi + c xi^3``. In both the unit of xi is the bifurcation's `direction`. NS:
+        the real part of d of ``z -> exp(i theta) z (1 + d |z|^2)``. HB: the real part of c of
         ``z' = i omega z + c z |z|^2``, the first Lyapunov coefficient times omega. In both the
         critical eigenvector has unit length in the coordinates of the state, at NS of the orbit's
-        first one; in orbits that stick of the places in contact at their first release.
+        first state; for sticking orbits of the state in contact at the first release.
     error : float
-        Estimate of its error.
+        Estimate of the error of the coefficient.
     side : int
         1 where the orbits are born at larger values of the parameter, -1 at smaller ones; 0 where
-        that is not certain. At SN the two orbits that meet; at NS an invariant curve.
+        that is not certain. At SN these are the two orbits that meet, at NS an invariant curve.
     supercritical : bool or None
         Whether they are born where the critical multiplier or eigenvalue is unstable; None at SN,
-        and where the coefficient is not certain to differ from zero.
+        and where the coefficient does not certainly differ from zero.
     stable : bool or None
-        Whether they attract, near by; at SN whether one of the two does. None where the coefficient
-        is not certain to differ from zero.
+        Whether they are stable near the bifurcation; at SN whether one of the two is. None where
+        the coefficient does not certainly differ from zero.
     cost : Cost
 
     References
@@ -108,9 +108,9 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     value : complex
         The critical multiplier or eigenvalue.
     form : callable
-        Of its normal form.
+        Computes the coefficient of the normal form.
     sign : int
-        That of the coefficient where the bifurcation is supercritical; 0 at SN.
+        Sign of the coefficient of a supercritical bifurcation; 0 at SN.
     """
     began = time.perf_counter()
     x, p, kind = place.y[:-1], place.y[-1:], place.problem.stability
@@ -143,11 +143,11 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     return Criticality(coefficient, error, side, supercritical, stable, cost)
 
 
-# --- by the equations of the orbit ----------------------------------------------------------------
+# --- from the equations of the orbit --------------------------------------------------------------
 
 
 def fold(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
-    """The coefficient b at SN."""
+    """Return the coefficient b at SN, and its error."""
     problem, way, neutral = place.problem, place.direction, place.problem.stability.neutral
     x, p = y[:-1], y[-1:]
     left = _left(problem, x, p, neutral)
@@ -161,7 +161,7 @@ def fold(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
 
 
 def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
-    """The coefficient c at PD: of the symmetric branch in the equations of twice the period."""
+    """Return c at PD, from the symmetric branch in the equations of twice the period."""
     assert isinstance(place.problem, PeriodicProblem)
     problem, x, way = place.problem.doubled(y[:-1], place.direction)
     p, scale = y[-1:], problem.scale(x)
@@ -181,12 +181,12 @@ def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
 
 
 def _left(problem: Problem, x: Array, p: Array, value: complex) -> Any:
-    """The left null vector of D at a value of the spectrum."""
+    """Return the left null vector of D at a value of the spectrum."""
     return np.linalg.svd(problem.pencil(x, p, value) * problem.scale(x))[0][:, -1].conj()
 
 
 def _fold_side(place: Place) -> int:
-    """On which side of a fold the branch is: the sign of the parameter's second derivative."""
+    """Return the side of a fold on which the branch is: the sign of the second derivative of p."""
     problem, way, x, p = place.problem, place.direction, place.y[:-1], place.y[-1:]
     neutral = problem.stability.neutral
     left = _left(problem, x, p, neutral)
@@ -200,7 +200,7 @@ def _fold_side(place: Place) -> int:
 
 
 def _unstable_side(place: Place, value: complex) -> int:
-    """On which side, of the parameter, the critical multiplier or eigenvalue is unstable."""
+    """Return the side, 1 or -1, on which the critical multiplier or eigenvalue is unstable."""
     problem, y, way = place.problem, place.y, place.direction
     left = _left(problem, y[:-1], y[-1:], value)
 
@@ -220,11 +220,11 @@ def _sign(estimate: Callable[[float], float]) -> int:
     return int(np.sign(number)) if abs(number) > error else 0
 
 
-# --- by the map of returns, or the velocity -------------------------------------------------------
+# --- from the return map, or the velocity ---------------------------------------------------------
 
 
 def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
-    """The real part of d at NS, of c at HB."""
+    """Return the real part of d at NS, or of c at HB, and its error."""
     problem, angle = place.problem, float(place.own[0])
     returns = isinstance(problem, PeriodicProblem)
     value = complex(np.exp(1j * angle)) if returns else complex(0.0, angle)
@@ -240,7 +240,7 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
     values, lefts, rights = found
     k = int(np.argmin(abs(values - value)))
     if not abs(values[k] - value) < _SAME * max(1.0, abs(value)):
-        return None  # no motion of the system, or not near it
+        return None  # the orbit is inadmissible, or the return map is that of another orbit
     q, adjoint = rights[:, k], lefts[:, k].conj()
     adjoint = adjoint / (adjoint @ q)
     value, square = values[k], (values[k] ** 2 if returns else 2.0 * values[k])
@@ -262,7 +262,7 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
 
 
 def _velocity(problem: Problem, y: Array) -> tuple[Callable[[Array], Array], Array]:
-    """The derivative of the velocity, and the equilibrium."""
+    """Return the derivative of the velocity as a function, and the equilibrium."""
 
     def jacobian(x: Array) -> Array:
         known = problem.factors(x, y[-1:])
@@ -277,20 +277,20 @@ def _velocity(problem: Problem, y: Array) -> tuple[Callable[[Array], Array], Arr
 
 
 def _slope(function: Callable[[Any], Any], place: Any, way: Any, h: float) -> Any:
-    """The first difference of a function along a way."""
+    """Return the central difference of a function along a direction."""
     return (function(place + h * way) - function(place - h * way)) / (2.0 * h)
 
 
 def _both(
     function: Callable[[Any], Any], place: Any, here: Any, way: Any, h: float
 ) -> tuple[Any, Any]:
-    """The first and the second difference along a way, of a function that is known here."""
+    """Return first and second differences along a direction; `here` is the value at the place."""
     ahead, behind = function(place + h * way), function(place - h * way)
     return (ahead - behind) / (2.0 * h), (ahead - 2.0 * here + behind) / h**2
 
 
 def _limit(estimate: Callable[[float], float], accuracy: float) -> tuple[float, float]:
-    """What an even function of the step tends to, and an estimate of the error."""
+    """Return the limit of an even function of the step at step zero, and its error."""
 
     def row(h: float) -> tuple[Array, Array, float]:
         number = np.nan
@@ -298,7 +298,7 @@ def _limit(estimate: Callable[[float], float], accuracy: float) -> tuple[float, 
             number = estimate(h)
         return np.array([number]), np.zeros(1), h**2
 
-    # of second differences little but rounding is left beyond
+    # second differences at smaller steps are dominated by rounding
     count = int(np.log2(accuracy ** (-1.0 / 3.0)))
     steps = _FIRST / 2.0 ** np.arange(count)
     found, error = extrapolated(map(row, steps.tolist()), 4.0, accuracy)

@@ -1,4 +1,4 @@
-"""What is known of the points of a branch, and of what happens between them."""
+"""Examined points of a branch, and bifurcations between them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynkit.orbits.spectrum import Spectrum
 
 @final
 class Crossing(NamedTuple):
-    """What happens within a step: the kind, the event of GR and CB, and whether it is the end."""
+    """A bifurcation within a step: kind, index of the event of GR and CB, and whether it ends."""
 
     kind: BifurcationKind
     event: int = -1
@@ -22,7 +22,7 @@ class Crossing(NamedTuple):
 
 @final
 class Located(NamedTuple):
-    """A bifurcation that was solved for: all unknowns, and how wrong they may be.
+    """A located bifurcation: all unknowns and their errors.
 
     `errors`, (m + e + 1,), are those of `x`, `own` and `p`.
     """
@@ -42,10 +42,10 @@ class Located(NamedTuple):
 @final
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What is known of the orbit of a point; `crossings` are those since the point before.
+    """Properties of the orbit of a point; `crossings` are those since the previous point.
 
-    At the `branch_point` among them, if there is one, the branch goes along `flat`, in scaled
-    unknowns, if it folds there: it is symmetric about the one that it meets.
+    `branch_point` is the one among them, if any. Where the branch folds there, because it is
+    symmetric about the branch that it meets, `flat` is its tangent in scaled unknowns.
     """
 
     kind: Spectrum

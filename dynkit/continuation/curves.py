@@ -33,9 +33,9 @@ from dynkit.orbits.newton import NoSolution, correct
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Where theta is nearer to 0 or pi the two equations of NS are one.
+# Closer to 0 or pi than this angle theta the two equations of NS become dependent.
 _RESONANCE = 1e-3
-# What changes less along a curve, in units of its bounds, is constant but for rounding.
+# A parameter that changes less than this along a curve, relative to its bounds, is constant.
 _CHANGES = 1e-8
 
 
@@ -44,28 +44,28 @@ _CHANGES = 1e-8
 class BifurcationCurve(SolutionCurve):
     """Bifurcations of one kind as two parameters change, made by `continue_curve`.
 
-    Its k points stand in the order in which the curve is run through. All arrays are read-only.
+    Its k points are in the order of the curve. All arrays are read-only.
 
     Parameters
     ----------
     kind : BifurcationKind
-        What they are.
+        Kind of the bifurcations.
     label : str
-        What kind of orbits they are of, such as ``P(2)`` or ``P(1,3)``.
+        Label of the orbits, such as ``P(2)`` or ``P(1,3)``.
     names : (str, str)
         Names of the two parameters.
     parameters : (k, 2) array
-        Their values.
+        Values of the two parameters.
     unknowns : (k, m) array
         Solutions of the orbits' equations.
     own : (k, e) array
-        Unknowns of the condition's own: for NS the angle theta, for HB the frequency, (k, 1).
+        Additional unknowns of the condition: for NS the angle theta, for HB the frequency, (k, 1).
     admissible : (k,) array of bool
         Whether the orbits are motions of the system.
     residuals : (k,) array
         Largest residual of each point's equations.
     endings : (Ending, Ending)
-        Why and where it ends: at the first point, and at the last.
+        Why and where the curve ends at its first point, and at its last.
     cost : Cost
 
     Examples
@@ -117,9 +117,9 @@ class BifurcationCurve(SolutionCurve):
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
-        It holds for all numbers of a point: the parameters are measured in their ranges, or in
-        those of their bounds where they hardly change, the orbit's unknowns in their typical sizes,
-        and `own`, such as theta, in units of one, or of their size where that is larger.
+        It covers all numbers of a point. The units of the parameters are their ranges, or those of
+        their bounds for a constant parameter; those of the orbit's unknowns are their typical
+        sizes; the unit of `own`, such as theta, is one, or their size where that is larger.
         """
         ranges = np.ptp(self.parameters, axis=0)
         widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)
@@ -149,15 +149,15 @@ class BifurcationCurve(SolutionCurve):
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw it in the plane of its parameters, each kind with a line of its own."""
+        """Draw the curve in the plane of its parameters, with the line style of its kind."""
         from dynkit.continuation.drawing import draw_curve
 
         return draw_curve(self.kind, self._free, ax)
 
     def dataset(self) -> Dataset:
-        """Return its points as a dataset.
+        """Return the points as a dataset.
 
-        Dimensions are ``point``, ``unknown`` and ``condition``, of the condition's own unknowns.
+        Dimensions are ``point``, ``unknown`` and ``condition``, that of `own`.
         """
         each = "point"
         return Dataset(
@@ -181,12 +181,12 @@ def continue_curve(
     largest_step: float = 0.05,
     points: int = 2000,
 ) -> BifurcationCurve:
-    """Return the bifurcations of one kind that hang together with one, as two parameters change.
+    """Return the curve of bifurcations of one kind through a bifurcation, as two parameters change.
 
     Parameters
     ----------
     bifurcation : Bifurcation
-        Where to start.
+        Start of the curve.
     parameters : (str, str)
         Names of the parameters that change.
     bounds : ((float, float), (float, float))
@@ -197,7 +197,7 @@ def continue_curve(
     Returns
     -------
     BifurcationCurve
-        Its points in the order in which the curve is run through.
+        The points in the order of the curve.
 
     Raises
     ------
@@ -276,7 +276,7 @@ def _start(
     kind, x, p = bifurcation.kind, bifurcation.unknowns, problem.values
     own = bifurcation.own
     if kind is BifurcationKind.NS:
-        # of the pair of angles the one between 0 and pi
+        # the angle between 0 and pi of the conjugate pair
         own = np.arccos(np.cos(own))
     condition, own = condition_of(kind, bifurcation.event, problem, x, own, p)
     equations = BifurcationEquations(problem, condition, widths)

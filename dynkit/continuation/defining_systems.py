@@ -1,4 +1,4 @@
-"""Extended systems: an orbit together with what makes it a bifurcation."""
+"""Extended systems: the equations of an orbit with the condition of a bifurcation."""
 
 # ruff: noqa: ARG002 (arguments that a default has no use for)
 
@@ -19,21 +19,21 @@ from dynkit.orbits.newton import ROUNDING, NoSolution
 from dynkit.orbits.spectrum import Spectrum
 
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
-"""Step of central differences, in scaled unknowns: rounding and curvature balance each other."""
+"""Step of central differences, in scaled unknowns: it balances rounding and curvature."""
 
-# A condition, of numbers of order one, changes over a step by no more than this: otherwise the step
-# is divided by 16, at most so often. Over many turns within a period a frequency counts so much.
+# Largest change of a condition, of order one, over a step; otherwise the step is divided by 16, at
+# most _SHORTER times. A frequency has such an effect over a period of many oscillations.
 _CHANGE, _SHORTER = 1e-2, 4
-# Of a multiplier, relative, to tell how D depends on it.
+# Relative step of a multiplier for the derivative of D.
 _DISTURBED = 1e-7
 
 
 class CriticalMultiplier(Condition):
-    """A multiplier of the orbit has a given place on the unit circle: D(mu) is singular.
+    """The condition that the orbit has a given critical multiplier: D(mu) is singular.
 
-    The number g of the bordered system [D b; c^H 0] [v; g] = [0; 1] is zero just there (W.
-    Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, section 3.3).
-    The borders b and c are null vectors nearby.
+    The number g of the bordered system [D b; c^H 0] [v; g] = [0; 1] is zero if and only if D is
+    singular (W. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000,
+    section 3.3). The borders b and c are null vectors at a near solution.
     """
 
     unknowns = 0
@@ -48,16 +48,15 @@ class CriticalMultiplier(Condition):
         self._made_of = x, own, p, matrix
         off = problem.linearization_error(x, p)
         self.noise = float(np.sum(np.outer(abs(self._left), abs(self._right)) * off * self._units))
-        # so that no more than `NOISE` is left
+        # in this unit the noise is at most `NOISE`
         self.unit = max(1.0, self.noise / NOISE)
 
     @cached_property
-    def rounding(self) -> float:  # type: ignore[override]  # it takes a while
-        """What rounding leaves in g: that of the elements of D, and of what multiplies a state.
+    def rounding(self) -> float:  # type: ignore[override]  # expensive, so computed when needed
+        """Rounding error of g: from the elements of D, and from the factors of the monodromy.
 
-        That is an error of the factors of the monodromy, and as good as one of the multiplier: g
-        follows it as D does. It follows by much where the multiplier is almost one of the free
-        motion.
+        An error of these factors acts like an error of the multiplier mu, on which D and g depend.
+        The dependence is strong where mu is close to a multiplier of the motion without impacts.
         """
         x, own, p, matrix = self._made_of
         mu, factors = self.multiplier(own), self._problem.factors(x, p)
@@ -68,7 +67,7 @@ class CriticalMultiplier(Condition):
             off = float((factors[1][sizes > 0.0] / sizes[sizes > 0.0]).sum())
         size = mu
         if self._problem.stability is Spectrum.EIGENVALUES:
-            # an eigenvalue is as wrong as its matrix, a multiplier relative to itself
+            # the error of an eigenvalue is relative to its matrix, that of a multiplier to itself
             size = 1.0 if factors is None else float(np.linalg.norm(factors[0]))
         ends = [self._scaled(x, p, mu + s * _DISTURBED * size) for s in (1.0, -1.0)]
         slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
@@ -104,7 +103,7 @@ class CriticalMultiplier(Condition):
 
 
 def _last_column(matrix: Any) -> Any:
-    """The last column of the inverse of a square matrix."""
+    """Return the last column of the inverse of a square matrix."""
     target = np.zeros(len(matrix))
     target[-1] = 1.0
     return np.linalg.solve(matrix, target)
@@ -156,8 +155,9 @@ class Hopf(CriticalMultiplier):
 class BranchPoint(CriticalMultiplier):
     """BP: a multiplier is 1, or an eigenvalue 0, and another branch crosses.
 
-    The derivative of F by all unknowns and the first parameter has a rank defect. That makes the
-    orbit's equations singular too, so they are unfolded by a number that comes out as zero.
+    The derivative of F by all unknowns and the first parameter has a rank defect. Therefore an
+    unfolding term, a vector times an additional unknown, is added to the orbit's equations; this
+    unknown is zero at the solution.
     """
 
     unknowns = 1
@@ -177,16 +177,16 @@ class BranchPoint(CriticalMultiplier):
 
 @final
 class BifurcationEquations(CurveEquations):
-    """F(x, p) = 0 and a condition; the unknowns are (x, own ones, p).
+    """F(x, p) = 0 and a condition; the unknowns are (x, own, p).
 
-    There are as many equations as unknowns with one free parameter, one less with two.
+    With one free parameter there are as many equations as unknowns, with two one less.
 
     Parameters
     ----------
     problem : Problem
     condition : Condition
     widths : (k,) array
-        What the free parameters are measured in.
+        Units of the free parameters.
     """
 
     def __init__(self, problem: Problem, condition: Condition, widths: Array) -> None:
@@ -210,10 +210,10 @@ class BifurcationEquations(CurveEquations):
         return np.concatenate([f, self._condition(y)])
 
     def jacobian(self, y: Array) -> Array:
-        """Return the derivative, as far as steps of Newton's method and tangents depend on it.
+        """Return the derivative, exact along all steps of Newton's method and tangents.
 
         The condition is differentiated along the null vectors of the orbit's equations, and along
-        the step to their solution. All steps are combinations of these.
+        the step to their solution. All steps are combinations of these directions.
         """
         orbit, scale = self._orbit_rows(y), self.scale(y)
         m = self._m
@@ -228,7 +228,7 @@ class BifurcationEquations(CurveEquations):
         return np.concatenate([orbit, self._along(y, scale, directions)])
 
     def full_jacobian(self, y: Array) -> Array:
-        """Return the derivative, along all unknowns."""
+        """Return the complete derivative."""
         directions = list(np.eye(len(y)))
         return np.concatenate([self._orbit_rows(y), self._along(y, self.scale(y), directions)])
 
@@ -239,14 +239,14 @@ class BifurcationEquations(CurveEquations):
         return matrix
 
     def _along(self, y: Array, scale: Array, directions: list[Array]) -> Array:
-        """Return a derivative of the condition, right along orthonormal scaled directions."""
+        """Return a derivative of the condition, exact along orthonormal scaled directions."""
         rows = np.zeros((self.condition.unknowns + 1, len(y)))
         for direction in directions:
             rows += np.outer(self._slope(y, scale * direction), direction)
         return rows / scale
 
     def _slope(self, y: Array, way: Array) -> Array:
-        """Return a derivative of the condition along a way."""
+        """Return the derivative of the condition along a direction."""
         step = max(DIFFERENCE, self.condition.noise ** (1.0 / 3.0))
         change = self._change(y, step * way)
         for _ in range(_SHORTER):
@@ -257,11 +257,11 @@ class BifurcationEquations(CurveEquations):
         return np.asarray(change / step)
 
     def _change(self, y: Array, step: Array) -> Array:
-        """Return how the condition changes over a step, to second order."""
+        """Return the change of the condition over a step, to second order."""
         try:
             ahead = self._condition(y + step)
         except NoSolution:
-            # on the edge of where it is defined
+            # at the edge of the domain
             return -self._change_ahead(y, -step)
         try:
             return 0.5 * (ahead - self._condition(y - step))
@@ -287,7 +287,7 @@ class BifurcationEquations(CurveEquations):
 
 
 def null_vector(problem: Problem, x: Array, p: Array, multiplier: float) -> Array:
-    """Return the direction, (m,), in which D(multiplier) is nearest to singular."""
+    """Return the right singular vector, (m,), of D(multiplier) with the least singular value."""
     units = problem.scale(x)
     rows = np.linalg.svd(problem.pencil(x, p, multiplier) * units)[2]
     return np.asarray(rows[-1] * units)

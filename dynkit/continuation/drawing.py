@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 2)), "inadmissible": (0, (1, 1.5))}
-"""How orbits are drawn."""
+"""Line styles of orbits."""
 
 _TEXT: dict[str, Any] = {
     "textcoords": "offset points",
@@ -25,13 +25,13 @@ _TEXT: dict[str, Any] = {
     "fontsize": 7.0,
     "zorder": 4.0,
 }
-# Labels closer than this, in what is drawn, are put together.
+# Labels closer than this fraction of the drawn range are joined.
 _CLOSE = 0.04
 
 
 @print_style()
 def draw_branch(line: Line, ax: Axes | None) -> Axes:
-    """Draw a branch as `Branch.plot` says."""
+    """Draw a branch; see `Branch.plot`."""
     axes = shown_axes(ax)
     runs: dict[str, list[tuple[Array, Array]]] = {}
     for kind, x, y in line.stretches():
@@ -55,7 +55,7 @@ def draw_branch(line: Line, ax: Axes | None) -> Axes:
 
 
 def name_axes(axes: Axes, names: Sequence[str]) -> None:
-    """Write names below and beside axes, without underscores."""
+    """Set the titles of both axes, without underscores."""
     axes.set_xlabel(names[0].replace("_", " "))
     axes.set_ylabel(names[1].replace("_", " "))
 
@@ -63,7 +63,7 @@ def name_axes(axes: Axes, names: Sequence[str]) -> None:
 def _merged(
     labels: list[tuple[str, float, float]], width: float, height: float
 ) -> list[tuple[str, float, float]]:
-    """Return labels of which those that would lie on one another are one."""
+    """Return the labels; those that would overlap are joined."""
     merged: list[tuple[str, float, float]] = []
     for text, x, y in labels:
         for i, (other, u, v) in enumerate(merged):
@@ -77,7 +77,7 @@ def _merged(
 
 @print_style()
 def draw_curve(kind: BifurcationKind, parameters: Mapping[str, Array], ax: Axes | None) -> Axes:
-    """Draw a curve of bifurcations as `BifurcationCurve.plot` says."""
+    """Draw a curve of bifurcations; see `BifurcationCurve.plot`."""
     axes = shown_axes(ax)
     x, y = parameters.values()
     axes.plot(x, y, linestyle=KINDS[kind].line, label=kind, color=ink(), linewidth=0.9)
@@ -88,7 +88,7 @@ def draw_curve(kind: BifurcationKind, parameters: Mapping[str, Array], ax: Axes 
 
 
 def _middle(x: Array, y: Array) -> int:
-    """Return the point halfway along a curve as it is seen."""
+    """Return the index of the point halfway along a drawn curve."""
     steps = np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0))
     way = np.append(0.0, np.cumsum(steps))
     return int(np.searchsorted(way, 0.5 * way[-1]))

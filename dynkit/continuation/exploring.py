@@ -1,4 +1,4 @@
-"""`explore`: the network of branches that periodic orbits or equilibria of one system make."""
+"""`explore`: the network of branches of periodic orbits or equilibria of a system."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from dynkit.orbits.problem import PeriodicOrbit, shortest
 from dynkit.orbits.search import OrbitSearch
 from dynkit.orbits.spectrum import Spectrum
 
-# Points of a branch, at most, in each direction.
+# Most points of a branch in each direction.
 _POINTS = 2000
-# Why an orbit is not continued, or a bifurcation leads to none: said, and passed over.
+# Exceptions that leave an orbit or a bifurcation unexplored; the network reports them.
 _REFUSALS = (NoSolution, NoConvergence, NoMotion)
-# Of the machine: what was found before is kept. A fault in a program is raised.
+# Failures of the machine, after which the findings are returned. Faults of programs are raised.
 _FAILURES = (MemoryError, OSError, WorkerLost)
 
 
@@ -54,58 +54,56 @@ def explore(
     points: int = 50_000,
     executor: Executor | None = None,
 ) -> Network:
-    """Return the network of branches of periodic orbits or equilibria, as far as a budget reaches.
+    """Return the network of branches of periodic orbits or equilibria, within a budget.
 
-    It starts from orbits at several values of the parameter, and continues each that lies on no
-    branch that is known: so it finds branches that hang together with no other, and stable orbits
-    that a sweep passes by. Then it switches, breadth first, to what branches off: at PD, BP, and GR
-    (orbits of one impact more or fewer), wherever a motion of the system is or borders. The same
-    arguments give the same network.
+    The exploration starts from orbits at several values of the parameter, and continues each one
+    that lies on no known branch. So it also finds isolated branches (isolas), and stable orbits
+    that a sweep misses. Then it switches, breadth first, to the branches that leave at PD, BP, and
+    GR (orbits of one impact more or fewer), where an orbit next to the bifurcation is admissible.
+    The same arguments give the same network.
 
-    Of a flow it starts from equilibria, and switches at BP and, to periodic orbits, at HB. Each
-    branch of these lies on a plane of its own.
+    For a flow it starts from equilibria, and switches at BP and, to periodic orbits, at HB. Each
+    branch of periodic orbits has its own Poincare section, a plane.
 
     Parameters
     ----------
     system : Map or Flow
-        Its parameters but for one are those of all orbits.
+        The system; all of its parameters but one are fixed.
     parameter : str
         Name of the parameter that changes.
     bounds : (float, float)
         Least and greatest value of the parameter.
     iterates, periods : int
-        Largest n and m of orbits P(n,m) that are followed; of a map the largest n of P(n).
+        Largest n and m of the orbits P(n,m); for a map the largest n of P(n).
     values : int
-        At how many values of the parameter, equally spaced within the bounds, there are orbits to
-        start from: all P(1,m), and the admissible ones of more impacts that `find_orbits` of the
-        system finds near motions and from random guesses; or those of a map that `find_orbits`
-        finds in a box, at both bounds too. A branch that reaches none of these values, and hangs
-        together with no other, is not found.
+        Number of values of the parameter, equally spaced within the bounds, with initial orbits:
+        all P(1,m), and the admissible ones of more impacts that the system's `find_orbits` finds
+        near motions and from random guesses; or, for a map, those that `find_orbits` finds in a
+        box, also at both bounds. An isolated branch that reaches none of these values is not found.
     seeds : iterable of PeriodicOrbit or Equilibrium, optional
-        What to start from, instead of these; of a flow there must be some.
+        Initial orbits, instead of these; required for a flow.
     box : (d, 2) array_like, optional
-        Least and greatest value of each coordinate: where orbits of a map are searched for.
+        Least and greatest value of each coordinate in the search for orbits of a map.
     calls : int
-        The budget of the search of the box at one value of the parameter: see `find_orbits`.
+        Largest number of calls in the search of the box at one value: see `find_orbits`.
     branches, points : int
-        The budget: how many branches, and how many points on them. It is looked at before each
-        branch.
+        Largest number of branches, and of points on all of them, checked before each branch.
     executor : concurrent.futures.Executor, optional
-        Who searches, switches, and continues orbits of different labels at the same time:
-        processes, threads, Dask, MPI. The network is the same bits by any executor with any number
-        of workers, and by none; only seconds differ.
+        Executor that searches, switches, and continues orbits of different labels in parallel:
+        processes, threads, Dask, MPI. The network is the same bits with any executor and any number
+        of workers, and without one; only seconds differ.
 
     Returns
     -------
     Network
-        What was found, also when the budget was used up, after an interrupt, or when memory, a
-        worker or a file failed: `Network.finish` and `Network.message` say so.
+        The branches found, also when the budget was used up, after an interrupt, or when memory, a
+        worker or a file failed: see `Network.finish` and `Network.message`.
 
     Raises
     ------
     ValueError
         When the system has no such parameter or refuses a value within the bounds, a number is out
-        of range, or there is nothing to start from.
+        of range, or there are no initial orbits.
 
     Examples
     --------
@@ -168,15 +166,15 @@ def _told_of_seeds(_: Sequence[OrbitSearch[Any]]) -> str:
 
 
 class _UsedUp(Exception):
-    """The budget."""
+    """The budget was used up."""
 
 
 @final
 @dataclass(eq=False)
 class _Lead:
-    """An orbit, and with how many branches it was compared.
+    """An orbit to continue, and the number of branches with which it was compared.
 
-    `known` is the number of the branch that it lies on, or why it cannot be compared.
+    `known` is the number of its branch, or why it cannot be compared.
     """
 
     orbit: ProblemSolution
@@ -187,10 +185,10 @@ class _Lead:
 @final
 @dataclass
 class _Exploration:
-    """What was found so far, and what is still to be done.
+    """State of an exploration: branches found, and orbits and bifurcations still to explore.
 
-    An orbit is compared with branches of its own group only, mostly its label. So orbits of
-    different groups can be continued at the same time, and nothing is continued twice.
+    An orbit is compared only with branches of the same group, mostly the same label. So orbits of
+    different groups can be continued in parallel, and no branch is continued twice.
     """
 
     parameter: str
@@ -212,10 +210,10 @@ class _Exploration:
     ready: dict[_Lead, Branch | str] = field(default_factory=dict)
 
     def run(self, searches: Sequence[Search], seeds: Sequence[ProblemSolution]) -> None:
-        """Explore from orbits to start from, the shortest ones first, then breadth first.
+        """Explore from initial orbits, the shortest ones first, then breadth first.
 
-        What a search finds need not be a motion where it has several impacts: of these the
-        inadmissible ones are too many, and lead nowhere that motions are.
+        Orbits of several impacts that a search finds may be inadmissible. These are left out: they
+        are too many, and do not lead to motions of the system.
 
         Raises
         ------
@@ -240,7 +238,7 @@ class _Exploration:
             self._switch(list(self.waiting))
 
     def _switch(self, places: list[tuple[int, int]]) -> None:
-        """Continue what branches off at some bifurcations: branches and places on them."""
+        """Continue the branches that leave at bifurcations, given as (branch, place)."""
         bifurcations = [self.found[number].bifurcations[place] for number, place in places]
         switched = all_finished(_switched, bifurcations, self.executor)
         leads = [self._leads(orbits) for orbits, _ in switched]
@@ -256,7 +254,7 @@ class _Exploration:
             self.waiting.popleft()
 
     def _leads(self, orbits: Iterable[ProblemSolution]) -> list[_Lead]:
-        """Return what is to be continued next, of orbits that are not too long."""
+        """Queue and return those orbits that are not too long."""
         pairs = [(orbit, _length(orbit)) for orbit in orbits]
         most, longest = self.largest
         leads = [_Lead(orbit) for orbit, (n, m) in pairs if n <= most and m <= longest]
@@ -264,7 +262,7 @@ class _Exploration:
         return leads
 
     def _known(self, lead: _Lead) -> int | str | None:
-        """The number of the branch, of those found, that an orbit lies on; or why none can tell."""
+        """Return the number of the found branch that contains an orbit, or why that is unknown."""
         while lead.known is None and lead.compared < len(self.found):
             number = lead.compared
             branch = self.found[number]
@@ -279,7 +277,7 @@ class _Exploration:
         return lead.known
 
     def _number_of(self, lead: _Lead) -> int | str:
-        """The number of the next orbit's branch, continued when it is new; or why it is not."""
+        """Return the number of the next orbit's branch, continued if new, or why there is none."""
         self.coming.popleft()
         known = self._known(lead)
         if known is not None:
@@ -296,14 +294,14 @@ class _Exploration:
         return branch if isinstance(branch, str) else self._add(branch)
 
     def _group(self, label: str, periodic: bool) -> str:
-        """What two orbits share that can be the same: on other planes they have other labels."""
+        """Return the group of a label: equal orbits on different planes have different labels."""
         return "any plane" if self.on_planes and periodic else label
 
     def _group_of(self, lead: _Lead) -> str:
         return self._group(lead.orbit.label, isinstance(lead.orbit, PeriodicOrbit))
 
     def _others(self, group: str) -> list[_Lead]:
-        """Of each other group the next orbit that lies on no branch that is found."""
+        """Return the next orbit of each other group that lies on no found branch."""
         busy, others = {group, *map(self._group_of, self.ready)}, []
         for lead in self.coming:
             if self._group_of(lead) not in busy and self._known(lead) is None:
@@ -317,7 +315,7 @@ class _Exploration:
             self.ready[leads[place]] = branch
 
     def _add(self, branch: Branch) -> int:
-        """Return the number of a branch that is new."""
+        """Add a new branch, and return its number."""
         number = len(self.found)
         self.found.append(branch)
         self.trails.append(Trail(branch))
@@ -329,14 +327,14 @@ class _Exploration:
         return number
 
     def kept(self) -> bool:
-        """Whether there is any branch, with those that are continued and have no number yet."""
+        """Add the branches that are continued but not yet added; return whether there is any."""
         for lead, branch in self.ready.items():
             if isinstance(branch, Branch) and self._known(lead) is None:
                 self._add(branch)
         return bool(self.found)
 
     def network(self, finish: Finish, failure: str, told: Told, seconds: float) -> Network:
-        """What was found, and what was left."""
+        """Return the network, with all that is left unexplored."""
         left = list(self.left)
         why = finish.value
         if self.starting and finish is not Finish.COMPLETE:
@@ -365,7 +363,7 @@ class _Exploration:
 
 
 def _length(orbit: ProblemSolution) -> tuple[int, int]:
-    """Numbers of states and of periods of the forcing, one where nothing forces."""
+    """Return the numbers of states and of periods of the forcing; one period without forcing."""
     states = len(orbit.states) if isinstance(orbit, PeriodicOrbit) else 1
     return states, getattr(orbit, "periods", 1)
 
@@ -373,7 +371,7 @@ def _length(orbit: ProblemSolution) -> tuple[int, int]:
 def _continued(
     orbit: ProblemSolution, parameter: str, bounds: tuple[float, float], points: int
 ) -> Branch | str:
-    """The branch of an orbit, or why there is none; a switch may have put it beyond the bounds."""
+    """Return the branch of an orbit, or why there is none: it may lie outside the bounds."""
     value, (low, high) = orbit.system.parameters[parameter], bounds
     if not low <= value <= high:
         return f"{parameter} must lie in [{low}, {high}]; got {value}"
@@ -384,9 +382,9 @@ def _continued(
 
 
 def _switched(bifurcation: Bifurcation) -> tuple[list[ProblemSolution], str]:
-    """Orbits on the branches that leave a bifurcation, or why there are none where some should be.
+    """Return orbits on the branches that leave a bifurcation, and why expected ones are missing.
 
-    Where an orbit grazes there need not be any.
+    At GR there need not be any.
     """
     try:
         orbits = [_once(orbit) for orbit in bifurcation.switch()]
@@ -397,7 +395,7 @@ def _switched(bifurcation: Bifurcation) -> tuple[list[ProblemSolution], str]:
 
 
 def _once(orbit: ProblemSolution) -> ProblemSolution:
-    """The same orbit, run through once."""
+    """Return the orbit with its least period."""
     problem = orbit.problem()
     shorter, x = shortest(problem, orbit.unknowns)
     return orbit if shorter is problem else shorter.solution(x, problem.values, orbit.history)

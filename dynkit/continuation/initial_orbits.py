@@ -1,4 +1,4 @@
-"""Orbits that the exploration of a network starts from."""
+"""Initial orbits of the exploration of a network."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from dynkit.orbits.search import OrbitSearch, checked_box, find_orbits
 Search: TypeAlias = Callable[[], OrbitSearch[Any]]
 
 Told: TypeAlias = Callable[[Sequence[OrbitSearch[Any]]], str]
-"""What searches looked at, in words."""
+"""Function from searches to a description of what they covered."""
 
 
 @runtime_checkable
 class FindsOrbits(Protocol):
-    """A system that finds periodic orbits itself.
+    """A system with a search for periodic orbits.
 
-    ``find_orbits(impacts=n, periods=m)`` returns orbits up to P(n,m), always the same.
+    ``find_orbits(impacts=n, periods=m)`` returns orbits up to P(n,m), the same in each call.
     """
 
     def find_orbits(self, *, impacts: int, periods: int) -> OrbitSearch[Any]:
-        """Return orbits up to P(n,m), and what was searched."""
+        """Return orbits up to P(n,m), and the extent of the search."""
         ...
 
 
@@ -41,7 +41,7 @@ def searches_of(
     box: Any,
     calls: int,
 ) -> tuple[list[Search], Told]:
-    """Return searches for orbits at values of a parameter, and what says what they looked at.
+    """Return searches for orbits at values of a parameter, and a function that describes them.
 
     Parameters
     ----------
@@ -49,27 +49,25 @@ def searches_of(
     parameter : str
     bounds : (float, float)
     values : int
-        How many values of the parameter, equally spaced; with a box both bounds too.
+        Number of values of the parameter, equally spaced; with a box also both bounds.
     largest : (int, int)
         The largest n and m of P(n,m).
     box : (d, 2) array_like or None
-        Where orbits of a map are searched for; None: the system finds orbits itself.
+        Box for orbits of a map; None for a system with `find_orbits`.
     calls : int
-        The budget of the search of a box at one value.
+        Largest number of calls in the search of a box at one value.
 
     Raises
     ------
     ValueError
-        When the system refuses a value, or finds no orbits itself and no box is given.
+        When the system refuses a value, or has no `find_orbits` and no box is given.
     """
     low, high = bounds
     at = [low + (high - low) * (i + 0.5) / values for i in range(values)]
     if box is not None:
         at = [low, *at, high]
     elif not isinstance(system, FindsOrbits):
-        raise ValueError(
-            "box must be given, or seeds, for a system that offers no orbits; got None"
-        )
+        raise ValueError("box or seeds must be given for a system without find_orbits; got None")
     systems: list[Any] = [system.replace(**{parameter: value}) for value in at]
     where = f"at {parameter} {at[0]:.6g}"
     if len(at) > 1:
@@ -84,12 +82,12 @@ def searches_of(
 
 
 def seeds_of(seeds: object, parameter: str) -> list[ProblemSolution]:
-    """Return what a user starts from.
+    """Return the initial orbits of a user as a list.
 
     Raises
     ------
     ValueError
-        When it is no orbit and no equilibrium, or its system lacks the parameter.
+        When one is neither an orbit nor an equilibrium, or its system lacks the parameter.
     """
     if not isinstance(seeds, Iterable):
         raise ValueError(f"seeds must be periodic orbits or equilibria; got {seeds!r}")
@@ -103,14 +101,14 @@ def seeds_of(seeds: object, parameter: str) -> list[ProblemSolution]:
 
 
 def told_of_counts(impacts: int, counts: Mapping[str, int]) -> str:
-    """Return what searches of systems that find orbits themselves looked at.
+    """Return a description of the searches by `find_orbits` of an impact oscillator.
 
     Parameters
     ----------
     impacts : int
         The largest n of P(n,m).
     counts : mapping
-        Of the random ``guesses``, the ``starts``, and the ``impacts`` simulated from them.
+        Numbers of random ``guesses``, of ``starts``, and of ``impacts`` simulated from them.
     """
     told = "P(1,m) from their closed form"
     if counts["guesses"]:
@@ -125,7 +123,7 @@ def told_of_counts(impacts: int, counts: Mapping[str, int]) -> str:
 
 
 def _told_of_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: str) -> str:
-    """Return what searches for orbits up to P(n,m), at values of a parameter, looked at."""
+    """Return a description of searches by the system, at values of a parameter."""
     total: Counter[str] = Counter()
     for search in searches:
         total.update(search.cost.counts)
@@ -134,7 +132,7 @@ def _told_of_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: s
 
 
 def _told_of_boxes(searches: Sequence[OrbitSearch[Any]], where: str) -> str:
-    """Return what searches of one box, at values of a parameter, looked at."""
+    """Return a description of searches of one box, at values of a parameter."""
     period = searches[0].period
     regions = np.array([search.region for search in searches])
     sides = [f"[{a.min():.6g}, {b.max():.6g}]" for a, b in np.moveaxis(regions, 0, -1)]

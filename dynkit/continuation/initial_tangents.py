@@ -1,4 +1,4 @@
-"""Where curves start: tangents at a given solution."""
+"""Tangents of curves at a given solution."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from dynkit.orbits.newton import Equations
 
 
 def start_points(equations: Equations, y: Array) -> list[Point]:
-    """Return a solution as the start of a curve, once for every curve through it.
+    """Return a solution as the start of each curve through it.
 
-    Its tangents point to where the last unknown grows; the one along which it grows most comes
-    first. Where the derivative has two null vectors, two curves cross.
+    The last unknown grows along the tangents; the one with the largest growth comes first. Where
+    the derivative has two null vectors, two curves cross.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def start_points(equations: Equations, y: Array) -> list[Point]:
         directions = crossing_directions(equations, y, scale) or directions
     points = []
     for direction in directions:
-        # the sign of a tiny last component is rounding; any sign will do
+        # the sign of a tiny last component is rounding, and does not matter
         tangent = direction if direction[-1] >= 0.0 else -direction
         tangent[-1] = max(tangent[-1], np.finfo(float).tiny)
         sign, _ = np.linalg.slogdet(np.vstack([jacobian, tangent]))

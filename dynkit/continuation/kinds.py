@@ -1,4 +1,4 @@
-"""What continuation knows of each kind of bifurcation: all of it stands here."""
+"""Properties of each kind of bifurcation, in one table."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from dynkit.orbits.spectrum import Spectrum
 
 
 class Noticed(Enum):
-    """What changes its sign between two points of a branch where a bifurcation is between them."""
+    """The quantity whose sign changes between two points when a bifurcation lies between them."""
 
     TEST_FUNCTION = "a test function of tangents and multipliers"
     EVENT = "a number that the problem watches"
@@ -36,30 +36,28 @@ class Noticed(Enum):
 @final
 @dataclass(frozen=True)
 class Kind:
-    """What continuation knows of a kind of bifurcation.
+    """Properties of a kind of bifurcation.
 
     Parameters
     ----------
     title : str
-        Its full name.
+        Full name.
     line : line style
-        How a curve of them is drawn; dots are left to inadmissible orbits.
+        Line style of its curves; dotted lines are reserved for inadmissible orbits.
     noticed : Noticed
     defining_system : subclass of CriticalMultiplier, optional
-        The condition that holds there beside the orbit's equations. Without it the problem knows
-        one, which belongs to its event.
+        The condition in addition to the orbit's equations; by default that of the problem's event.
     switch : callable, optional
-        Place -> orbits on the branches that leave there. None leave where there is no such
-        function.
+        Place -> orbits on the branches that leave there; by default none leave.
     critical : mapping of Spectrum to float
-        The critical multiplier and eigenvalue, where it is the same for all of the kind.
+        The critical multiplier and eigenvalue, if it is the same for all bifurcations of the kind.
     jump : float
-        Where what is noticed changes its sign, but stays above this part of what it was a step
-        away, it jumps, and nothing is there.
+        A sign change at which the magnitude stays above this fraction of its value a step away is
+        a jump, not a zero.
     normal_form : callable, optional
-        Finds the coefficient of its normal form.
+        Function for the coefficient of the normal form.
     supercritical : int
-        The sign of this coefficient where it is supercritical; 0 where there is no such thing.
+        Sign of this coefficient in the supercritical case; 0 where criticality is not defined.
     """
 
     title: str
@@ -119,23 +117,24 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     BifurcationKind.GR: Kind("grazing", (0, (3, 1.5)), Noticed.EVENT, switch=neighbours, jump=1e-4),
     BifurcationKind.CB: Kind("chatter border", (0, (9, 2)), Noticed.EVENT, jump=0.05),
 }
-"""The row of each kind: its names, how it is noticed, solved for, left and drawn."""
+"""The properties of each kind."""
 
 
 def condition_of(
     kind: BifurcationKind, event: int, problem: Problem, x: Array, own: Array, p: Array
 ) -> tuple[Condition, Array]:
-    """Return what holds at a bifurcation, and a guess of its own unknowns, from an orbit nearby.
+    """Return the condition of a bifurcation, and a guess of its additional unknowns.
 
     Parameters
     ----------
     kind : BifurcationKind
     event : int
-        Which of the problem's events, for a kind that is an event.
+        Index of the problem's event, for GR and CB.
     problem : Problem
     x : (m,) array
+        Unknowns of a near orbit.
     own : (e,) array
-        For NS the angle, for HB the frequency, otherwise whatever is known, or nothing.
+        For NS the angle, for HB the frequency, otherwise a guess or an empty array.
     p : (k,) array
     """
     system = KINDS[kind].defining_system

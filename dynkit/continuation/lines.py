@@ -1,4 +1,4 @@
-"""Branches as lines: their points and bifurcations, in the order in which they are run through."""
+"""Branches as lines: points and bifurcations in the order of the curve."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Node(NamedTuple):
 
 
 def nodes_of(points: int, bifurcations: Iterable[Bifurcation]) -> list[Node]:
-    """Return points, so many, and bifurcations in the order in which a branch is run through."""
+    """Return nodes of this number of points, and of bifurcations, in the order of the curve."""
     nodes = [Node(float(i), None) for i in range(points)]
     nodes += [Node(b.place, b) for b in bifurcations]
     return sorted(nodes, key=lambda node: node.place)
@@ -34,15 +34,15 @@ def nodes_of(points: int, bifurcations: Iterable[Bifurcation]) -> list[Node]:
 def kinds_of(
     nodes: list[Node], stable: NDArray[np.bool_], admissible: NDArray[np.bool_]
 ) -> list[str]:
-    """Return what the orbits after each node but the last are: stable, unstable, inadmissible.
+    """Return whether orbits after each node but the last are stable, unstable or inadmissible.
 
-    As the point before or after; not as one that is itself a bifurcation.
+    They are as the adjacent point that is not itself a bifurcation.
 
     Parameters
     ----------
     nodes : list of k Node
     stable, admissible : (n,) arrays of bool
-        Of the points.
+        Properties of the points.
     """
     critical = {place for place, bifurcation in nodes if bifurcation is not None}
     kinds = []
@@ -56,19 +56,19 @@ def kinds_of(
 @final
 @dataclass(frozen=True, eq=False)
 class Line:
-    """What is drawn of a branch.
+    """The drawing of a branch.
 
     Parameters
     ----------
     names : (str, str)
-        Of the parameter and of the observable.
+        Names of the parameter and of the observable.
     nodes : list of k Node
     x : (k,) array
         The parameter at the nodes.
     y : (k, n) array
-        The observable.
+        The observable at the nodes.
     kinds : list of k - 1 str
-        How the stretch after each node but the last is drawn.
+        Kind of the orbits after each node but the last, which determines the line style.
     """
 
     names: tuple[str, str]
@@ -78,7 +78,7 @@ class Line:
     kinds: list[str]
 
     def stretches(self) -> Iterator[tuple[str, Array, Array]]:
-        """Yield parts that are drawn alike: how, the parameter and the observable."""
+        """Yield parts with one line style: the kind, the parameter and the observable."""
         place = 0
         for kind, group in groupby(self.kinds):
             stop = place + len(list(group))
@@ -86,9 +86,9 @@ class Line:
             place = stop
 
     def marks(self) -> Iterator[tuple[Bifurcation, float, Array]]:
-        """Yield bifurcations, the parameter and the observable (n,) there.
+        """Yield bifurcations, with the parameter and the observable (n,) at them.
 
-        Where a branch ends on another one, the bifurcation is the other one's.
+        A branch point at an end of the branch belongs to the branch that it meets.
         """
         last = sum(bifurcation is None for _, bifurcation in self.nodes) - 1
         for (place, b), x, y in zip(self.nodes, self.x, self.y, strict=True):

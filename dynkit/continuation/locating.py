@@ -1,4 +1,4 @@
-"""Bifurcations within a step of a branch, solved for."""
+"""Location of bifurcations within a step of a branch."""
 
 from __future__ import annotations
 
@@ -25,29 +25,28 @@ from dynkit.orbits.newton import NoSolution, correct, error_bound
 from dynkit.orbits.spectrum import Spectrum
 
 _HALVINGS = 45
-# What is solved for is between two points: see `beside`.
+# Tolerances of `beside` for a solution between two points.
 _WITHIN = (1e-6, 1e-9), 2.0
-# A torus with multipliers so nearly real is none; what unfolds a branch point is zero but for
-# rounding.
+# Least abs(sin theta) of NS; largest unfolding unknown of a branch point.
 _FLAT, _UNFOLDED = 1e-3, 1e-9
-# A place that may be wrong by more, in the range of the parameter, is not solved for.
+# Largest error of a located bifurcation, relative to the range of the parameter.
 _UNSURE = 1e-5
-# Multipliers are on the unit circle, eigenvalues on the imaginary axis, within this, where two of
-# them are one and rounding counts.
+# Largest distance of multipliers on the unit circle, or eigenvalues on the imaginary axis: double
+# ones have large rounding errors.
 _ON_BORDER = 1e-5
 _PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
-# What was not solved for counts when a multiplier is so near.
+# Largest distance of a multiplier from the critical value at a bifurcation that is only bisected.
 _NEAR = 0.01
 
 
 def locate(
     problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
 ) -> Located | None:
-    """Return a bifurcation that happens between two points; None when there is none after all.
+    """Return the bifurcation between two points; None when there is none after all.
 
-    Newton's method is applied to its extended system. As long as it does not converge to a place
-    between the points, the step is halved. When all of that fails the last step is the answer, as
-    narrow as rounding allows, but for NS and for jumps.
+    Newton's method is applied to its extended system. As long as it does not converge to a solution
+    between the points, the step is bisected. If it never converges, the last step, as short as
+    rounding allows, is the result, except for NS, HB and jumps.
     """
     began = time.perf_counter()
     steps = 0
@@ -81,7 +80,7 @@ def locate(
     errors = abs(after.y - before.y) + _blur(curve, after)
     x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
     if critical is not None and np.any(problem.linearization_error(x, p)):
-        errors[:] = np.inf  # multipliers are critical elsewhere, and nothing tells how far away
+        errors[:] = np.inf  # errors of differences shift the bifurcation by an unknown distance
     return Located(
         crossing,
         x=x,
@@ -97,15 +96,15 @@ def locate(
 
 
 def _height(point: Point, crossing: Crossing) -> float:
-    """How far what is watched is from zero; zero where nothing is."""
+    """Return the magnitude of the event's value; zero where the kind is not an event."""
     return abs(point.seen.events[crossing.event].value) if crossing.event >= 0 else 0.0
 
 
 def _blur(curve: Continuation, point: Point) -> Array:
-    """How far unknowns and parameter of a border may be off because its orbit is, (m + 1,).
+    """Return the errors of unknowns and parameter of a border, from those of its orbit, (m + 1,).
 
-    The parameter may be off by as much as moves the unknowns along the branch by their error,
-    whatever range the parameter has.
+    The error of the parameter is at least the change that moves the unknowns along the branch by
+    their error.
     """
     equations, scale = curve.equations, point.scale
     bound = error_bound(equations, equations.jacobian(point.y), point.y, scale, point.tangent)
@@ -116,7 +115,7 @@ def _blur(curve: Continuation, point: Point) -> Array:
 
 
 def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
-    """Whether it can be what it seems; a torus cannot be told while multipliers become real."""
+    """Whether Newton's method is tried at once; not for pairs that become real within the step."""
     return crossing.kind not in _PAIRS or before.seen.pairs == after.seen.pairs
 
 
@@ -134,14 +133,14 @@ def _examined_middle(
 
 
 def _on_the_border(problem: Problem, x: Array, p: Array) -> int:
-    """Return how many pairs are on the border of stability; what is born there leaves at one."""
+    """Return the number of complex pairs on the border of stability; NS and HB have one."""
     values = np.asarray(problem.spectrum(x, p))
     near = problem.stability.from_border(values) < _ON_BORDER
     return int(np.count_nonzero(near & (values.imag > 0.0) & ~are_real(values)))
 
 
 def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
-    """Return what Newton's method finds between two points, if it is there."""
+    """Return the bifurcation that Newton's method finds between two points, if any."""
     kind, event, _ = crossing
     guess = interpolated(before, after, _part(before, after, crossing))
     own = np.empty(0)
@@ -158,7 +157,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         if not found.converged or not beside(before, after, place, *_WITHIN):
             return None
         x, own, p = equations.split(found.y)
-        # with the null vectors there, and what rounding leaves there
+        # the error bound uses null vectors and rounding errors at the solution
         condition, _ = condition_of(kind, event, problem, x, own, p)
         equations.condition = condition
         scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
@@ -169,7 +168,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         return None
     if kind is BifurcationKind.BP and abs(own[0]) > _UNFOLDED:
         return None
-    # where an orbit grazes D(mu) is singular for numbers that are no multipliers
+    # at grazing D(mu) is singular for numbers that are not multipliers
     if kind in _PAIRS and _on_the_border(problem, x, p) != 1:
         return None
     if not bound[-1] < _UNSURE * before.scale[-1]:
@@ -181,7 +180,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
 
 
 def _part(before: Point, after: Point, crossing: Crossing) -> float:
-    """Return about where within the step it happens, from 0 to 1."""
+    """Return an estimate of the position of the bifurcation within the step, from 0 to 1."""
     if crossing.kind is BifurcationKind.SN:
         a, b = float(before.tangent[-1]), float(after.tangent[-1])
     elif crossing.event >= 0:
@@ -194,7 +193,7 @@ def _part(before: Point, after: Point, crossing: Crossing) -> float:
 
 
 def _distance(point: Point, kind: BifurcationKind) -> float:
-    """Return how far the multipliers or eigenvalues are from critical."""
+    """Return the distance of the multipliers or eigenvalues from the critical value."""
     spectrum, values = point.seen.kind, point.seen.spectrum
     if kind in _PAIRS:
         there = spectrum.from_border(values[~are_real(values)])

@@ -1,4 +1,4 @@
-"""Whether an orbit lies on a branch that is known."""
+"""Test whether an orbit lies on a known branch."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from dynkit.continuation.branch import Branch
     from dynkit.orbits.equations import ProblemSolution
 
-# How often a place between two nodes is narrowed down; values as near as this, in units of the
-# range of the parameter, are the same.
+# Most iterations for a place between two nodes; largest difference of equal values of the
+# parameter, relative to its range.
 _STEPS, _RESOLVED = 60, 1e-13
 
 
 @final
 class Trail:
-    """A branch as a line from point to point, through its bifurcations, which are its corners.
+    """A branch as a polygon: its nodes are the points and the bifurcations.
 
-    Between two nodes the parameter grows or falls throughout, as folds are nodes.
+    The parameter is monotone between two nodes, because folds are nodes.
 
     Parameters
     ----------
@@ -45,10 +45,10 @@ class Trail:
         self._nodes = np.array(rows)
 
     def holds(self, orbit: ProblemSolution, on_planes: bool = False) -> bool:
-        """Whether an orbit is one of the branch's.
+        """Whether an orbit belongs to the branch.
 
-        The branch is solved for at the same value of the parameter, wherever it takes it, and the
-        states are compared; on planes of their own, where the one orbit crosses the other's plane.
+        All orbits of the branch at the same value of the parameter are computed, and the states are
+        compared; with `on_planes`, at the crossings of the branch's plane.
         """
         value = orbit.system.parameters[self._problem.names[0]]
         p = np.array([value])
@@ -64,20 +64,20 @@ class Trail:
         """Return the solutions (m,) at a value of the parameter, each with its residuals."""
         found: list[tuple[Array, tuple[float, ...]]] = []
         for x, history in self._solved(value):
-            # where a node is passed, both of its sides lead to it
+            # a solution at a node is found from both of its sides
             if all(abs(self._problem.apart(x, other)).max() >= SAME for other, _ in found):
                 found.append((x, history))
         return found
 
     def _passing(self, value: float) -> Any:
-        """Between which nodes and the next, (k - 1,) of bool, the parameter takes a value."""
+        """Return whether the parameter takes a value between successive nodes, (k - 1,) of bool."""
         slack = _RESOLVED * self._width
         side = self._nodes[:, -1] - value
         low, high = np.minimum(side[:-1], side[1:]), np.maximum(side[:-1], side[1:])
         return (low <= slack) & (high >= -slack)
 
     def _near(self, value: float) -> Iterator[Array]:
-        """Solutions (m,) whose parameter is the value to rounding."""
+        """Yield solutions (m,) whose parameter is the value to rounding."""
         for i in np.flatnonzero(self._passing(value)).tolist():
             x = self._solution(i, value)
             if x is not None:
@@ -86,7 +86,7 @@ class Trail:
     def _solved(self, value: float) -> Iterator[tuple[Array, tuple[float, ...]]]:
         p = np.array([value])
         for x in self._near(value):
-            # at exactly this value; beside a fold or a branch point it is as good as it was
+            # correct at exactly this value; this fails next to a fold or a branch point
             fixed = FixedParameters(self._problem, p)
             found = correct(fixed, x, self._problem.scale(x))
             moved = abs(found.y - x) / self._problem.scale(x)
@@ -98,7 +98,7 @@ class Trail:
     def _solution(self, i: int, value: float) -> Array | None:
         """Return the solution (m,) between nodes i and i + 1 at a value of the parameter.
 
-        By the Illinois variant of false position along the line between the nodes.
+        The method is the Illinois variant of false position along the line between the nodes.
         """
         a, b = self._nodes[i], self._nodes[i + 1]
         scale = self._equations.scale(a)
@@ -123,7 +123,7 @@ class Trail:
             f = float(found.y[-1] - value)
             if abs(f) <= limit or high - low <= 1e-12:
                 return np.asarray(found.y[:-1])
-            # an end that stays a second time counts for half: else the other would creep
+            # halve the value at an end that is kept twice, as the Illinois variant does
             end = 1 if (f < 0.0) == (f_high < 0.0) else -1
             if end > 0:
                 high, f_high, f_low = part, f, 0.5 * f_low if end == last else f_low
@@ -134,7 +134,7 @@ class Trail:
 
 
 def _same(orbit: PeriodicOrbit, other: PeriodicOrbit, on_planes: bool) -> bool:
-    """Whether two orbits of one system have the same states, in whatever order."""
+    """Whether two orbits of one system have the same states, in any order."""
     states, others = orbit.states, other.states
     if on_planes:
         states = other.system.seen_of(orbit.system, states)

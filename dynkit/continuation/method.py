@@ -1,4 +1,4 @@
-"""How curves are followed: the parts of a continuation, each of which can be replaced."""
+"""The replaceable parts of a continuation."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class ContinuationMethod:
     corrector : Corrector
         Finds the point near a guess.
     steps : StepControl
-        Chooses how far to go.
+        Chooses the step sizes.
     tests : tuple of TestFunction
-        What is noticed between two points, beside the events of the problem. Bifurcations of
-        other kinds are passed over.
+        Test functions in addition to the events of the problem. Bifurcations of other kinds are not
+        detected.
     points : int
-        How many points at most in each direction.
+        Largest number of points in each direction.
 
     Examples
     --------

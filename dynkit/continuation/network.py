@@ -1,4 +1,4 @@
-"""Networks of branches, and how they hang together."""
+"""Networks of branches, and the bifurcations that connect them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from dynkit.data.dataset import Dataset, Variables, described
 from dynkit.data.result import Saved, read_result, write_result
 from dynkit.orbits.equations import ProblemSolution
 
-# A residual that is no larger is that of a solution.
+# Largest residual of a solution.
 _SOLVED = 1e-8
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Finish(Enum):
 
 @final
 class Link(NamedTuple):
-    """Which branch a bifurcation leads to: all by their numbers in `Network.branches`."""
+    """The branch that a bifurcation leads to, by numbers in `Network.branches`."""
 
     branch: int
     bifurcation: int
@@ -50,9 +50,9 @@ class Link(NamedTuple):
 
 @final
 class Unexplored(NamedTuple):
-    """What was left out: a bifurcation of a branch, by number, or orbits to start from.
+    """An unexplored bifurcation of a branch, by numbers, or an unexplored initial orbit.
 
-    The branch is None, and the bifurcation too, where it is an orbit to start from.
+    Branch and bifurcation are None for an initial orbit.
     """
 
     branch: int | None
@@ -63,18 +63,18 @@ class Unexplored(NamedTuple):
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class Network(Saved):
-    """Branches that were found by `explore`, and which bifurcations lead from one to another.
+    """Branches found by `explore`, and the bifurcations that lead from one to another.
 
     Parameters
     ----------
     branches : tuple of Branch
-        In the order in which they were found.
+        The branches in the order in which they were found.
     links : tuple of Link
     unexplored : tuple of Unexplored
     finish : Finish
         Why the exploration ended.
     message : str
-        The same in words, with what was left, and what was searched for orbits to start from.
+        The same in words, with what is unexplored, and the extent of the search for initial orbits.
     cost : Cost
     """
 
@@ -90,9 +90,9 @@ class Network(Saved):
     def error(self) -> Array:
         """Largest error of a point of each branch, (b,): see `Branch.error`.
 
-        To first order a bound on how far the branches may be from exact ones, in the range of the
-        parameter and typical sizes of the unknowns. What is missing among them, `message` and
-        `unexplored` say as far as it is known.
+        It bounds, to first order, the distances from the exact branches, in the range of the
+        parameter and typical sizes of the unknowns. It does not account for missing branches; see
+        `message` and `unexplored`.
         """
         return np.array([branch.error.max() for branch in self.branches])
 
@@ -102,17 +102,17 @@ class Network(Saved):
         return tuple(b for branch in self.branches for b in branch.bifurcations)
 
     def find(self, label: str) -> tuple[Branch, ...]:
-        """Return the branches of one label, such as ``P(1,3)``."""
+        """Return the branches with a label, such as ``P(1,3)``."""
         return tuple(branch for branch in self.branches if branch.label == label)
 
     def orbits(self, value: float, label: str | None = None) -> list[ProblemSolution]:
-        """Return the orbits of the branches at a value of the parameter, solved for there.
+        """Return the orbits of the branches at a value of the parameter, by Newton's method.
 
         Parameters
         ----------
         value : float
         label : str, optional
-            Of branches of this label only, such as ``P(1,3)``.
+            Label of the branches to search, such as ``P(1,3)``; by default all.
 
         Raises
         ------
@@ -168,17 +168,18 @@ class Network(Saved):
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable of all branches against the parameter, and return the axes.
 
-        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. The bifurcations of
-        orbits that are motions of the system are circles, and as many carry their kinds as there is
-        room for; those of other orbits are crosses.
+        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. Admissible
+        bifurcations are circles, with the names of their kinds where there is room; inadmissible
+        ones are crosses.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where; a new figure otherwise.
+            Axes to draw into; by default those of a new figure.
         y : str, optional
-            Name of an observable. Otherwise the first one of all branches; of a flow's orbits and
-            equilibria together the ``norm`` of the state, at which the orbits cross their planes.
+            Name of an observable; by default the first one of all branches. For orbits and
+            equilibria of a flow together it is the ``norm`` of the state, for orbits at the
+            crossings of their planes.
 
         Raises
         ------
@@ -191,14 +192,14 @@ class Network(Saved):
 
     @property
     def _common(self) -> str | None:
-        """What all branches are drawn by, if it is not the first observable of each."""
+        """Name of the common observable, if it is not the first observable of each branch."""
         rows = [branch.orbit(0).observables for branch in self.branches]
         return "norm" if len({row[0] for row in rows}) > 1 else None
 
     def dataset(self) -> Dataset:
-        """Return the points of all branches, one after the other, as a dataset.
+        """Return the points of all branches, in their order, as a dataset.
 
-        Dimensions are ``point``, ``bifurcation`` and ``link``; branches count from zero.
+        Dimensions are ``point``, ``bifurcation`` and ``link``; branches are numbered from zero.
         """
         each = "point"
         found = [(i, b) for i, branch in enumerate(self.branches) for b in branch.bifurcations]
@@ -231,32 +232,32 @@ class Network(Saved):
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+        """Write the network to a store (HDF5). After a failure the old file remains.
 
         Raises
         ------
         ValueError
-            When it cannot be written there, the system cannot be told from others, or the network
+            When the file cannot be written, a field of the system cannot be stored, or the network
             was loaded without orbits.
         """
         write_result(path, self, self.branches[0]._identity() if self.branches else {})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbits: Sequence[ProblemSolution] = ()) -> Network:
-        """Read it from a store: the same bits.
+        """Read a network from a store: the same bits.
 
         Parameters
         ----------
         path : path
         orbits : sequence of ProblemSolution, optional
-            One of each kind of orbit, at any value of the parameter. Branches of the other kinds
-            are read as by `Branch.load` without an orbit.
+            One orbit of each label, at any value of the parameter. Branches with other labels are
+            read as by `Branch.load` without an orbit.
 
         Raises
         ------
         ValueError
-            When the file is missing, damaged or no store of a network, or the orbits are of another
-            system.
+            When the file is missing, damaged or not a store of a network, or the orbits belong to
+            another system.
         """
         if isinstance(orbits, ProblemSolution) or not isinstance(orbits, Iterable):
             raise ValueError(f"orbits must be a sequence of orbits; got {orbits!r}")
@@ -268,7 +269,7 @@ class Network(Saved):
                 if orbit.label == branch.label:
                     free = network.branches[0]._first()
                     found = branch._with_orbits(file, archive, orbit, free)
-                    # the same numbers of impacts may be with other stops
+                    # orbits with one label may hit different stops
                     residual = found.problem.residual(found.unknowns[0], found.parameter[:1])
                     if abs(residual).max() < _SOLVED:
                         return found

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 _WIDTHS = {"stable": 0.9, "unstable": 0.6, "inadmissible": 0.4}
-# In points: type, and how far from its point a name may stand, the best first.
+# In points: font size, and offsets of a name from its point, the best first.
 _TYPE = 5.0
 _PLACES = ((3, 2), (3, -6), (-3, 2), (-3, -6), (0, 4), (0, -8), (5, -2), (-5, -2))
 
 
 @print_style()
 def draw_branches(lines: Sequence[Line], ax: Axes | None) -> Axes:
-    """Draw branches as `Network.plot` says."""
+    """Draw branches; see `Network.plot`."""
     if not lines:
         raise ValueError("network must have a branch to be drawn; got none")
     axes = shown_axes(ax, 2.0 * COLUMN_WIDTH, 4.2)
@@ -54,10 +54,10 @@ def _look(kind: str) -> dict[str, Any]:
 
 
 def write_names(axes: Axes, marks: list[tuple[float, float, str]]) -> None:
-    """Write names beside their points, where they touch neither one another nor another point.
+    """Write names beside their points (x, y, name), without overlaps.
 
-    Points are given as (x, y, name). Names that have no room within the limits that the axes have
-    by now are left out; the others cover as little of the curves as they can.
+    Names without room within the current limits of the axes are left out; the others are placed
+    where they cover the least of the curves.
     """
     from matplotlib.figure import Figure
     from matplotlib.patheffects import withStroke
@@ -99,14 +99,14 @@ def write_names(axes: Axes, marks: list[tuple[float, float, str]]) -> None:
 
 
 def _moved(text: Annotation, place: tuple[int, int]) -> Any:
-    """The box of a text that is moved to a place beside its point."""
+    """Move a text to an offset from its point, and return its box."""
     text.set_position(place)
     text.set_horizontalalignment("left" if place[0] > 0 else "right" if place[0] < 0 else "center")
     return text.get_window_extent()
 
 
 def _drawn(axes: Axes, point: float) -> Array:
-    """Where curves are drawn: places (k, 2) in pixels, a point of type apart."""
+    """Return positions (k, 2) in pixels along all drawn curves, a typographic point apart."""
     parts = [np.empty((0, 2))]
     for line in axes.lines:
         xy = axes.transData.transform(np.asarray(line.get_xydata()))

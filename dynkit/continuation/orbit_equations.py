@@ -13,13 +13,13 @@ from dynkit.orbits.problem import repetition
 
 
 class CurveEquations(Equations):
-    """F(x, p) = 0, and more equations where a subclass has some; the unknowns are (x, own, p).
+    """F(x, p) = 0, and further equations of a subclass; the unknowns are (x, own, p).
 
     Parameters
     ----------
     problem : Problem
     widths : (k,) array
-        What the free parameters are measured in.
+        Units of the free parameters.
     """
 
     def __init__(self, problem: Problem, widths: Array) -> None:
@@ -28,7 +28,7 @@ class CurveEquations(Equations):
         self._m, self._k = problem.size, len(widths)
 
     def split(self, y: Array) -> tuple[Array, Array, Array]:
-        """Return the orbit's unknowns, those of the subclass's own, and the parameters."""
+        """Return the orbit's unknowns, additional unknowns of the subclass, and the parameters."""
         q = len(y)
         return y[: self._m], y[self._m : q - self._k], y[q - self._k :]
 
@@ -43,7 +43,7 @@ class CurveEquations(Equations):
 
     def scale(self, y: Array) -> Array:
         x, own, _ = self.split(y)
-        # so that an arclength does not grow with the number of unknowns
+        # the factor makes the arclength independent of the number of unknowns
         units = self.problem.scale(x) * self._m**0.5
         return np.concatenate([units, np.maximum(1.0, abs(own)), self._widths])
 
@@ -52,16 +52,16 @@ class CurveEquations(Equations):
         return self.problem.linearization_error(x, p)
 
     def apart(self, y: Array, other: Array) -> Array:
-        """Return how far two solutions are apart, in numbers that are zero if they are the same."""
+        """Return the difference of two solutions; it is zero for equivalent ones."""
         (x, _, p), (x_other, _, p_other) = self.split(y), self.split(other)
         return np.append(self.problem.apart(x, x_other), (p - p_other) / self._widths)
 
-    def near(self, y: Array) -> Self:  # noqa: ARG002 (equations that are the same everywhere)
-        """Return the equations as they are best conditioned near a solution; themselves here."""
+    def near(self, y: Array) -> Self:  # noqa: ARG002 (these equations are the same everywhere)
+        """Return equations that are well conditioned near a solution; by default these."""
         return self
 
     def repetition(self, y: Array) -> float:
-        """Return how far it is from an orbit of a shorter period; infinite without a period."""
+        """Return the distance from repeated orbits of a shorter period; infinite without period."""
         return repetition(self.problem, self.split(y)[0])
 
 
@@ -83,7 +83,7 @@ class OrbitEquations(CurveEquations):
 
 
 def distance_from_curve(equations: Equations, jacobian: Array, y: Array) -> Array:
-    """Return to first order how far each unknown, (n + 1,), may be from the curve of solutions."""
+    """Return to first order the error of each unknown, (n + 1,), across the curve."""
     scale = equations.scale(y)
     tangent = np.linalg.svd(jacobian * scale)[2][-1]
     return error_bound(equations, jacobian, y, scale, tangent)

@@ -1,4 +1,4 @@
-"""Points of a curve, and unknowns between them."""
+"""Points of a curve, and interpolation between them."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 
 SAME = 1e-6
-"""Distance, in scaled unknowns, within which two orbits are one."""
+"""Largest distance of equal orbits, in scaled unknowns."""
 LEAST_LEVEL = 16.0 * 2.0**-52
-"""Residuals up to this are rounding, whatever the equations."""
+"""Residuals up to this are rounding for all equations."""
 
 
 @final
 @dataclass(frozen=True, slots=True, eq=False)
 class Point:
-    """One corrected point of a curve.
+    """A corrected point of a curve.
 
     Parameters
     ----------
     y, scale : (q,) arrays
-        The unknowns, and what they are measured in.
+        The unknowns, and their units.
     tangent : (q,) array
         Direction of the curve, of unit length in scaled unknowns.
     turn : float
@@ -35,9 +35,9 @@ class Point:
     iterations : int
         Steps of Newton's method.
     level : float
-        Residuals up to this are rounding here: corrections that start here end in them.
+        Residuals up to this are rounding near this point; corrections from it end there.
     seen : Any
-        What the test functions say of it.
+        Properties of its orbit for the test functions; see `Seen`.
     """
 
     y: Array
@@ -50,19 +50,19 @@ class Point:
     seen: Any = None
 
     def along(self, sign: float) -> Point:
-        """Return it as the start of a curve, in one of the two directions: 1.0 or -1.0."""
+        """Return the point as the start of a curve in the direction of a sign: 1.0 or -1.0."""
         tangent, turn = sign * self.tangent, sign * self.turn
         return replace(self, tangent=tangent, turn=turn, iterations=0)
 
 
 def cost_of(points: Sequence[Point], seconds: float) -> Cost:
-    """Return what the points of a curve cost."""
+    """Return the cost of the points of a curve."""
     steps = sum(point.iterations for point in points)
     return Cost(seconds, {"points": len(points), "newton_steps": steps})
 
 
 def rescaled(point: Point, scale: Array) -> Array:
-    """Return a point's tangent in other units, of unit length."""
+    """Return the unit tangent of a point in other units."""
     if scale is point.scale:
         return point.tangent
     tangent = point.tangent * point.scale / scale
@@ -70,17 +70,17 @@ def rescaled(point: Point, scale: Array) -> Array:
 
 
 def beside(before: Point, after: Point, y: Array, slack: tuple[float, float], most: float) -> bool:
-    """Whether unknowns are between two points, and near the line between them.
+    """Whether unknowns lie between two points, and near the line between them.
 
     Parameters
     ----------
     before, after : Point
     y : array
     slack : (float, float)
-        How far beyond the points they may be: parts of the distance and of its square root, squared
-        scaled unknowns all.
+        Tolerance beyond the points: slack[0] L^2 + slack[1] L, for the projection on the line times
+        its length L, in scaled unknowns.
     most : float
-        How far from the first point they may be: squares, in squares of the distance.
+        Largest squared distance from the first point, relative to L^2.
     """
     way, gap = ((end - before.y) / before.scale for end in (after.y, y))
     length, along = float(way @ way), float(gap @ way)
@@ -89,7 +89,7 @@ def beside(before: Point, after: Point, y: Array, slack: tuple[float, float], mo
 
 
 def interpolated(before: Point, after: Point, part: float) -> Array:
-    """Return unknowns between two points, by the cubic through both with their tangents."""
+    """Return unknowns between two points on the cubic through both with their tangents."""
     way = after.y - before.y
     length = float(np.sqrt(np.sum((way / before.scale) ** 2)))
     first, last = before.tangent * before.scale * length, after.tangent * after.scale * length

@@ -9,14 +9,14 @@ import numpy as np
 from dynkit.continuation.points import Point, interpolated
 from dynkit.core.validation import Array
 
-# How far a cubic is prolonged, in units of the last step.
+# Largest extrapolation by a cubic, in units of the last step.
 _FURTHEST = 2.0
 
 
 class Predictor(Protocol):
-    """Guesses the unknowns (q,) a step, in scaled unknowns, further on than a point.
+    """Guesses the unknowns (q,) at a step, in scaled unknowns, after a point.
 
-    `before` is the point before, or None where there is none.
+    `before` is the previous point, or None.
     """
 
     def __call__(self, point: Point, before: Point | None, step: float) -> Array:
@@ -33,7 +33,7 @@ def tangent(point: Point, before: Point | None, step: float) -> Array:
 def cubic(point: Point, before: Point | None, step: float) -> Array:
     """Return the guess on the cubic through the last two points with their tangents.
 
-    It is on the tangent where there is no point before, or where that is much nearer than the step.
+    The guess is on the tangent without a previous point, or where that is much closer than a step.
     """
     if before is not None:
         way = (point.y - before.y) / point.scale

@@ -1,4 +1,4 @@
-"""What branches and curves of bifurcations have in common: orbits that were solved for."""
+"""Base class of branches and of curves of bifurcations."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ ERROR = (
     "to first order a bound on the distance from the exact curve, "
     "in ranges of parameters and typical sizes of unknowns"
 )
-"""What `error` means."""
+"""Meaning of `error`."""
 
 
 class SolutionCurve(Saved):
-    """Periodic orbits along a curve, in the order in which it is run through.
+    """Solutions along a curve, in the order of the curve.
 
-    A subclass must give the fields below, of k points, and
+    A subclass must have the fields below, for k points, and implement:
 
     1. `_free`, the values (k,) of the free parameters, by name;
-    2. `error`, (k,), as `ERROR` says;
+    2. `error`, (k,), with the meaning of `ERROR`;
     3. `system`, with the free parameters at any of their values.
 
-    and may give
+    A subclass may implement:
 
-    4. `_replaced`, what a curve that makes orbits has other values of.
+    4. `_replaced`, the fields that change when a loaded curve gets its problem back.
     """
 
     label: str
@@ -77,7 +77,7 @@ class SolutionCurve(Saved):
 
     @property
     def problem(self) -> Problem:
-        """The equations of its orbits.
+        """The equations of the orbits.
 
         Raises
         ------
@@ -88,14 +88,14 @@ class SolutionCurve(Saved):
 
     @property
     def closed(self) -> bool:
-        """Whether it is closed on itself; the last point is then the first again."""
+        """Whether the curve is closed; the last point then equals the first."""
         return self.endings[0].reason is Reason.CLOSED
 
     def __len__(self) -> int:
         return len(self.residuals)
 
     def orbit(self, place: int) -> Any:
-        """Return the orbit, or equilibrium, of a point; negative places count from the end.
+        """Return the orbit, or equilibrium, of a point; a negative index counts from the end.
 
         Raises
         ------
@@ -111,36 +111,36 @@ class SolutionCurve(Saved):
         return {name: float(column[0]) for name, column in self._free.items()}
 
     def _identity(self) -> dict[str, str]:
-        """Return what a store says of the system, which has the parameters of the first point."""
+        """Return the entries of a store for the system with the parameters of the first point."""
         return store.identity_of(self.system.replace(**self._first()))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+        """Write the curve to a store (HDF5). After a failure the old file remains.
 
         Raises
         ------
         ValueError
-            When it cannot be written there, the system cannot be told from others, or the curve was
-            loaded without an orbit.
+            When the file cannot be written, a field of the system cannot be stored, or the curve
+            was loaded without an orbit.
         """
         write_result(path, self, self._identity())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbit: ProblemSolution | None = None) -> Self:
-        """Read it from a store: the same bits.
+        """Read a curve from a store: the same bits.
 
         Parameters
         ----------
         path : path
         orbit : PeriodicOrbit or Equilibrium, optional
-            Any orbit of the same kind of the same system, at any values of the free parameters;
-            needed for whatever makes orbits.
+            Any orbit with the same label of the same system, at any values of the free parameters.
+            Methods that return orbits need it.
 
         Raises
         ------
         ValueError
-            When the file is missing, damaged or no store of such a curve, or the orbit is of
-            another kind or system.
+            When the file is missing, damaged or not a store of such a curve, or the orbit has
+            another label or system.
         """
         found, file, archive = read_result(path, cls)
         return found if orbit is None else found._with_orbits(file, archive, orbit, found._first())
@@ -148,14 +148,15 @@ class SolutionCurve(Saved):
     def _with_orbits(
         self, file: Path, archive: store.Archive, orbit: ProblemSolution, free: Mapping[str, float]
     ) -> Self:
-        """Return it, which was read, as a curve that makes orbits like the one given.
+        """Return a curve read from a store with the problem of an orbit.
 
-        The store names its system with the parameters at the values that are given as free.
+        `free` are the values of the free parameters with which the store identifies its system.
 
         Raises
         ------
         ValueError
-            When the orbit is of another kind or system than that of the store, naming what differs.
+            When the orbit has another label or system than the store; the message names the
+            difference.
         """
         if orbit.label != self.label:
             raise ValueError(f"store {file} was made with orbits {self.label}; got {orbit.label}")
@@ -178,7 +179,7 @@ class SolutionCurve(Saved):
         return {"_problem": problem}
 
     def _checks(self) -> Variables:
-        """Residuals as variables of a dataset, and the error where it is known or can be found."""
+        """Return residuals, and the error if it is known or can be computed, as variables."""
         found = {"residual": ("point", self.residuals)}
         if self._problem is not None or "error" in vars(self):
             found["error"] = "point", self.error

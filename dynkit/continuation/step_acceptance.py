@@ -1,4 +1,4 @@
-"""Steps that are short enough to tell what happens within."""
+"""Acceptance of steps that are short enough to separate the bifurcations within them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import repetition
 
-# Steps shorter than this, in scaled unknowns, are not halved to tell bifurcations apart. This and
-# the next ones are parts of the distance to an orbit of a shorter period where that is below one.
+# Shortest step, in scaled unknowns, that is halved to separate bifurcations. This and the next two
+# are relative to the `repetition` where that is below one.
 _SHORTEST = 1e-4
-# Nor than this, where events begin to tell something, so that little happens unseen.
+# Shortest step that is halved where the sign of an event is defined at one end only.
 _UNSEEN = 1e-3
-# From one branch to another that comes so near it may step.
+# Shortest step that is halved because it may jump to another branch.
 _JUMP = 1e-6
-# The parameter's part in the tangent of a branch that folds.
+# Largest component of the parameter in the tangent of a branch at a fold.
 _LEVEL = 1e-4
 _BRANCH_POINT = Crossing(BifurcationKind.BP)
 
@@ -34,13 +34,13 @@ _BRANCH_POINT = Crossing(BifurcationKind.BP)
 @final
 @dataclass(frozen=True)
 class Acceptance:
-    """Says what is seen at points, and refuses steps within which too much happens."""
+    """Examines points, and refuses steps that contain several bifurcations."""
 
     problem: Problem
     tests: tuple[TestFunction, ...]
 
     def __call__(self, before: Point, after: Point) -> tuple[Point, bool]:
-        """Return a point with what is seen there, and whether the step to it was short enough."""
+        """Return the examined point, and whether the step to it is short enough."""
         try:
             seen = examine(self.problem, after)
         except NoSolution:
@@ -55,7 +55,7 @@ class Acceptance:
         if not found:
             return after, True
         if _BRANCH_POINT in found:
-            # with no branch point between them the two are on different branches
+            # without a branch point between them the points are on different branches
             located = solved(self.problem, before, after, _BRANCH_POINT)
             if located is None and length > _JUMP:
                 return after, False
@@ -68,12 +68,12 @@ class Acceptance:
 
     @staticmethod
     def _unclear(before: Seen, after: Seen, length: float) -> bool:
-        """Whether events begin or cease to tell something within a step that is not so short."""
+        """Whether events appear, or become defined, within the step."""
         events = zip(before.events, after.events, strict=True)
         values = [(a.value, b.value) for a, b in events]
-        # an event is beyond its border right where there is something to watch
+        # an event appears, and is beyond its border at once
         appears = any(max(pair) == np.inf and min(pair) < 0.0 for pair in values)
-        # an event tells something on one side only
+        # the sign of an event is defined at one end only
         clears = any(np.isnan(a) != np.isnan(b) for a, b in values)
         return appears or (length > _UNSEEN and clears)
 

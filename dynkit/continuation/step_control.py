@@ -1,4 +1,4 @@
-"""Step control: how far the next point of a curve is looked for."""
+"""Step control of continuation."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ class StepControl(Protocol):
 
     @property
     def smallest(self) -> float:
-        """A curve ends where no larger step succeeds."""
+        """The smallest step; the curve ends where only smaller steps succeed."""
         ...
 
     def shorter(self, step: float) -> float:
-        """Return the step to try after one that failed."""
+        """Return the step to try after a step that failed."""
         ...
 
     def next(self, before: Point, after: Point, taken: float) -> float:
-        """Return the step from a point on that was reached by a step from another one."""
+        """Return the next step after a step `taken` from one point to another."""
         ...
 
 
 @final
 @dataclass(frozen=True)
 class AdaptiveSteps:
-    """Steps that aim at so many Newton steps, and at an angle, in radians, between tangents.
+    """Steps that aim at a number of Newton steps, and at an angle, in radians, between tangents.
 
     Raises
     ------

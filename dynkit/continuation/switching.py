@@ -16,14 +16,14 @@ from dynkit.orbits.newton import NoConvergence, NoSolution, correct, solve
 from dynkit.orbits.problem import PeriodicProblem, shortest
 from dynkit.orbits.spectrum import Spectrum
 
-# How far to go along the new branch, in scaled unknowns: the first distance at which the branch is
-# still near its start. Below the last one an orbit and its half are one.
+# Distances along the new branch to try, in scaled unknowns: the first one close enough to the
+# bifurcation is taken. At smaller distances an orbit cannot be separated from its half.
 _DISTANCES = 10.0 ** np.arange(-2.0, -6.6, -0.5)
-# The distance from the tangent is a square and a cube, or fourth power, of the way along it. Where
-# it is a square but for this part, the branch is not yet a third off its parabola.
+# The distance from the tangent is quadratic in the distance along it, plus higher terms. Largest
+# deviation from the quadratic law, relative: the branch is then within a third of its parabola.
 _OFF = 0.25
-# The critical multiplier is 1 at the start of the new branch, and -1 where it doubles its period:
-# this is an eighth of the way.
+# Largest distance of the critical multiplier from 1. It is 1 at the start of the new branch, and -1
+# at its period doubling: this is an eighth of the way.
 _FROM_ONE = 0.25
 
 
@@ -34,17 +34,17 @@ class Place(NamedTuple):
     Parameters
     ----------
     problem : Problem
-        The equations of the branch that it is on.
+        The equations of its branch.
     y, error : (m + 1,) arrays
-        The unknowns and the parameter there, and how wrong they may be.
+        The unknowns and the parameter, and their errors.
     direction : (m,) array
         Null vector of D at the critical multiplier; empty at an event.
     tangent : (m + 1,) array
         Direction of the branch.
     event : int
-        Which of the problem's events it is, if it is one.
+        Index of the problem's event, if it is one.
     own : (e,) array
-        Unknowns of the condition's own: at HB the frequency.
+        Additional unknowns of the condition: at HB the frequency.
     """
 
     problem: Problem
@@ -60,19 +60,19 @@ Switch: TypeAlias = "Callable[[Place], list[Any]]"
 
 
 def doubled(place: Place) -> list[Any]:
-    """Return an orbit near by on the branch of twice the period that leaves a PD."""
+    """Return a near orbit on the branch of twice the period that leaves a PD."""
     problem, y, error, direction = place.problem, place.y, place.error, place.direction
     if not isinstance(problem, PeriodicProblem):
         return []
     twice, start, along = problem.doubled(y[:-1], direction)
     errors = np.append(abs(problem.doubled(y[:-1], error[:-1])[2]), error[-1])
     found = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
-    # the orbit that doubles is a solution, too
+    # the repeated orbit is also a solution
     return [orbit for orbit in found if orbit.unknowns.size == len(start)]
 
 
 def crossing(place: Place) -> list[Any]:
-    """Return an orbit near by on the branch that crosses at a BP."""
+    """Return a near orbit on the branch that crosses at a BP."""
     problem, y, error, old = place.problem, place.y, place.error, place.tangent
     equations = OrbitEquations(problem, _width(y))
     scale = equations.scale(y)
@@ -81,7 +81,7 @@ def crossing(place: Place) -> list[Any]:
     if directions:
         direction = min(directions, key=lambda direction: abs(float(direction @ old)))
     else:
-        # no transversal crossing: what is orthogonal to the old branch
+        # no transversal crossing: the direction orthogonal to the old branch
         basis = np.linalg.svd(equations.jacobian(y) * scale)[2][-2:]
         along = basis @ old
         direction = np.array([-along[1], along[0]]) @ basis
@@ -89,11 +89,11 @@ def crossing(place: Place) -> list[Any]:
 
 
 def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list[Any]:
-    """Return an orbit a little further on along a direction, or none.
+    """Return an orbit at a small distance along a direction, or none.
 
-    It is so near that the branch's own expansion y + e q + e^2 c + ... holds: of half the way e
-    along the direction q the distance from the tangent is a fourth. How near that is depends on the
-    branch: the orbits of a cascade of doublings differ by less and less.
+    The distance is so small that the expansion y + e q + e^2 c + ... of the branch holds: at half
+    the distance e along the direction q, the distance from the tangent is a fourth. The required
+    distance depends on the branch: it decreases along a cascade of period doublings.
     """
     equations = OrbitEquations(problem, _width(y))
     scale = equations.scale(y)
@@ -110,7 +110,7 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
                 (a.y - y - way) / scale for a, way in zip((found, half), ways, strict=True)
             )
             size = np.linalg.norm(gap)
-            # both gaps are wrong by as much as the bifurcation is
+            # the error of the bifurcation is an error of both gaps
             if size < distance and np.linalg.norm(gap - 4.0 * of_half) <= _OFF * size + 5.0 * off:
                 once, x = shortest(problem, found.y[:-1])
                 made = once.solution(x, found.y[-1:], found.history)
@@ -120,14 +120,14 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
 
 
 def _is_near(problem: Problem, y: Array) -> bool:
-    """Whether a multiplier is near enough to one; eigenvalues have no unit to say so."""
+    """Whether a multiplier is near one; always true for eigenvalues, which have no unit."""
     if problem.stability is not Spectrum.MULTIPLIERS:
         return True
     return bool(abs(problem.spectrum(y[:-1], y[-1:]) - 1.0).min() <= _FROM_ONE)
 
 
 def born(place: Place) -> list[Any]:
-    """Return a periodic orbit near by on the branch that is born at an HB."""
+    """Return a near periodic orbit on the branch that is born at an HB."""
     y, m = place.y, len(place.direction)
     found = place.problem.oscillation(y[:m], y[-1:], float(place.own[0]), place.direction)
     if found is None:
@@ -138,7 +138,7 @@ def born(place: Place) -> list[Any]:
 
 
 def neighbours(place: Place) -> list[Any]:
-    """Return the orbits near by of one impact more or fewer, where an orbit grazes."""
+    """Return the near orbits of one impact more or fewer at a GR."""
     problem, y, event, found = place.problem, place.y, place.event, []
     if not isinstance(problem, WatchedProblem):
         return []

@@ -1,4 +1,4 @@
-"""Where branches and curves end, and why."""
+"""Ends of branches and curves."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Ending:
     ----------
     reason : Reason
     message : str
-        What the user reads.
+        The reason in words, with the place.
     """
 
     reason: Reason
@@ -44,7 +44,7 @@ class Ending:
 
 @final
 class Bound(NamedTuple):
-    """An unknown that ends a curve where it leaves [low, high]."""
+    """An interval [low, high] of an unknown; a curve ends where the unknown leaves it."""
 
     unknown: int
     name: str

@@ -1,4 +1,4 @@
-"""Test functions: what happens between two successive points of a branch."""
+"""Test functions: detection of bifurcations between two successive points of a branch."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from dynkit.orbits.spectrum import Spectrum
 @final
 @dataclass(frozen=True)
 class TestFunction:
-    """Notices bifurcations of one kind.
+    """Detects bifurcations of one kind.
 
     Parameters
     ----------
     kind : BifurcationKind
     count : callable
-        (point before, point) -> how many of them are between the two; of each its `Seen` is known.
+        (point before, point) -> number of them between the two examined points.
     """
 
     __test__ = False
@@ -34,12 +34,12 @@ class TestFunction:
 
 
 def examine(problem: Problem, point: Point) -> Seen:
-    """Return what is to be known of a point's orbit."""
+    """Return the properties of a point's orbit that test functions need."""
     x, p = point.y[:-1], point.y[-1:]
     kind, values = problem.stability, np.asarray(problem.spectrum(x, p))
     flip = False
     if kind is Spectrum.MULTIPLIERS:
-        # not from the multipliers, which may change their sign through infinity
+        # not the sign of multipliers, which may change through infinity
         flip = bool(np.linalg.slogdet(problem.pencil(x, p, -1.0))[0] < 0.0)
     upper = values[(values.imag > 0.0) & ~are_real(values)]
     inside = int(np.count_nonzero(kind.inside(upper)))
@@ -48,12 +48,12 @@ def examine(problem: Problem, point: Point) -> Seen:
 
 
 def are_real(multipliers: Any) -> Any:
-    """Return which multipliers or eigenvalues are real."""
+    """Return whether each multiplier or eigenvalue is real."""
     return abs(multipliers.imag) <= 1e-10 * abs(multipliers)
 
 
 def crossings(before: Point, after: Point, tests: tuple[TestFunction, ...]) -> tuple[Crossing, ...]:
-    """Return what happens between two points of which everything is seen."""
+    """Return the bifurcations between two examined points."""
     found = []
     for test in tests:
         if count := test.count(before, after):
@@ -61,7 +61,7 @@ def crossings(before: Point, after: Point, tests: tuple[TestFunction, ...]) -> t
     events = zip(before.seen.events, after.seen.events, strict=True)
     for i, (here, there) in enumerate(events):
         u, v = here.value, there.value
-        if (u < 0.0) != (v < 0.0) and u == u and v == v:  # not where one of them tells nothing
+        if (u < 0.0) != (v < 0.0) and u == u and v == v:  # not where a sign is undefined (NaN)
             found.append(Crossing(here.kind, i, here.ends))
     return tuple(found)
 
@@ -87,11 +87,11 @@ def _oscillations(before: Point, after: Point) -> int:
 
 
 def _pairs(before: Point, after: Point) -> int:
-    """Return how many complex pairs pass the border of stability within a step.
+    """Return the number of complex pairs that cross the border of stability within a step.
 
-    Where pairs become real, or real ones a pair, the product over i < j of mu_i mu_j - 1 tells: it
-    changes its sign there only when a pair is on the circle, or, real, has the product one. For
-    eigenvalues it is the product of sums.
+    Where pairs become real, or real ones become complex, the sign of the product over i < j of
+    mu_i mu_j - 1 decides: it changes only when a pair is on the unit circle, or when two real
+    multipliers have the product one. For eigenvalues it is the product of sums.
     """
     a, b = before.seen, after.seen
     if a.pairs == b.pairs:
@@ -111,4 +111,4 @@ TESTS = (
     TestFunction(BifurcationKind.NS, _tori),
     TestFunction(BifurcationKind.HB, _oscillations),
 )
-"""The test functions of all kinds that are no events."""
+"""The test functions of all kinds that are not events."""

@@ -1,4 +1,4 @@
-"""A branch in one direction, and what happens along it."""
+"""A branch in one direction, and the bifurcations along it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 
-# How far aside of where a branch is symmetric, in scaled unknowns, it is looked at, and no fold
-# counts: as a part of the step over that place, as the branch may be small, and at most.
+# Distance from the centre of a symmetric branch, relative to the step over it and at most, in
+# scaled unknowns: there both sides are compared, and closer folds do not count.
 _OF_STEP, _ASIDE = 0.25, 1e-3
 
 
 @final
 @dataclass
 class Trace:
-    """Points as they were found; bifurcations with their places and directions.
+    """Points of a curve in one direction; bifurcations with their places and directions.
 
-    At the `centres` the branch meets one that it is symmetric about; with each is how far aside.
+    `centres` are the places where the branch meets a branch that it is symmetric about, each with
+    a distance, see `_ASIDE`.
     """
 
     points: list[Point] = field(default_factory=list)
@@ -46,7 +47,7 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
     curve : Continuation
         It accepts points by an `Acceptance` of the same problem; its start is examined.
     inadmissible : bool
-        Whether it goes on where the orbits are no motions of the system.
+        Whether it continues where the orbits are inadmissible.
     """
     found = Trace()
     for point in curve:
@@ -61,7 +62,7 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
         here = _between(problem, curve, before, point)
         borders = [located for _, located in here if located.crossing.ends]
         if borders:
-            # What else seems to happen right there belongs to the border.
+            # other bifurcations at the same value are effects of the border
             here = [pair for pair in here if pair[1] is borders[0] or not _at(borders[0], pair[1])]
         found.located += [(index + part, located, way) for part, located in here]
         if borders:
@@ -69,7 +70,7 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
             found.ending = Ending(Reason.BORDER, f"{Reason.BORDER.value}: {where}")
             break
         if any(crossing.ends for crossing in point.seen.crossings):
-            found.ending = _ends(Reason.NO_SOLUTION, point)  # a border that is none
+            found.ending = _ends(Reason.NO_SOLUTION, point)  # the border was not located
             break
         if not inadmissible and not point.seen.admissible:
             found.ending = _ends(Reason.INADMISSIBLE, point)
@@ -91,13 +92,13 @@ def _ends(reason: Reason, point: Point) -> Ending:
 
 
 def both_ways(start: Point, follow: Callable[[Point], Trace]) -> tuple[Trace, Trace]:
-    """Return a curve in both directions; of one that is closed the second is no more than a start.
+    """Return a curve in both directions; for a closed curve the second has the start only.
 
     Parameters
     ----------
     start : Point
     follow : callable
-        Point whose tangent is the direction -> what is found from there on.
+        Point whose tangent is the direction -> the trace from there on.
     """
     forward = follow(start.along(1.0))
     if forward.ending is not None and forward.ending.reason is Reason.CLOSED:
@@ -106,7 +107,7 @@ def both_ways(start: Point, follow: Callable[[Point], Trace]) -> tuple[Trace, Tr
 
 
 def joined(forward: Trace, backward: Trace) -> tuple[list[Point], tuple[Ending, Ending]]:
-    """Return the points in the order in which the curve is run through, and its endings."""
+    """Return the points in the order of the curve, and its endings."""
     assert forward.ending is not None
     assert backward.ending is not None
     points = [*backward.points[:0:-1], *forward.points]
@@ -114,7 +115,7 @@ def joined(forward: Trace, backward: Trace) -> tuple[list[Point], tuple[Ending, 
 
 
 def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: Array) -> bool:
-    """Whether a fold is that of a branch where it meets one that it is symmetric about."""
+    """Whether a fold is the centre of a symmetric branch."""
     place = np.append(located.x, located.p)
     near = [np.linalg.norm((place - other) / scale) < aside for other, aside in centres]
     return located.crossing.kind is BifurcationKind.SN and any(near)
@@ -123,7 +124,7 @@ def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: 
 def _between(
     problem: Problem, curve: Continuation, before: Point, after: Point
 ) -> list[tuple[float, Located]]:
-    """Return the bifurcations within a step, each with its place there from 0 to 1."""
+    """Return the bifurcations within a step, each with its position in the step from 0 to 1."""
     way = (after.y - before.y) / before.scale
     found: list[tuple[float, Located]] = []
     for crossing in after.seen.crossings:
@@ -139,14 +140,14 @@ def _same(a: Located, b: Located) -> bool:
 
 
 def _at(a: Located, b: Located) -> bool:
-    """Whether two happen at the same value of the parameter, as far as can be told."""
+    """Whether two bifurcations have the same value of the parameter, within their errors."""
     return bool(abs(a.p[0] - b.p[0]) <= 2.0 * (a.errors[-1] + b.errors[-1]))
 
 
 def _same_on_both_sides(
     problem: Problem, curve: Continuation, near: Point, place: Array, aside: Array
 ) -> bool:
-    """Whether a branch's orbits behind a branch point are those before, as far aside."""
+    """Whether the branch has the same orbits at the same distance on both sides of a place."""
     sides, tangent = [], aside / np.linalg.norm(aside)
     for sign in (1.0, -1.0):
         start = Point(place, near.scale, sign * tangent, 1.0, 0.0, 0)

@@ -1,1 +1,1 @@
-"""What all rests on: validation, parameters, costs, the kinds of "no motion here"."""
+"""Foundations: validation, parameters, costs, and the exceptions of motions that end."""

@@ -1,4 +1,4 @@
-"""What every result carries: what it cost."""
+"""The cost of a result."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from typing import final
 from dynkit.core.validation import non_negative, non_negative_integer
 
 _SMALL = 2**32
-"""Python's own integers below this need no further check: every value of a sweep has a few."""
+"""Python integers from 0 to this skip the full check: a sweep has several counts at each value."""
 
 
 @final

@@ -1,4 +1,4 @@
-"""Derivatives by differences, where nothing exact is known."""
+"""Derivatives by extrapolated differences, for functions without an exact derivative."""
 
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -8,19 +8,23 @@ import numpy as np
 from dynkit.core.no_motion import NoMotion, Refused
 from dynkit.core.validation import Array
 
-# First step, relative; at eighth order it balances truncation and the accuracy of the values.
+# The first relative step is accuracy**(1 / 9): at order 8 it balances truncation and the errors of
+# the values.
 _ORDER = 8
-# Each step is half of the one before. Where so many give no better estimate it is rounding by now,
-# if the derivative is clear of its error. Nothing better is asked for than the last, relative.
+# Each step is half of the one before, at most _HALVINGS of them. The extrapolation ends after
+# _PATIENCE steps without a better estimate once the relative error is below _CLEAR (smaller steps
+# only add rounding), or as soon as the relative error is _ENOUGH.
 _HALVINGS, _PATIENCE, _CLEAR, _ENOUGH = 40, 3, 1e-6, 1e-11
-# Of a state the coordinates that are small beside others count as a tenth: as orbits do.
+# Steps of a small coordinate are relative to this part of the state's largest number, as in the
+# scales of periodic orbits.
 _TENTH = 0.1
-# At a corner whose slopes differ by 1 the mean of both values is step / 4 in units of the width, of
-# which the extrapolation leaves (2/3)(14/15)(62/63)... = 0.61: 0.15 for a slope off by 0.5.
+# At a corner whose slopes differ by 1 the mean of both values is step / 4 in units of the width.
+# Extrapolation reduces it by (2/3)(14/15)(62/63)... = 0.61 to 0.15, while the slope is off by 0.5.
 _MARGIN = 4.0
-# Errors of smooth functions fall by many digits. Where this part of the slope is left, none did.
+# Errors of smooth functions fall by many digits. An error above this part of the slope did not.
 _UNSETTLED = 0.25
-# A slope of zero is settled when nothing is left but errors of values, over the fifth of all steps.
+# A slope of zero is accepted when its error is explained by the errors of the values at the fifth
+# of all steps.
 _BLUR = _MARGIN * 16.0
 
 
@@ -33,35 +37,35 @@ def parameter_difference(
 ) -> Array:
     """Differentiate by one number: differences at ever smaller steps, extrapolated to step zero.
 
-    The differences are central, or one-sided where the function is refused on the other side. Of
-    all steps and orders that one is taken whose estimated error is least: the extrapolation's last
-    change, that of the mean of the values at both ends, and the accuracy of the values. Steps on
-    which the function is refused do not count, and neither do those so large that its values, or
-    their mean, do not go with the smaller ones.
+    The differences are central, or one-sided where the function is refused on the other side. The
+    result is the extrapolation, over all steps and orders, with the smallest estimated error. That
+    estimate adds the last change of the extrapolation, the error of the mean of the values at both
+    ends, and the accuracy of the values. Steps at which the function is refused are left out, and
+    so are large steps whose estimates contradict those of smaller steps.
 
     Parameters
     ----------
     function : callable, float to (m,) array
-        `NoMotion`, such as `NoCrossing` or `Refused`, is a refusal.
+        It refuses a value by raising `NoMotion`, such as `NoCrossing` or `Refused`.
     value : float
         Where to differentiate.
     accuracy : float
-        How wrong values are, relative to the largest.
+        Error of the function's values, relative to the largest of them.
     difference : callable
         Difference of two values, for values that hold angles.
 
     Returns
     -------
     (m,) array
-        Right to 1e-11 or about ``accuracy**(8 / 9)``, relative, for functions that vary over
-        ``max(|value|, 1)``: 1e-9 for an accuracy of 1e-11.
+        Its relative error is the larger of 1e-11 and about ``accuracy**(8 / 9)`` for functions that
+        vary over ``max(|value|, 1)``: 1e-9 for an accuracy of 1e-11.
 
     Raises
     ------
     NoMotion
-        What refuses the function at the value itself.
+        When the function is refused at the value itself.
     Refused
-        When the function is refused on both sides however near.
+        When the function is refused at all steps on both sides.
 
     References
     ----------
@@ -86,19 +90,19 @@ def numerical_derivative(
     accuracy: float = 2.0**-52,
     difference: Callable[[Array, Array], Array] = np.subtract,
 ) -> tuple[Array, Array]:
-    """Differentiate by each coordinate of a point, as `parameter_difference` does by a number.
+    """Differentiate with respect to each coordinate of a point, as `parameter_difference` does.
 
     Steps are relative to the coordinate, or to a tenth of the largest number in the point and its
-    value where it is smaller.
+    value where the coordinate is smaller than that.
 
     Parameters
     ----------
     function : callable, (d,) array to (m,) array
-        `NoMotion`, such as `Diverged` or `Refused`, is a refusal.
+        It refuses a point by raising `NoMotion`, such as `Diverged` or `Refused`.
     point : (d,) array
         Where to differentiate.
     accuracy : float
-        How wrong values are, relative to the largest number in the point and its value.
+        Error of the function's values, relative to the largest number in the point and its value.
     difference : callable
         Difference of two values, for values that hold angles.
 
@@ -106,16 +110,16 @@ def numerical_derivative(
     -------
     derivative : (m, d) array
     error : (m, d) array
-        Estimate of its error. At a corner it is no less than the distance from the slope on either
-        side.
+        Estimate of the error of the derivative. At a corner it is at least the distance to the
+        slope on either side.
 
     Raises
     ------
     NoMotion
-        What refuses the function at the point itself.
+        When the function is refused at the point itself.
     Refused
-        When there is no derivative: the function is refused on both sides however near, or its
-        differences do not settle, as at a jump, a sharp corner or the end of a square root.
+        When there is no derivative: the function is refused at all steps on both sides, or its
+        differences do not converge, as at a jump, a sharp corner or the end of a square root.
 
     References
     ----------
@@ -144,7 +148,7 @@ def numerical_derivative(
         scale = max(abs(value), _TENTH * size) or 1.0
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slope, off, steep = _derivative(along, value, scale, center, size, accuracy, difference)
-        # a value of zero is rounded only beside the point: its slope is rounded then
+        # a function that is zero at the point itself has rounding errors only in its slope
         derivative[:, k], error[:, k] = slope, _MARGIN * off + accuracy * abs(slope)
         blur = _BLUR * accuracy ** (_ORDER / (_ORDER + 1.0)) * size / scale
         if error[:, k].max() > max(_UNSETTLED * max(abs(slope).max(), steep), blur):
@@ -164,9 +168,9 @@ def _derivative(
     accuracy: float,
     difference: Callable[[Array, Array], Array],
 ) -> tuple[Array, Array, float]:
-    """The derivative, its error, and the steepest of the first differences on either side.
+    """Return derivative (m,), its error (m,), and the steepest first difference on either side.
 
-    For values of a size, by steps in units of a scale.
+    `size` is that of the values, for their rounding; steps are in units of `scale`.
     """
     refused = np.full(center.shape, np.nan)
 
@@ -194,7 +198,7 @@ def _derivative(
     steps = [first / 2.0**k for k in range(_HALVINGS)]
     kinds = [(central, 4.0)]
     if np.isnan(change(steps[0])[0] + change(-steps[0])[0]).any():
-        # near an end of the range central differences are short of room
+        # near an end of the range the first central steps are refused
         kinds = [(ahead, 2.0), (behind, 2.0), (central, 4.0)]
     best, error = refused, np.full(center.shape, np.inf)
     for kind, power in kinds:
@@ -204,7 +208,7 @@ def _derivative(
         if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
             break
     if not np.isfinite(error).all():
-        raise Refused(f"values must exist on one side of {value!r} at least; there are none")
+        raise Refused(f"values must exist on at least one side of {value!r}; there are none")
     ends = [abs(found / way) for found, way in map(change, (steps[0], -steps[0]))]
     return best, error, float(np.nan_to_num(ends).max(initial=0.0))
 
@@ -212,18 +216,19 @@ def _derivative(
 def extrapolated(
     quotients: Iterable[tuple[Array, Array, float]], power: float, noise: float
 ) -> tuple[Array, Array]:
-    """Extrapolate to step zero what is known at ever smaller steps, each half of the one before.
+    """Extrapolate difference quotients to step zero; each step is half of the one before.
 
     Parameters
     ----------
     quotients : iterable of ((m,) array, (m,) array, float)
-        At each step a quotient of differences, as (value, mean, width): rounding makes it wrong by
-        the noise, and by the mean of the values, over the width. NaN where it is not defined. No
-        more are taken than help.
+        For each step (quotient, mean of the values, width of the step). The rounding error of a
+        quotient is (noise + mean) / width. A quotient that is not defined is NaN. Iteration stops
+        when further steps no longer reduce the error.
     power : float
-        By how much the error falls from one step to the next: 4 where it goes as the square.
+        Factor by which the error falls from one step to the next: 4 for an error that is
+        proportional to the square of the step.
     noise : float
-        How wrong values are.
+        Absolute error of the function's values.
 
     Returns
     -------
@@ -248,7 +253,7 @@ def extrapolated(
             nearer = change < its_error
             found = np.where(nearer, row[-1][0], found)
             its_error = np.where(nearer, change, its_error)
-        # what smaller steps contradict agreed by chance
+        # an earlier estimate that smaller steps contradict agreed by chance
         contradicted = abs(found - best) > _MARGIN * (error + its_error)
         better = (its_error < error) | contradicted
         best, error = np.where(better, found, best), np.where(better, its_error, error)

@@ -4,9 +4,9 @@ Numba's own file cache notices an edit to the file of a compiled function, but n
 function of another file that it calls. The cache folder is therefore named after a hash of every
 kernel source of the package.
 
-That cache is Numba's own: machine code, and an index of it that Python's pickle reads, which runs
-whatever code its file asks for. So the folder must belong to the user, and nobody else may write
-to it; where that is not so, another one serves. Nothing else that dynkit reads is code.
+The cache holds machine code and an index that Python's pickle reads, and a pickle can run any code.
+So the folder must belong to the user and nobody else may write to it; otherwise a temporary folder
+replaces it. Nothing else that dynkit reads is code.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 FUSED = {"contract"}
-"""Fast-math flags of products that are added without being rounded."""
+"""Fast-math flags that allow fused multiply-add operations."""
 
 REORDERED = {"reassoc", "contract", "nsz"}
 """Fast-math flags of sums whose error bound holds for any order of the terms."""
@@ -41,7 +41,7 @@ def _user_cache() -> Path:
 
 
 def _private(folder: Path) -> bool:
-    """Whether it can be written to, by this user only; made when it is missing."""
+    """Return whether this user, and nobody else, can write to the folder; create it if missing."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -86,10 +86,10 @@ def cache_folder() -> Path:
 
 @cache
 def _inner() -> Any:
-    """The class of kernels that only kernels call.
+    """Return the dispatcher class of kernels that only other kernels call.
 
-    Numba compiles a function once more for every integer constant that it is called with; these are
-    compiled once for all integers, unless `constants` says otherwise.
+    Numba would compile a function again for every integer constant that is passed to it. These
+    kernels are compiled once for all integers, unless `constants` is true.
     """
     from numba.core import types
     from numba.core.registry import CPUDispatcher
@@ -120,32 +120,33 @@ def kernel(
 ) -> Callable[[_Function], _Function]:
     """Compile a kernel on its first call and keep the machine code in `cache_folder`.
 
-    With ``NUMBA_DISABLE_JIT=1`` in the environment it stays what it is, some hundred times slower.
+    With ``NUMBA_DISABLE_JIT=1`` in the environment the function remains plain Python, which is
+    about a hundred times slower.
 
     Parameters
     ----------
     entry
-        Python calls it, too. What turns Python's arguments into those of machine code is a fifth of
-        the time that compilation takes.
+        Python may call the kernel. The wrapper that converts Python's arguments takes a fifth of
+        the compilation time.
     reorder
-        The sums of this function may be taken in any order and contracted to fused operations.
+        The compiler may reorder the sums of this function and use fused multiply-add operations.
         Never for double-double arithmetic.
     fuse
-        Products may be added without being rounded, in the order given.
+        The compiler may use fused multiply-add operations, in the order given.
     inline
-        Compiled into its callers.
+        The kernel is inlined into its callers.
     constants
-        Compiled for each set of integer constants that it is called with: for inner loops, which
-        are a fifth faster where they are known to begin at zero.
+        The kernel is compiled for each set of integer constants that is passed to it: inner loops
+        that start at a known zero are a fifth faster.
     nogil
-        Other threads run during a call from Python: only where no two calls share a buffer that
-        they modify.
+        A call from Python releases the interpreter lock: only where no two calls share a buffer
+        that they modify.
     """
     import numba
     import numpy as np
 
-    # The runtime's reference counting takes longer than the loops over a few slots; without it
-    # kernels cannot allocate, so they work in the buffers that they are given.
+    # Numba's reference counting takes longer than the loops over a few terms. Without it kernels
+    # cannot allocate arrays: they work in the buffers that are passed to them.
     options: dict[str, Any] = {
         "cache": entry,
         "no_cpython_wrapper": not entry,
@@ -159,7 +160,7 @@ def kernel(
     settings: Any = numba.config
 
     def decorate(function: _Function) -> _Function:
-        if settings.DISABLE_JIT:  # the same arithmetic: what is divided by zero is infinite
+        if settings.DISABLE_JIT:  # the same arithmetic: a division by zero gives infinity
             plain: _Function = np.errstate(all="ignore")(function)
             return plain
         previous = settings.CACHE_DIR

@@ -1,8 +1,8 @@
-"""The exceptions that mean: here is no motion, or no next state.
+"""The exceptions of motions that end or do not exist.
 
-The toolkit turns these into results (a kind of motion, a region of a picture), and nothing else.
-Every other exception means a wrong argument or a fault in a program, and reaches the user with its
-own type, message and traceback.
+The toolkit turns only these exceptions into results (a kind of motion, a region of a plane). Every
+other exception means a wrong argument or a fault in a program, and reaches the user with its own
+type, message and traceback.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from typing import Protocol, Self, TypeVar
 
 
 class NoMotion(RuntimeError):
-    """A motion has no next state. Its kinds say why; the message says where.
+    """A motion has no next state. The subclass says why; the message says where.
 
     Examples
     --------
@@ -24,30 +24,30 @@ class NoMotion(RuntimeError):
 
 
 class NoCrossing(NoMotion):
-    """The motion comes to no next crossing of a section, or to no next impact."""
+    """The motion reaches no further crossing of a section, or no further impact."""
 
 
 class TangentCrossing(NoMotion):
-    """The flow touches the section without passing through: the map has no derivative there."""
+    """The flow is tangent to the section: the Poincare map has no derivative there."""
 
 
 class NoDerivative(NoMotion):
-    """The map has no derivative at a state: what is next depends on a choice."""
+    """The map has no derivative at a state: the next state is a choice among several."""
 
 
 class Diverged(NoMotion):
-    """The motion runs away: a coordinate is infinite, or not a number."""
+    """The motion diverges: a coordinate is infinite or NaN."""
 
 
 class CannotFollow(NoMotion):
-    """The integrator cannot follow the motion any further, or not within its number of steps."""
+    """The integrator fails, or exceeds its number of steps."""
 
 
 class Refused(NoMotion, ValueError):
-    """The system refuses a value: no state or no system has it.
+    """The system refuses a value that no state or no system can have.
 
-    Such as a position beyond a stop, or a restitution above one. It is a ValueError too, for the
-    value may be an argument of the user.
+    Examples are a position beyond a stop, or a restitution above one. It is also a ValueError,
+    because the value may be an argument of the user.
     """
 
 
@@ -59,7 +59,7 @@ _System = TypeVar("_System", bound=_Replaceable)
 
 
 def replaced(system: _System, **parameters: float) -> _System:
-    """Return ``system.replace(**parameters)``, where a value may be outside of its range.
+    """Return ``system.replace(**parameters)``; a value outside its range raises `Refused`.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def replaced(system: _System, **parameters: float) -> _System:
 
 @contextmanager
 def located(where: str) -> Iterator[None]:
-    """Add to any exception, as a note, where it was raised."""
+    """Add the place to any exception that is raised inside, as a note."""
     try:
         yield
     except Exception as error:

@@ -11,15 +11,15 @@ from dynkit.core.reprs import Shown
 
 
 class Family(Shown):
-    """What has named numeric parameters, and is changed by `replace`.
+    """A family of systems with named numeric parameters, changed by `replace`.
 
-    The fields that a subclass writes in its body, ``rate: float = 3.0``, are arguments of it, as of
-    a frozen dataclass, with or without the decorator; those that are numbers are its parameters. A
-    class with an ``__init__`` of its own, and parameters, overrides both.
+    The fields in the body of a subclass, such as ``rate: float = 3.0``, are its arguments, as in a
+    frozen dataclass, with or without the decorator. Fields that are numbers are its parameters. A
+    class that defines ``__init__`` defines `parameters` and `replace` as well.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
-        for base in cls.__mro__[1:]:  # whose decorator has been applied by now, if it has one
+        for base in cls.__mro__[1:]:  # a base class has its decorator applied by now
             _make_dataclass(base)
         super().__init_subclass__(**options)
 
@@ -29,7 +29,7 @@ class Family(Shown):
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The numbers that set this object apart in its family, by name."""
+        """The numeric parameters of this member of the family, by name."""
         values = {name: getattr(self, name) for name in _field_names(self)}
         numbers = int | float | np.integer | np.floating
         return {
@@ -40,8 +40,8 @@ class Family(Shown):
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """Everything that the motion depends on, by name: a store of another is refused."""
-        instance: Any = self  # is_dataclass tells the type checker too much
+        """Everything that the motion depends on, by name; stores compare it."""
+        instance: Any = self  # is_dataclass would narrow the type
         if not dataclasses.is_dataclass(instance):
             return self.parameters
         return {entry.name: getattr(instance, entry.name) for entry in dataclasses.fields(instance)}
@@ -53,7 +53,7 @@ class Family(Shown):
         Raises
         ------
         ValueError
-            When the name is none of them.
+            When there is no parameter of this name.
         """
         values = self.parameters
         if name not in values:
@@ -74,13 +74,13 @@ class Family(Shown):
         if not parameters:
             return self
         if not _field_names(self):
-            raise TypeError(f"{type(self).__name__} has parameters, but no `replace` of its own")
+            raise TypeError(f"{type(self).__name__} has parameters but does not define `replace`")
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
 
 
 def _make_dataclass(cls: type) -> None:
-    """Make a class of a family, whose body writes fields, a frozen dataclass; unless it is one."""
+    """Make a class of a family with fields in its body a frozen dataclass, unless it is one."""
     own = vars(cls)
     if not issubclass(cls, Family) or "__dataclass_fields__" in own or "__init__" in own:
         return

@@ -1,4 +1,4 @@
-"""How objects show themselves: in one line, and as a table in notebooks."""
+"""Representations of objects: one line of text, and a table in notebooks."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ import numpy as np
 from dynkit.core.cost import Cost
 
 Facts = dict[str, object]
-"""What the rows of a table say: values by name."""
+"""Rows of a table: values by name."""
 
 _LONGEST = 40
-"""Texts of arrays, and of tuples of numbers, that are longer are told by their shapes."""
+"""Arrays and tuples of numbers whose text is longer than this are shown by their shape."""
 
 _LEFT = ' style="text-align:left"'
 
 
 class Tabled:
-    """What notebooks show as a table, and whose repr is the caption.
+    """An object that notebooks show as a table with its repr as caption.
 
-    A subclass names its facts once, in `_facts`, and may add `_tables`. Neither simulates nor
-    computes a result: a table shows what is known.
+    A subclass lists its rows in `_facts`, and may add further tables in `_tables`. Neither
+    simulates or computes a result: a table shows only known values.
     """
 
     def _facts(self) -> Facts:
-        """The rows, as `written` writes them; those that are None are left out.
+        """Return the rows, by name; `written` formats the values and None is left out.
 
-        The error is a row once it is known, also where it is not among the facts.
+        An error that is already known becomes a row even when it is not among the facts.
         """
         return {}
 
     def _tables(self) -> Iterable[str]:
-        """Further tables, from `table`."""
+        """Return further tables, made by `table`."""
         return ()
 
     def _caption(self) -> str:
@@ -45,23 +45,23 @@ class Tabled:
         facts = self._facts()
         last = {"error": getattr(self, "__dict__", {}).get("error"), "cost": None}
         last |= {name: facts.pop(name) for name in last if name in facts}
-        if isinstance(last["error"], float | np.ndarray):  # an argument of that name is a text
+        if isinstance(last["error"], float | np.ndarray):  # a field named error may be a text
             last["error"] = largest(last["error"])
         rows = [(name, value) for name, value in (facts | last).items() if value is not None]
         return "".join([table(self._caption(), rows, most=40), *self._tables()])
 
 
 class Shown(Tabled):
-    """A system that says in one line what sets it apart, and in notebooks all its arguments.
+    """A system whose repr shows what differs from its defaults; notebooks show all arguments.
 
-    A subclass that is a dataclass shows what differs from its defaults, another its ``parameters``.
-    Arrays that are not short are told by their shapes; without them the line makes the system
-    again.
+    The repr of a dataclass shows the fields that differ from their defaults; that of another class
+    shows its ``parameters``. Long arrays are shown by their shapes. A repr without such arrays is
+    an expression that makes the system again.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        # a dataclass writes its own, with all its arguments, where its body has none
+        # a dataclass would generate a repr with all its fields where the body defines none
         if "__repr__" not in vars(cls):
             cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
 
@@ -80,13 +80,13 @@ class Shown(Tabled):
 
 
 def told(system: object, digits: int | None = None, without: Collection[str] = ()) -> str:
-    """Return the class of a system, with what differs from its defaults.
+    """Return the class of a system and the arguments that differ from their defaults.
 
     Parameters
     ----------
     system : object
     digits : int, optional
-        Of its numbers; by default as many as make the same numbers again.
+        Significant digits of numbers; by default as many as reproduce them exactly.
     without : collection of str
         Arguments that are left out.
 
@@ -105,15 +105,15 @@ def told(system: object, digits: int | None = None, without: Collection[str] = (
 
 
 def line_of(system: object, kind: str, swept: Collection[str] = ()) -> str:
-    """Return a system in one line, without the parameters that were swept.
+    """Return a system in one line, without the swept parameters.
 
-    Where it was not given, the name of its class alone, the last part of ``kind``.
+    Where the system is None, the line is the name of its class: the last part of ``kind``.
     """
     return kind.rpartition(".")[2] if system is None else told(system, 6, swept)
 
 
 def _arguments(system: Any) -> list[tuple[str, object, object]]:
-    """Names, values and defaults of what a system is made from."""
+    """Return names, values and defaults of a system's arguments."""
     if not dataclasses.is_dataclass(system):
         parameters = getattr(system, "parameters", {})
         return [(name, value, dataclasses.MISSING) for name, value in parameters.items()]
@@ -158,17 +158,17 @@ def _shortened(value: object, digits: int | None = None) -> str:
 def table(
     caption: str, rows: Iterable[Sequence[object]], heads: Sequence[str] = (), most: int = 12
 ) -> str:
-    """Return a table in HTML, for light and dark pages: it has no colours of its own.
+    """Return a table in HTML, without colours, for light and dark pages.
 
     Parameters
     ----------
     caption : str
     rows : sequences of object
-        The first of each names the row. Floats are written with six digits; all is escaped.
+        The first entry of each names the row. Floats have six digits; all text is escaped.
     heads : sequence of str
-        Of the columns, where they have any.
+        Heads of the columns, if any.
     most : int
-        Of the rows that are shown; how many are left out is said.
+        Largest number of rows; a last row says how many more there are.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def table(
 
 
 def written(value: object) -> str:
-    """Return how a table writes a value.
+    """Return the text of a value in a table.
 
     Examples
     --------
@@ -237,7 +237,7 @@ def largest(errors: Any) -> str:
 
 
 def span(values: Any) -> str:
-    """Return the least and the greatest of some numbers in words, NaN left out.
+    """Return the range of some numbers in words, NaN left out.
 
     Examples
     --------

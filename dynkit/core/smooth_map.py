@@ -1,4 +1,4 @@
-"""What maps are to equations of orbits: smooth functions from states to states."""
+"""Smooth maps: the part of a `Map` that periodic orbits and their multipliers need."""
 
 import math
 from abc import ABC, abstractmethod
@@ -23,8 +23,8 @@ from dynkit.core.validation import (
 class SmoothMap(Family, ABC):
     """A smooth function from states to states, its derivatives and its iterates.
 
-    The first half of the contract of `dynkit.Map`, of which every system is a subclass: what
-    periodic orbits, attractors and their labels need of a map.
+    This is the first half of the contract of `dynkit.Map`: the part that periodic orbits,
+    attractors and their labels use.
     """
 
     @property
@@ -53,8 +53,9 @@ class SmoothMap(Family, ABC):
     def jacobian(self, state: Array) -> Array:
         """Return the derivative of the next state with respect to the state.
 
-        Unless a subclass gives it, or its factors, it is found from differences of next states, by
-        `dynkit.core.differences.numerical_derivative`; `jacobian_factors` has its error.
+        A subclass may define it, or `jacobian_factors`. Otherwise it is computed from differences
+        of next states (`dynkit.core.differences.numerical_derivative`); `jacobian_factors` returns
+        the error.
 
         Parameters
         ----------
@@ -92,9 +93,9 @@ class SmoothMap(Family, ABC):
     def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
         """Return matrices whose product is the jacobian, and the errors of their entries.
 
-        Multipliers and Lyapunov exponents come from the factors. The factors of a map whose state
-        moves on the way belong to parts of the way, short enough that no part shrinks a disturbance
-        to the size of the errors of another disturbance. By default there is one factor.
+        Multipliers and Lyapunov exponents are computed from the factors. A Poincare map has one
+        factor for each part of the return: the parts are so short that no disturbance shrinks to
+        the size of the errors of another disturbance. By default there is one factor.
 
         Parameters
         ----------
@@ -106,7 +107,7 @@ class SmoothMap(Family, ABC):
             In the order of time: the jacobian is ``factors[n - 1] @ ... @ factors[0]``.
         errors : (n,) array
             Estimate of the error of an entry of each factor: by default the `accuracy` times the
-            norm of the jacobian, or what the differences claim where no jacobian is given.
+            norm of the jacobian, or the error of the differences where no jacobian is defined.
 
         Raises
         ------
@@ -121,7 +122,7 @@ class SmoothMap(Family, ABC):
 
     @property
     def _by_differences(self) -> bool:
-        """Whether neither jacobian nor factors are given: differences may err beyond `accuracy`."""
+        """Whether the jacobian comes from differences, whose error may exceed the `accuracy`."""
         given = type(self).jacobian, type(self).jacobian_factors
         return given == (SmoothMap.jacobian, SmoothMap.jacobian_factors)
 
@@ -149,10 +150,10 @@ class SmoothMap(Family, ABC):
     def parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative of the next state with respect to a parameter.
 
-        Unless a subclass knows better it is found from differences of maps that `replace` makes, as
-        `dynkit.core.differences.parameter_difference` does: right to some 1e-11, relative, for a
-        call that is wrong by rounding, and to 1e-9 for an `accuracy` of 1e-11, when the map
-        changes over changes of the parameter by its own size, or by one.
+        A subclass may define it. Otherwise it is computed from differences of maps that `replace`
+        returns (`dynkit.core.differences.parameter_difference`). For a map that varies over changes
+        of the parameter by its own size, or by one, the relative error is about 1e-11 when calls
+        have rounding errors only, and 1e-9 for an `accuracy` of 1e-11.
 
         Parameters
         ----------
@@ -168,7 +169,7 @@ class SmoothMap(Family, ABC):
         ------
         ValueError
             When the state is not finite, or not of that shape; when there is no such parameter, or
-            it is not finite.
+            its value is not finite.
         """
         value = finite_scalar(name, self.value_of(name))
         return parameter_difference(
@@ -180,31 +181,31 @@ class SmoothMap(Family, ABC):
 
     @property
     def observables(self) -> Sequence[str]:
-        """Names of what can be kept of a state, the first by default: its coordinates."""
+        """Names of the observables of a state; the first is the default. Here: its coordinates."""
         return tuple(f"state[{i}]" for i in range(self.dimension))
 
     def coordinates(self, states: Array) -> Mapping[str, Array]:
-        """Return the coordinates (n,) of states (n, d), by name: what a diagram of orbits draws."""
+        """Return the coordinates (n,) of states (n, d), by name; diagrams of orbits draw them."""
         return {f"state[{i}]": column for i, column in enumerate(states.T)}
 
     def seen_of(self, other: Any, states: Array) -> Array:  # noqa: ARG002
-        """Return states (n, d) of a periodic orbit of another map as this one sees the same motion.
+        """Return the states (k, d) on this map of a periodic orbit of another map, states (n, d).
 
-        They are its states, but where maps see motions in different places, as Poincare maps do.
-        There may be none.
+        By default both are the same. Poincare maps return the crossings of their section by the
+        orbit; there may be none.
         """
         return states
 
     @property
     def accuracy(self) -> float:
-        """How wrong one call may be, relative to the size of the state: one rounding, 2^-52."""
+        """Error of one call, relative to the size of the state: by default one rounding, 2^-52."""
         return 2.0**-52
 
     def stretching(self, state: Array, n: int) -> Stretching:
-        """Return how the next n iterates stretch a frame, which starts as the unit vectors.
+        """Return how the next n iterates stretch a frame that starts as the unit vectors.
 
-        Its directions may belong to other coordinates of the same states: what holds on average
-        over many iterates, the Lyapunov exponents, does not depend on the coordinates.
+        A subclass may use a frame in other coordinates of the same states: the averages over many
+        iterates, the Lyapunov exponents, do not depend on the coordinates.
 
         Parameters
         ----------
@@ -259,7 +260,7 @@ class SmoothMap(Family, ABC):
         Returns
         -------
         (n + 1, d) array
-            The first row is the state itself, row i + 1 the map of row i.
+            The first row is the state itself; row i + 1 is the image of row i.
 
         Raises
         ------
@@ -282,7 +283,7 @@ class SmoothMap(Family, ABC):
 
     @final
     def next_state(self, state: Array) -> Array:
-        """Return the next state, (d,), which is finite.
+        """Return the next state, (d,), after a check that it is finite.
 
         Raises
         ------
@@ -296,12 +297,12 @@ class SmoothMap(Family, ABC):
 
 
 def checked_map(system: object, kind: type = SmoothMap) -> Any:
-    """Return the system, which is a map of this kind.
+    """Return the system after a check that it is a map of this kind.
 
     Raises
     ------
     ValueError
-        When the system is none.
+        When the system is not an instance of the kind.
     """
     if isinstance(system, kind):
         return system
@@ -312,24 +313,24 @@ def checked_map(system: object, kind: type = SmoothMap) -> Any:
 
 
 def generic_direction(dimension: int) -> Array:
-    """Return a direction, (d,), of length one without symmetry, always the same.
+    """Return a fixed unit vector, (d,), without symmetry.
 
-    It lies in no subspace that a symmetric system is likely to keep: square roots of different
-    integers.
+    Its coordinates are proportional to the square roots of successive integers, so it lies in no
+    subspace that a symmetric system is likely to preserve.
     """
     roots = np.sqrt(np.arange(2.0, 2.0 + dimension))
     return np.asarray(roots / np.linalg.norm(roots))
 
 
 def refuse_infinite(state: Array, iterates: int) -> None:
-    """Refuse a state after some iterates that is not finite.
+    """Raise `Diverged` when the state after some iterates is not finite.
 
     Raises
     ------
     Diverged
-        Naming the first coordinate that is infinite, or not a number.
+        The message names the first coordinate that is infinite or NaN.
     """
-    # the sum of finite numbers may be infinite too: then each is looked at
+    # the sum of finite numbers may overflow: only then each number is checked
     if math.isfinite(sum(state.tolist())) or np.isfinite(state).all():
         return
     i = int(np.argmin(np.isfinite(state)))

@@ -1,4 +1,4 @@
-"""How a frame of directions is stretched along a motion: what Lyapunov exponents are made of."""
+"""Stretching of a frame of directions along a motion, for Lyapunov exponents."""
 
 from dataclasses import dataclass
 from typing import final
@@ -8,23 +8,23 @@ import numpy as np
 from dynkit.core.validation import Array
 
 CLEAR = 1e3
-"""A direction shorter than this many of its errors is hidden: its log is not right to 1e-3."""
+"""A direction shorter than this many of its errors has no reliable logarithm (to 1e-3): NaN."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Stretching:
-    """How iterates, or times, stretch a frame of d directions that is made orthonormal after each.
+    """Growth of a frame of d directions, made orthonormal again after each iterate or interval.
 
     Attributes
     ----------
     logs : (n, d) array
         Logarithms of the diagonal of R in the QR decomposition after each step. Minus infinity
-        where a direction is lost for good; NaN where its error hides it.
+        where the length is zero; NaN where the length is not clear of its error.
     errors : (n, d) array
         Estimates of the errors of the logarithms, to first order.
     times : (n,) array or None
-        How long each step took; None for a map without a time.
+        Duration of each step; None for a map without a time.
     state : (d,) array
         The state after the last step.
     """
@@ -36,11 +36,11 @@ class Stretching:
 
 
 def stretched(factors: Array, errors: Array, frame: Array) -> tuple[Array, Array, Array]:
-    """Return the frame (d, k) that factors (n, d, d) carry on, logs (k,) of lengths, their errors.
+    """Return the frame (d, k) after factors (n, d, d), the logs (k,) of its growth, their errors.
 
-    The frame's columns are orthonormal, and are made so again after each factor. A length is that
-    of a direction's part beside the directions before it: its log is minus infinity where the
-    length is zero, NaN where the length is less than a thousand errors of the factor's entries.
+    The columns of the frame are made orthonormal after each factor. The length of a direction is
+    that of its part orthogonal to the directions before it. Its log is minus infinity where the
+    length is zero, and NaN where the length is less than a thousand errors of the factor's entries.
     """
     logs, off = np.zeros((2, frame.shape[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -50,16 +50,16 @@ def stretched(factors: Array, errors: Array, frame: Array) -> tuple[Array, Array
             hidden = (lengths > 0.0) & (lengths <= CLEAR * error)
             logs += np.where(hidden, np.nan, np.log(lengths))
             off += error / lengths
-    # a direction that is lost for good has no error
+    # a length of zero is exact
     off[np.isneginf(logs)] = 0.0
     return frame, logs, off
 
 
 def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
-    """Return a product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
+    """Return the product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
 
-    The entries of each factor are wrong by its error, (n,), at most; rounding is left out, and
-    so are products of errors.
+    `errors` (n,) bound the errors of the entries of each factor. The bound is of first order in
+    them and leaves out rounding.
     """
     product, error = factors[0], float(errors[0])
     for factor, off in zip(factors[1:], errors[1:], strict=True):

@@ -1,7 +1,6 @@
-"""Checks at the door: every argument is checked once, and every refusal reads the same.
+"""Checks of arguments, with one form of message: ``<name> must <limit>; got <value>``.
 
-The message is always ``<name> must <limit>; got <value>``. Booleans and strings are no numbers, and
-NaN is refused by every check; NumPy's scalars are numbers.
+Booleans, strings and NaN are refused as numbers; NumPy's scalars are numbers.
 """
 
 import math
@@ -17,7 +16,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-# So few numbers are looked at one by one in less time than NumPy takes to begin.
+# A Python loop over this many numbers is faster than a call of NumPy.
 _SHORT = 64
 
 # Counts are kept in integers of 64 bits.
@@ -25,7 +24,7 @@ _COUNTS = 2**63
 
 
 def finite_scalar(name: str, value: object) -> float:
-    """Return the value as a float when it is one finite real number.
+    """Return the value as a float when it is a single finite real number.
 
     Raises
     ------
@@ -115,7 +114,7 @@ def in_interval(name: str, value: object, low: float, high: float) -> float:
 
 
 def positive_integer(name: str, value: object) -> int:
-    """Return the value as an int when it is an integer greater than zero; 3.0 is no integer.
+    """Return the value as an int when it is an integer greater than zero; 3.0 is not an integer.
 
     Raises
     ------
@@ -173,7 +172,7 @@ def index_in(name: str, value: object, low: int, high: int) -> int:
 
 
 def boolean(name: str, value: object) -> bool:
-    """Return the value as a bool when it is True or False; neither numbers nor words are.
+    """Return the value as a bool when it is True or False; numbers and words are refused.
 
     Raises
     ------
@@ -193,7 +192,7 @@ def boolean(name: str, value: object) -> bool:
 
 
 def one_of(name: str, value: Any, known: Iterable[str]) -> str:
-    """Return the value when it is one of the names that are known.
+    """Return the value when it is one of the known names.
 
     Raises
     ------
@@ -214,19 +213,19 @@ def one_of(name: str, value: Any, known: Iterable[str]) -> str:
 
 
 def within_memory(name: str, value: int, size: float) -> int:
-    """Return a count whose arrays fit into the memory of this machine.
+    """Return a count after a check that its arrays fit into the memory of this machine.
 
     Parameters
     ----------
     name : str
     value : int
     size : float
-        Bytes of the arrays that the count asks for, at least.
+        Least number of bytes that arrays of this count take.
 
     Raises
     ------
     ValueError
-        When the machine has less; nothing was reserved then.
+        When the machine has less memory; nothing has been allocated then.
 
     Examples
     --------
@@ -244,7 +243,7 @@ def within_memory(name: str, value: int, size: float) -> int:
 
 @cache
 def _memory() -> float:
-    """Bytes of this machine; infinite where it does not say."""
+    """Return the bytes of this machine's memory; infinity where they are not known."""
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
@@ -252,12 +251,12 @@ def _memory() -> float:
 
 
 def unmasked(name: str, value: object) -> None:
-    """Refuse an array with masked elements: the numbers behind the mask are no data.
+    """Refuse an array with masked elements: the numbers behind a mask are not data.
 
     Raises
     ------
     ValueError
-        Naming the first masked element.
+        When an element is masked; the message names the first one.
     """
     mask = getattr(value, "mask", None) if isinstance(value, np.ma.MaskedArray) else None
     if mask is not None and np.any(mask):
@@ -273,15 +272,15 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     name : str
         The argument's name, as the user wrote it.
     value : array_like
-        An array that already fits is returned as it is, not copied.
+        An array that already fits is returned without a copy.
     shape : tuple of int or None
-        The shape that is asked for; None leaves that length free.
+        The required shape; None leaves that length free.
 
     Raises
     ------
     ValueError
-        When the shape differs, when it holds no real numbers, or naming the first element that is
-        not finite.
+        When the shape differs, the elements are not real numbers, or an element is not finite; the
+        message names the first such element.
 
     Examples
     --------
@@ -313,12 +312,12 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
 
 
 def ascending(name: str, value: object) -> Array:
-    """Return the value as a new array (n,) of finite floats that ascend.
+    """Return the value as a new array (n,) of finite, strictly ascending floats.
 
     Raises
     ------
     ValueError
-        As `finite_array`, and naming the first element that does not exceed the one before.
+        As `finite_array`; and when an element does not exceed the one before.
 
     Examples
     --------
@@ -334,25 +333,25 @@ def ascending(name: str, value: object) -> Array:
 
 
 def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    """Return the array itself, which nobody can write to any more."""
+    """Make an array read-only in place, and return it."""
     array.setflags(write=False)
     return array
 
 
 def _is_column(lengths: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
-    """Whether numbers were given where rows of one number or more are asked for."""
+    """Whether a vector was passed where rows of numbers are required."""
     return len(lengths) == 1 and len(shape) == 2 and shape[0] is None and shape[1] in (None, 1)
 
 
 def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
-    """Whether it is a short vector that fits: the state that a map or a flow is called with."""
+    """Whether the value is already a short finite vector of this shape, such as a map's state."""
     return (
         type(value) is np.ndarray
         and value.dtype == np.float64
         and value.shape == shape
         and value.ndim == 1
         and value.size <= _SHORT
-        # it may be infinite of finite numbers too: then what comes next looks at them
+        # the sum of finite numbers may overflow: then the full check decides
         and math.isfinite(sum(value.tolist()))
     )
 

@@ -1,1 +1,1 @@
-"""Results in files: written whole or not at all, read as data from outside."""
+"""Results in files: written completely or not at all, and checked when read."""

@@ -1,7 +1,7 @@
-"""Files that are written whole: whatever ends the process, the file is the new one or the old one.
+"""Atomic files: even if the process is killed, a file is either the new one or the old one.
 
-What is written stands beside the file, under a hidden name, until it is complete and on the disk;
-then it takes the file's place. What a process that was killed left there, the next one writes over.
+New content is written beside the file, under a hidden name. Once it is complete and on the disk, it
+replaces the file. A hidden file that a killed process left is overwritten by the next writer.
 """
 
 import os
@@ -16,7 +16,7 @@ __all__ = ["whole"]
 
 
 def place(name: str, path: str | os.PathLike[str]) -> Path:
-    """Return the file that a path stands for, links resolved; it need not exist yet.
+    """Return the path of a file, with links resolved; the file need not exist.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def place(name: str, path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     ValueError
-        When it is no file, or its folder does not exist.
+        When the path is not a file, or its folder does not exist.
 
     Examples
     --------
@@ -53,14 +53,14 @@ def place(name: str, path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def whole(name: str, path: str | os.PathLike[str]) -> Generator[BinaryIO]:
-    """Give a file to write to that takes the path's place when all went well: `replaced`, `locked`.
+    """Yield a stream whose content replaces the file on success: `replaced` under `locked`.
 
     Parameters
     ----------
     name : str
         Name of the argument, for messages.
     path : path
-        Where a link stands, the file that it leads to is written.
+        If it is a link, the target of the link is written.
 
     Raises
     ------
@@ -87,10 +87,10 @@ def whole(name: str, path: str | os.PathLike[str]) -> Generator[BinaryIO]:
 
 @contextmanager
 def replaced(name: str, path: Path) -> Generator[BinaryIO]:
-    """Give a file to write to that takes the path's place when all went well.
+    """Yield a stream whose content replaces the file on success.
 
-    One writer at a time: where there may be others, `locked` keeps them out. A file that was there
-    leaves its permissions to the new one.
+    Use `locked` where other processes may write the same file. The new file has the permissions of
+    the old one.
 
     Parameters
     ----------
@@ -101,11 +101,11 @@ def replaced(name: str, path: Path) -> Generator[BinaryIO]:
     Raises
     ------
     OSError
-        When it cannot be written; nothing has changed then.
+        When it cannot be written; the old file is unchanged then.
     """
     temporary = path.with_name(f".{path.name}.new")
     try:
-        # of a process that was killed; if it is a link, it is not followed
+        # a killed process may have left it; a link is removed, not followed
         temporary.unlink(missing_ok=True)
         with temporary.open("xb") as target:
             yield target
@@ -128,12 +128,12 @@ def replaced(name: str, path: Path) -> Generator[BinaryIO]:
 
 @contextmanager
 def locked(name: str, path: Path) -> Generator[None]:
-    """Keep other processes from writing the same file; a process that dies leaves no lock behind.
+    """Lock a file against writing by other processes; a process that dies releases its lock.
 
-    The lock is the operating system's, on a hidden file beside. It binds processes of one machine,
-    and those of several where their shared file system passes locks on, as NFS does when its lock
-    service runs; a file system without locks is refused. Copies of the process made by fork hold
-    the lock too.
+    The lock is the operating system's, on a hidden file beside the file. It works between processes
+    of one machine, and between machines whose shared file system supports locks, such as NFS with
+    its lock service; a file system without locks is refused. Forked copies of the process hold the
+    lock, too.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def locked(name: str, path: Path) -> Generator[None]:
     Raises
     ------
     ValueError
-        When it is being written elsewhere, or the folder cannot be written, or not be locked.
+        When another process writes the file, or the folder cannot be written or locked.
     """
     lock = path.with_name(f".{path.name}.lock")
     handle = _open_lock(lock, name, path)
@@ -165,7 +165,7 @@ def _open_lock(lock: Path, name: str, path: Path) -> int:
         try:
             if not _take(handle):
                 raise ValueError(f"{name} must not be in use by another writer; got {path}")
-            # who held the lock before may have removed the file that is open here
+            # the previous holder of the lock may have removed the file that is open here
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(handle), lock.stat()):
                     return handle
@@ -195,7 +195,7 @@ if sys.platform == "win32":
         return True
 
     def _make_rename_durable(folder: Path) -> None:
-        """Nothing to do: folders cannot be flushed here."""
+        """Do nothing: Windows cannot flush folders."""
 
 else:
     import fcntl
@@ -208,7 +208,7 @@ else:
         return True
 
     def _make_rename_durable(folder: Path) -> None:
-        # not every file system can open or flush a folder; the file itself is safe
+        # some file systems cannot open or flush a folder; the file itself is on the disk
         with suppress(OSError):
             handle = os.open(folder, os.O_RDONLY)
             try:
@@ -218,5 +218,5 @@ else:
 
 
 def reason(failure: BaseException) -> str:
-    """Return what went wrong, in the operating system's words."""
+    """Return the message of the operating system, or of the exception."""
     return getattr(failure, "strerror", None) or str(failure)

@@ -1,7 +1,7 @@
-"""Results as plain data and back: numbers, texts, arrays, and records of them.
+"""Conversion of results to plain data and back: numbers, texts, arrays, and records of them.
 
-What is stored of a class follows from its annotations: they are the schema by which data from
-outside are read. No class is looked up by a name that stands in a file.
+The annotations of a class are the schema by which its data are written and read. No class is looked
+up by a name from a file.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _KINDS = {np.float64: "f", np.complex128: "c", np.bool_: "b", np.int64: "i"}
 
 
 def encoded(name: str, value: Any, arrays: Arrays) -> Any:
-    """Return a value as JSON writes it; arrays go by their names into `arrays`.
+    """Return a value as a tree for JSON; its arrays are added to `arrays` by name, in place.
 
     Raises
     ------
     TypeError
-        When a part of it is no plain data.
+        When a part of the value is not plain data.
     """
     if isinstance(value, np.ndarray):
         arrays[name] = value
@@ -52,12 +52,12 @@ def encoded(name: str, value: Any, arrays: Arrays) -> Any:
 
 
 def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """Return the value of an annotated type that `encoded` made a tree and arrays of.
+    """Return the value of an annotated type from the tree and the arrays of `encoded`.
 
     Raises
     ------
     LookupError, TypeError, ValueError
-        When something is missing, or of another type.
+        When a part is missing, or has another type.
     """
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
@@ -95,10 +95,10 @@ def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]])
         found = {
             key: decoded(of, f"{name}/{key}", rows[key], arrays)
             for key, of in known.items()
-            if key in rows or not optional.get(key)  # older stores lack what was added since
+            if key in rows or not optional.get(key)  # older stores lack newer optional fields
         }
         record = _made(hint, found)
-        if hasattr(hint, "dataset"):  # which refuses arrays that do not fit together
+        if hasattr(hint, "dataset"):  # it raises for arrays whose shapes do not agree
             record.dataset()
         return record
     return _is(hint, name, tree)
@@ -117,10 +117,10 @@ def _is_record(kind: Any) -> bool:
 
 
 def schema(kind: Any) -> dict[str, Any]:
-    """Return what is stored of a class, by name, with its annotated types.
+    """Return the stored attributes of a class, by name, with their annotated types.
 
-    It is what the class says in ``_stored``, names of attributes and cached properties, or the
-    public fields of a dataclass or named tuple.
+    They are the attributes and cached properties named in ``_stored``, by default the public fields
+    of a dataclass or named tuple.
     """
     hints = get_type_hints(kind)
     public = [name for name in _arguments(kind) if not name.startswith("_")]
@@ -135,7 +135,7 @@ def schema(kind: Any) -> dict[str, Any]:
 
 
 def _arguments(kind: Any) -> dict[str, bool]:
-    """Names of what a record is made from, and whether each has a default."""
+    """Return the names of a record's arguments, and whether each has a default."""
     if dataclasses.is_dataclass(kind):
         missing = dataclasses.MISSING
         return {
@@ -147,10 +147,10 @@ def _arguments(kind: Any) -> dict[str, bool]:
 
 
 def _made(kind: Any, found: dict[str, Any]) -> Any:
-    """The record, from the values that are stored.
+    """Return the record with the stored values.
 
-    Private arguments are of objects that no store holds: None where there is no default. A class
-    that is made of what no store holds, such as an attractor, gets its values as they are.
+    Private arguments are not stored; those without a default are None. A class with other arguments
+    that are not stored, such as an attractor, is created without its ``__init__``.
     """
     arguments = _arguments(kind)
     needed = [name for name, optional in arguments.items() if not optional and name not in found]

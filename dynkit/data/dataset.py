@@ -1,4 +1,4 @@
-"""Datasets: named arrays with dimensions, from which all other forms of a result are made."""
+"""Datasets: named arrays with dimensions, the source of all export formats of a result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ENDINGS = (".csv", ".npz", ".h5")
 @final
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Named arrays with dimensions, and attributes that say where they come from.
+    """Named arrays with dimensions, and attributes that describe their origin.
 
     Parameters
     ----------
@@ -41,7 +41,8 @@ class Dataset:
     Raises
     ------
     ValueError
-        When an array has not as many dimensions as names, or arrays differ in a dimension's size.
+        When an array has another number of dimensions than names, or arrays differ in the size of
+        a shared dimension.
 
     Examples
     --------
@@ -78,10 +79,10 @@ class Dataset:
         return {name: array for name, (_, array) in {**self.coordinates, **self.variables}.items()}
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return it as an `xarray.Dataset`, which netCDF files can hold.
+        """Return an `xarray.Dataset` that can be written to netCDF.
 
-        Complex arrays become two, of the real and of the imaginary parts: netCDF has none. Those
-        that hold nothing at each place are left out.
+        A complex array becomes two arrays, of its real and its imaginary parts, because netCDF has
+        no complex numbers. Arrays with an empty trailing dimension are left out.
 
         Raises
         ------
@@ -101,12 +102,11 @@ class Dataset:
         return found
 
     def columns(self) -> dict[str, Any]:
-        """Return it as a table: columns of one length, by name.
+        """Return the data as a table: columns of equal length, by name.
 
-        Rows are the places of the first variable: where it has several dimensions one after the
-        other, without those at which it is NaN. Variables with other dimensions besides become
-        several columns, ``name[0]``, ``name[1]`` ...; those without the first of its dimensions are
-        left out.
+        There is a row for each element of the first variable that is not NaN. A variable with
+        additional dimensions becomes several columns, ``name[0]``, ``name[1]`` ... A variable whose
+        first dimension is none of those of the first variable is left out.
         """
         everything = _real({**self.coordinates, **self.variables})
         over, first = next(iter(_real(self.variables).values()))
@@ -152,10 +152,11 @@ class Dataset:
         return text.getvalue()
 
     def export(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a file: .csv, .npz or .h5; the file is the new one, or the old one.
+        """Write the data to a file: .csv, .npz or .h5. After a failure the old file remains.
 
-        .csv holds the table of `columns`, the others all arrays, and the attributes. A table has no
-        place for attributes: most readers take lines of comments above it for the names of columns.
+        A .csv file holds the table of `columns`, the other formats all arrays and the attributes.
+        The .csv file has no attributes, because most readers would take comment lines for the names
+        of columns.
 
         Raises
         ------
@@ -169,10 +170,10 @@ class Dataset:
             stream.write(self.as_bytes(ending))
 
     def as_bytes(self, ending: str) -> bytes | memoryview:
-        """Return what `export` writes to a file with this ending."""
+        """Return the content that `export` writes to a file with this ending."""
         if ending == ".csv":
             return self.as_csv().encode()
-        # in memory: HDF5 locks and seeks in what it writes to, and says little when a disk is full
+        # in memory: HDF5 locks and seeks in files, and its errors do not mention a full disk
         buffer = io.BytesIO()
         if ending == ".npz":
             everything: dict[str, Any] = {**self.attributes, **self.arrays()}
@@ -188,11 +189,11 @@ class Dataset:
 
 
 def _real(variables: Variables) -> dict[str, tuple[tuple[str, ...], Any]]:
-    """Arrays without complex numbers, and without those that hold nothing at each place."""
+    """Return real arrays: complex ones in two parts, those with empty dimensions left out."""
     found: dict[str, tuple[tuple[str, ...], Any]] = {}
     for name, (names, array) in variables.items():
         dimensions = tuple(names)
-        if 0 in array.shape[1:]:  # which netCDF does not hold either
+        if 0 in array.shape[1:]:  # netCDF cannot hold it
             continue
         if np.iscomplexobj(array):
             found[f"{name}_real"] = dimensions, array.real.copy()
@@ -203,7 +204,7 @@ def _real(variables: Variables) -> dict[str, tuple[tuple[str, ...], Any]]:
 
 
 def known_error(result: object, dimensions: str) -> Variables:
-    """Return the error of a result, where it was worked out before, as a variable."""
+    """Return the error of a result as a variable, if it has been computed before."""
     found = vars(result).get("error")
     return {} if found is None else {"error": (dimensions, found)}
 
@@ -217,19 +218,21 @@ def described(
     swept: tuple[str, ...] = (),
     **facts: Any,
 ) -> dict[str, str | float]:
-    """Return attributes of a dataset, which say where it comes from.
+    """Return attributes of a dataset, which describe its origin.
 
     Parameters
     ----------
     title : str
     cost : Cost
-        As the attributes ``cost_seconds`` and so on, all of them floats.
+        It becomes the attributes ``cost_seconds`` and ``cost_...`` for each count, all floats.
     error : str
-        What ``error`` means.
+        Meaning of the variable ``error``.
     system : Map, optional
-        Its line as ``system``, its parameters as ``parameter_...``, but for those that were swept.
+        Its repr becomes ``system``, its parameters ``parameter_...``, without those swept.
+    swept : tuple of str
+        Names of the swept parameters.
     facts : str or float
-        More attributes.
+        Further attributes.
     """
     attributes: dict[str, str | float] = {"title": title, "dynkit_version": __version__}
     if system is not None:

@@ -1,4 +1,4 @@
-"""Results: what they can be turned into, and how they are stored."""
+"""Results: their export formats and their stores."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
 
 class Result(Tabled, ABC):
-    """A result that has named arrays with dimensions, and all forms that are made of them."""
+    """A result with named arrays and dimensions, and their export formats."""
 
     @abstractmethod
     def dataset(self) -> Dataset:
-        """Return its arrays with names, dimensions and attributes."""
+        """Return the arrays with names, dimensions and attributes."""
 
     @final
     def to_xarray(self) -> xarray.Dataset:
-        """Return its `dataset` as an `xarray.Dataset`.
+        """Return the `dataset` as an `xarray.Dataset`.
 
         Raises
         ------
@@ -42,7 +42,7 @@ class Result(Tabled, ABC):
 
     @final
     def to_pandas(self) -> Any:
-        """Return the table of its `dataset` as a `pandas.DataFrame`; see `Dataset.columns`.
+        """Return the table of the `dataset` as a `pandas.DataFrame`; see `Dataset.columns`.
 
         Raises
         ------
@@ -53,7 +53,7 @@ class Result(Tabled, ABC):
 
     @final
     def export(self, path: str | os.PathLike[str]) -> None:
-        """Write its `dataset` to a file: .csv, .npz or .h5.
+        """Write the `dataset` to a file: .csv, .npz or .h5.
 
         Raises
         ------
@@ -64,21 +64,21 @@ class Result(Tabled, ABC):
 
 
 class Saved(Result):
-    """A result that a store holds: `save` writes it, `load` reads it, the same bits.
+    """A result with a store: `save` writes it and `load` reads the same bits.
 
-    `_stored` names the attributes and cached properties from which everything else follows.
+    `_stored` names the attributes and cached properties that determine all others.
     """
 
     _stored: ClassVar[tuple[str, ...]]
 
     def _facts(self) -> Facts:
-        """What a store holds of it, as far as it is known."""
+        """Return the stored attributes that are known, by name."""
         known = vars(self)
         names = [name for name in self._stored if name in known and not name.startswith("_")]
         return {name.replace("_", " "): known[name] for name in names}
 
     def _tables(self) -> Iterable[str]:
-        """What its `dataset` has over the first dimension, once all that a store holds is known."""
+        """Return the variables over the first dimension, once all stored attributes are known."""
         if any(name not in vars(self) for name in self._stored):
             return ()
         data = self.dataset()
@@ -91,23 +91,23 @@ class Saved(Result):
         return [table(f"by {over}", zip(*columns.values(), strict=True), heads)]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+        """Write the result to a store (HDF5). After a failure the old file remains.
 
         Raises
         ------
         ValueError
-            When it cannot be written there.
+            When the file cannot be written.
         """
         write_result(path, self, {})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read it from a store: the same bits, without what it was made of.
+        """Read a result from a store: the same bits, but without the objects it was computed from.
 
         Raises
         ------
         ValueError
-            When the file is missing, damaged, or no store of such a result.
+            When the file is missing, damaged, or not a store of such a result.
         """
         return read_result(path, cls)[0]
 
@@ -116,7 +116,7 @@ _Saved = TypeVar("_Saved", bound=Saved)
 
 
 def write_result(path: str | os.PathLike[str], result: Saved, entries: Mapping[str, str]) -> None:
-    """Write a result, and more entries, to a store; ValueError where it cannot be written."""
+    """Write a result and further entries to a store; ValueError where it cannot be written."""
     file, arrays = store.place(path), dict[str, Any]()
     tree = json.dumps(encoded("", result, arrays))
     arrays["json"] = np.frombuffer(tree.encode(), dtype=np.uint8)
@@ -136,7 +136,7 @@ def read_result(
     Raises
     ------
     ValueError
-        When the store holds no result of this kind, or not all of one.
+        When the store holds a result of another kind, or is incomplete.
     """
     file = store.place(path)
     archive = store.read(file)

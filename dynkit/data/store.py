@@ -1,9 +1,9 @@
-"""Stores: results on disk that survive whatever ends the process, and are never read wrongly.
+"""Stores: results on disk that survive killed processes, and are refused when damaged.
 
-A store is one HDF5 file with a block of plain text before it. HDF5 files that are changed in place
-are lost when the process dies, so a store is always written anew, beside the old one, and then
-takes its place. The text holds a checksum of all that follows: a damaged store is refused before
-any of it is interpreted.
+A store is an HDF5 file after a block of plain text. A process that dies while it changes an HDF5
+file in place can destroy the file, so a store is always written completely, beside the old one, and
+then replaces it. The text holds a checksum of all data: a damaged store is refused before its data
+are interpreted.
 """
 
 import hashlib
@@ -24,9 +24,9 @@ from dynkit.data import atomic_files as files
 FORMAT = 1
 """Version of the layout; other versions are refused."""
 
-# Longer texts are cut, and told apart by their hash: HDF5 attributes are limited.
+# Longer texts are cut, and a hash distinguishes them: the size of HDF5 attributes is limited.
 _LONGEST = 1000
-# The least size of a user block, which HDF5 leaves to the application.
+# The smallest user block, which HDF5 reserves for the application.
 _BLOCK = 512
 _TITLE = b"dynkit store, format "
 
@@ -34,14 +34,14 @@ _TITLE = b"dynkit store, format "
 @final
 @dataclass(frozen=True, eq=False)
 class Archive:
-    """What a store holds.
+    """Content of a store.
 
     Parameters
     ----------
     entries : mapping of str to str
         Plain text by name: the attributes of the HDF5 file, each below 64 KiB.
     arrays : mapping of str to array
-        The data sets of the HDF5 file; a slash in a name stands for a group.
+        The data sets of the HDF5 file; a slash in a name denotes a group.
     """
 
     entries: Mapping[str, str]
@@ -49,12 +49,12 @@ class Archive:
 
 
 def place(store: str | os.PathLike[str]) -> Path:
-    """Return the file that a store is, links resolved; it need not exist yet.
+    """Return the path of a store, with links resolved; the file need not exist.
 
     Raises
     ------
     ValueError
-        When it is no file, or its folder does not exist.
+        When the path is not a file, or its folder does not exist.
 
     Examples
     --------
@@ -67,13 +67,13 @@ def place(store: str | os.PathLike[str]) -> Path:
 
 
 def read(path: Path) -> Archive:
-    """Return what a store holds; nothing is written.
+    """Return the content of a store, without writing.
 
     Raises
     ------
     ValueError
-        When the file cannot be read, is no store, is of another format, truncated or damaged, or
-        was made by something else.
+        When the file cannot be read, is not a store, has another format, is truncated or damaged,
+        or was made by another program.
     """
     try:
         with path.open("rb") as file:
@@ -97,7 +97,7 @@ def read(path: Path) -> Archive:
 
 
 def write(path: Path, archive: Archive) -> None:
-    """Write a store: afterwards the file is the new one, or, after any failure, the old one.
+    """Write a store. After a failure the old file remains.
 
     Raises
     ------
@@ -119,12 +119,12 @@ def write(path: Path, archive: Archive) -> None:
 
 
 def locked(path: Path) -> AbstractContextManager[None]:
-    """Keep other processes from writing the same store, as `dynkit.data.atomic_files.locked` says.
+    """Lock a store against other processes; see `dynkit.data.atomic_files.locked`.
 
     Raises
     ------
     ValueError
-        When it is being written elsewhere, or the folder cannot be written, or not be locked.
+        When another process writes the store, or the folder cannot be written or locked.
     """
     return files.locked("store", path)
 
@@ -139,7 +139,7 @@ def _heading(data: bytes | memoryview) -> bytes:
 
 
 def _parsed(path: Path, data: bytes) -> Archive:
-    """What the data hold; a whole file that `write` did not make may hold anything."""
+    """Return the content of the data; a file with a valid checksum may still hold anything."""
     import h5py
 
     try:
@@ -149,7 +149,7 @@ def _parsed(path: Path, data: bytes) -> Archive:
 
             def collect(name: str, item: Any) -> None:
                 if isinstance(item, h5py.Dataset):
-                    if item.external or item.is_virtual:  # would have other files read
+                    if item.external or item.is_virtual:  # h5py would read other files
                         raise ValueError(f"the data of {name!r} are elsewhere")
                     if item.id.get_storage_size() != item.size * item.dtype.itemsize:
                         raise ValueError(f"{name!r} is {item.shape}, and holds less")
@@ -162,12 +162,12 @@ def _parsed(path: Path, data: bytes) -> Archive:
 
 
 def arrays_of(archive: Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[str, NDArray[Any]]:
-    """Return arrays by name, each of its kind of numbers (NumPy's letter) and dimensions.
+    """Return arrays by name, after checks of their kinds (NumPy's letter) and dimensions.
 
     Raises
     ------
     LookupError, ValueError
-        When one is missing, or of another kind; for `understood` to name the store.
+        When an array is missing or of another kind; call it inside `understood`.
     """
     found = {name: archive.arrays[name] for name in kinds}
     for name, (kind, dimensions) in kinds.items():
@@ -177,7 +177,7 @@ def arrays_of(archive: Archive, kinds: Mapping[str, tuple[str, int]]) -> dict[st
 
 
 def same(made: str, asked: str) -> bool:
-    """Whether two entries are the same text, or the same number: 1 and 1.0 are.
+    """Whether two entries are the same text, or the same number, such as 1 and 1.0.
 
     Examples
     --------
@@ -192,11 +192,11 @@ def same(made: str, asked: str) -> bool:
         return False
 
 
-# --- what a result was made with ------------------------------------------------------------------
+# --- the system of a result -----------------------------------------------------------------------
 
 
 class HasIdentity(Protocol):
-    """A system that says everything that its motion depends on, by name."""
+    """A system with a mapping of everything that its motion depends on."""
 
     @property
     def identity(self) -> Mapping[str, object]:
@@ -215,18 +215,18 @@ def identity_of(system: HasIdentity) -> dict[str, str]:
     Raises
     ------
     ValueError
-        When something is neither a number, a string, an array, nor a tuple of them.
+        When a value is neither a number, a string, an array, nor a tuple of them.
     """
     return {f"system.{name}": _text(name, value) for name, value in system.identity.items()}
 
 
 def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> None:
-    """Refuse a system that is not the one of an archive.
+    """Raise when a system differs from that of an archive.
 
     Raises
     ------
     ValueError
-        Naming the first thing that differs.
+        The message names the first difference.
     """
     asked = identity_of(system)
     made = [key for key in archive.entries if key.startswith("system.")]
@@ -236,12 +236,12 @@ def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> No
 def refuse_other_entries(
     path: Path, archive: Archive, asked: Mapping[str, str], names: Iterable[str]
 ) -> None:
-    """Refuse an archive whose entries of some names are not those asked for.
+    """Raise when entries of an archive, by name, differ from those asked for.
 
     Raises
     ------
     ValueError
-        Naming the first that differs.
+        The message names the first difference.
     """
     for name in names:
         was, now = archive.entries.get(name, "none"), asked.get(name, "none")
@@ -276,15 +276,15 @@ def _plain(name: str, value: object) -> str:
 
 @contextmanager
 def understood(path: Path, kind: str) -> Generator[None]:
-    """Name the store when it is whole but does not hold what one of its kind should.
+    """Convert exceptions from incomplete or impossible content of a store into one ValueError.
 
-    What stands inside of this context turns entries and arrays into what they mean, no more. No
-    method of a user's class runs inside: a fault there is none of the store.
+    Inside this context, entries and arrays are converted to objects, and nothing else happens. No
+    method of a user's class runs inside, because its exceptions would be blamed on the store.
 
     Raises
     ------
     ValueError
-        Naming the store, in place of whatever was raised.
+        In place of the original exception; the message names the store.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Attractors: where a motion stays once its transient has died out."""
+"""Attractors: the motion after its transient."""
 
 from __future__ import annotations
 
@@ -21,60 +21,59 @@ class _Ending(Enum):
 
 
 class Attractor(Tabled, ABC):
-    """What is left of a motion after its transient.
+    """The states of a motion after its transient.
 
-    A subclass owes:
+    A subclass must implement:
 
-    1. `system`, what moves: a `Map`, of which the states are iterates.
-    2. `transient`, the number of states that were skipped, and `states`, (n, d), the states that
-       were kept, one after the other, read-only. A longer transient gives, bit for bit, the later
-       part of the same motion.
-    3. `label`, an `OrbitLabel`: decided when it is first asked for, and once.
-    4. ``time_series(times)``, the states at given times, first column to last as the subclass
-       says; they may lie beyond the states that were kept, and the same times give the same bits.
-    5. `cost`, a `Cost`: what the states cost; and `error`, a float >= 0 that estimates how wrong
-       the states may be, in a sense that the subclass says.
+    1. `system`, the `Map` whose iterates the states are.
+    2. `transient`, the number of skipped states, and `states`, (n, d), the kept states in their
+       order, read-only. A longer transient gives the later part of the same motion, bit for bit.
+    3. `label`, an `OrbitLabel`: computed once, when it is first read.
+    4. ``time_series(times)``, the motion at given times, in columns that the subclass documents.
+       The times may lie beyond the kept states, and the same times give the same bits.
+    5. `cost`, the `Cost` of the states; and `error`, a float >= 0: an estimate of the error of the
+       states, in a norm that the subclass documents.
 
-    and may offer, where the map's starts are more than its states, or its motions can end:
+    A subclass may implement, where a start is more than a state or motions can end:
 
-    6. `final`, the start from which the motion goes on, and `ending`, a member of an enumeration
+    6. `final`, the start from which the motion continues, and `ending`, a member of an enumeration
        whose value says in words why the simulation ended.
-    7. ``observable(name)``, (n,): one of the map's `observables` at the states kept.
-    8. ``label_within(budget)``, the label as far as so many states tell.
+    7. ``observable(name)``, (n,): one of the map's `observables` at the kept states.
+    8. ``label_within(budget)``, the label from at most this number of states.
 
-    Instances are immutable: what is worked out when asked for depends on nothing else.
-    `dynkit.testing.check_attractor` runs any subclass through this contract.
+    Instances are immutable: properties that are computed when first read depend on nothing else.
+    `dynkit.testing.check_attractor` tests a subclass against this contract.
     """
 
     @property
     @abstractmethod
     def system(self) -> SmoothMap:
-        """What moves."""
+        """The map whose iterates the states are."""
 
     @property
     @abstractmethod
     def transient(self) -> int:
-        """How many states were skipped."""
+        """Number of skipped states."""
 
     @property
     @abstractmethod
     def states(self) -> Array:
-        """The states that were kept, (n, d), read-only."""
+        """The kept states, (n, d), read-only."""
 
     @property
     @abstractmethod
     def label(self) -> OrbitLabel:
-        """What kind of motion it is."""
+        """Label of the motion."""
 
     @property
     @abstractmethod
     def cost(self) -> Cost:
-        """What the states cost."""
+        """Cost of the states."""
 
     @property
     @abstractmethod
     def error(self) -> float:
-        """How wrong the states may be."""
+        """Estimate of the error of the states."""
 
     @abstractmethod
     def time_series(self, times: Array) -> Array:
@@ -82,37 +81,37 @@ class Attractor(Tabled, ABC):
 
     @property
     def final(self) -> Any:
-        """The state after the last one kept, from which the motion goes on."""
+        """The start from which the motion continues: by default the last kept state."""
         return np.asarray(self.states[-1])
 
     @property
     def ending(self) -> Enum:
-        """Why the simulation ended: its value says it in words."""
+        """Why the simulation ended; the value of the member says it in words."""
         return _Ending.COUNT_REACHED
 
     def observable(self, name: str) -> Array:
-        """Return one of the map's `observables` at the states kept, (n,).
+        """Return one of the map's `observables` at the kept states, (n,).
 
         Raises
         ------
         ValueError
-            When there is none of this name.
+            When the map has no observable of this name.
         """
         names = list(self.system.observables)
         return self.states[:, names.index(one_of("name", name, names))]
 
     def label_within(self, budget: int) -> OrbitLabel:  # noqa: ARG002
-        """Return the label as far as so many states tell; the kept ones are always looked at."""
+        """Return the label from at most this number of states besides the kept ones."""
         return self.label
 
     @property
     def _kept(self) -> int:
-        """How many states were kept."""
+        """Number of kept states."""
         return len(self.states)
 
     @property
     def _known_label(self) -> OrbitLabel | None:
-        """The label, if it was decided before."""
+        """The label, if it was computed before."""
         found = getattr(self, "__dict__", {})
         label: OrbitLabel | None = found.get("label", found.get("_label"))
         return label
@@ -136,10 +135,10 @@ class Attractor(Tabled, ABC):
         }
 
     def section(self, section: PoincareSection) -> Array:
-        """Return the kept states, (k, d), that the section lies just behind.
+        """Return the kept states, (k, d), just after the motion passed the section.
 
-        A map jumps: these are the states beyond the section, or on it, whose predecessor is before
-        it, as seen in the section's direction.
+        A map jumps over the section: these are the states on or beyond it, in the section's
+        direction, whose predecessor lies before it.
         """
         values = [section.direction * section.value(state) for state in self.states]
         side = np.array(values) >= 0.0

@@ -20,10 +20,10 @@ from dynkit.orbits.map_problem import MapProblem, sizes
 from dynkit.orbits.newton import NoConvergence, NoSolution
 
 _ROUNDING = 2.0**-52
-# A return to the section of a periodic orbit is waited for as many periods of the Hopf point.
+# Time limit of a return to the section, in periods of the Hopf point.
 _PERIODS = 10.0
-# An oscillation with a smaller part of the size of the state is one with the equilibrium: below it
-# the map of returns says more of rounding than of the orbit.
+# Smallest amplitude of an oscillation relative to the size of the state: rounding dominates the
+# return map below it.
 _LEAST = 1e-4
 
 
@@ -31,13 +31,13 @@ _LEAST = 1e-4
 class EquilibriumProblem(FamilyProblem):
     """velocity(x) = 0: d equations for the state of an equilibrium of a flow.
 
-    Each equation is in units of what its terms add up to at a state.
+    The unit of each equation is the sum of the magnitudes of its terms at a state.
 
     Parameters
     ----------
     flow : Flow
     state : (d,) array
-        Near the solutions.
+        A state near the solutions.
     names : sequence of str
         The free parameters.
 
@@ -63,14 +63,14 @@ class EquilibriumProblem(FamilyProblem):
         return len(self._sizes)
 
     def scale(self, x: Array) -> Array:
-        # a branch through zero, too, goes on in steps of the size that it had
+        # a branch that passes through the state zero keeps its step size
         return np.maximum(sizes(x[None]), self._sizes)
 
     def residual(self, x: Array, p: Array) -> Array:
         return np.asarray(_defined(self.at(p).velocity, x) / self._units)
 
     def rounding(self, x: Array, p: Array) -> Array:
-        """Sixteen roundings of what the terms of each equation add up to."""
+        """Return sixteen roundings of the sum of the magnitudes of each equation's terms, (d,)."""
         terms = abs(self._jacobian(x, p)[0]) @ abs(x) / self._units
         return np.asarray(16.0 * _ROUNDING * np.maximum(1.0, terms))
 
@@ -92,7 +92,7 @@ class EquilibriumProblem(FamilyProblem):
         return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
-        """Return the velocity's derivative, (1, d, d), and how wrong its entries may be, (1,)."""
+        """Return the velocity's derivative, (1, d, d), and the error of its entries, (1,)."""
         matrix, off = self._jacobian(x, p)
         return matrix[None], np.array([4.0 * _ROUNDING * abs(matrix).max() + off.max()])
 
@@ -105,10 +105,17 @@ class EquilibriumProblem(FamilyProblem):
     def oscillation(
         self, x: Array, p: Array, frequency: float, mode: Any
     ) -> tuple[Problem, Array, Array] | None:
-        """Return the map of returns to a plane through a Hopf point, and the way orbits leave it.
+        """Return the return map on a plane through a Hopf point, and the direction of its orbits.
 
-        The plane is that through the branch of equilibria, to first order, that the oscillation
-        crosses. On it the orbit of amplitude a is a times the direction away from the place.
+        The plane contains the tangent of the branch of equilibria, and the oscillation crosses it.
+        On it the orbit of amplitude a is the Hopf point plus a times the direction.
+
+        Returns
+        -------
+        problem : MapProblem
+            Fixed points of the return map.
+        place, direction : (d - 1,) arrays
+            The Hopf point and the direction in coordinates of the section.
 
         References
         ----------
@@ -133,7 +140,7 @@ class EquilibriumProblem(FamilyProblem):
         return MapProblem(returns, like, self.names), place, direction
 
     def _jacobian(self, x: Array, p: Array) -> tuple[Array, Array]:
-        """The velocity's derivative, (d, d), and its error beyond rounding, (d, d)."""
+        """Return the velocity's derivative, (d, d), and its error beyond rounding, (d, d)."""
         flow = self.at(p)
         if flow._velocity_by_differences:
             matrix, off = _defined(flow._velocity_differences, x)
@@ -143,7 +150,7 @@ class EquilibriumProblem(FamilyProblem):
 
 
 def _defined(function: Callable[[Any], Any], argument: Any) -> Any:
-    """What a function gives, if it is finite."""
+    """Return the value of a function, if it is finite; otherwise raise `NoSolution`."""
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             found = function(argument)
@@ -156,9 +163,10 @@ def _defined(function: Callable[[Any], Any], argument: Any) -> Any:
 
 @final
 class Equilibrium(FamilySolution):
-    """An equilibrium of a flow: a state that does not move, stable or not.
+    """An equilibrium of a flow, stable or unstable: a state with zero velocity.
 
-    From `equilibrium` or from a branch. It is always admissible; its label is ``equilibrium``.
+    It is made by `equilibrium` or taken from a branch. It is always admissible; its label is
+    ``equilibrium``.
     """
 
     @property
@@ -168,14 +176,14 @@ class Equilibrium(FamilySolution):
 
 
 def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
-    """Find an equilibrium of a flow, stable or not, by Newton's method from a guess.
+    """Find an equilibrium of a flow, stable or unstable, by Newton's method from a guess.
 
     Parameters
     ----------
     flow : Flow
-        Its `velocity_jacobian` is used; without one, differences.
+        Newton's method uses its `velocity_jacobian`, by default differences.
     guess : (d,) array_like
-        A state near it.
+        A state near the equilibrium.
 
     Returns
     -------
@@ -185,9 +193,9 @@ def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
     Raises
     ------
     ValueError
-        When it is no flow, or the guess is not finite or of another shape.
+        When the flow is not a `Flow`, or the guess is not finite or has another shape.
     NoConvergence
-        When Newton's method does not get to an equilibrium.
+        When Newton's method does not converge to an equilibrium.
 
     Examples
     --------

@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 Basis: TypeAlias = "Callable[[Array], Array]"
 
 _HALVINGS = 7
-"""How often an interval is halved at most to follow a frame that it stretches unevenly."""
+"""An interval that stretches a frame unevenly is halved at most this number of times."""
 
 _EVEN = 1.0 / 16.0
-"""How much less than the largest a disturbance may grow in a part of the way: its relative error is
-16 times as large. Two halves with the ratio 1/4 each have together half of that error."""
+"""Least growth of a disturbance in one part of an interval, relative to the largest growth: the
+relative error is 16 times as large there. Two halves with ratios 1/4 have half of that error."""
 
 
 def every_direction(state: Array) -> Array:
-    """Unit vectors, (d, d)."""
+    """Return the unit vectors, (d, d)."""
     return np.eye(len(state))
 
 
@@ -43,10 +43,10 @@ def flow_coordinates(states: Array) -> dict[str, Array]:
 
 @final
 class Part(NamedTuple):
-    """A part of the way: the state at its end, and its derivative (d, d) by that at its start.
+    """A part of a trajectory: the state at its end, and its derivative (d, d) by the start.
 
     `size` is the largest norm of the derivative within the part, at least one. `error` estimates
-    how wrong an entry of the derivative may be; it is proportional to that size.
+    the error of an entry of the derivative; it is proportional to that size.
     """
 
     end: Array
@@ -55,13 +55,14 @@ class Part(NamedTuple):
     error: float
 
     def even(self, begin: Array, end: Array) -> bool:
-        """Whether no direction of a frame (d, k) at the start, seen in one at the end, is hidden.
+        """Whether all directions of a frame (d, k) remain clear of the errors of this part.
 
-        Beside the largest growth of any disturbance, and its error.
+        `begin` and `end` are orthonormal frames at its start and its end. The least growth between
+        them is compared with the largest growth of any disturbance, and with its error.
         """
         carried = end.T @ self.derivative @ begin
         least = float(np.linalg.svd(carried, compute_uv=False)[-1])
-        # twice what `stretched` calls hidden, where the flow is so rough
+        # for inaccurate flows the limit is twice the length below which `stretched` gives NaN
         return least >= max(_EVEN * self.size, min(2.0 * CLEAR * self.error, 0.5 * self.size))
 
 
@@ -85,21 +86,21 @@ class Crossing:
 class Flow(Family, ABC):
     """A dynamical system in continuous time, autonomous.
 
-    A system that is driven in time carries its time, or its phase, as one more coordinate of the
-    state; so there is one kind of flow, and no function of it asks for the time.
+    The state of a system that is driven in time has its time, or its phase, as an additional
+    coordinate.
 
-    A subclass owes:
+    A subclass must implement:
 
     1. `dimension`, the number d of the state's coordinates.
     2. ``velocity(state)``, the (d,) rate of the state.
     3. ``advance(state, duration)``, the (d,) state after a duration >= 0.
     4. ``next_crossing(state, section, time_limit)``, the first time t > 0 at which the section's
        value passes through zero in the section's direction. A state that lies on the section, to
-       rounding, has not crossed it yet. When no crossing comes by the time limit it raises
-       `NoCrossing`: no search goes on for ever.
+       rounding, has not crossed it yet. Without a crossing by the time limit it raises
+       `NoCrossing`.
 
-    and may offer ``parameters``, ``replace`` and `accuracy` as a map does, and four derivatives
-    that otherwise are found by differences:
+    A subclass may implement ``parameters``, ``replace`` and `accuracy` as a map does, and four
+    derivatives that otherwise are computed from differences:
 
     5. ``derivative(state, duration)``, the exact (d, d) derivative of ``advance`` with respect to
        the state, the duration held fixed.
@@ -108,11 +109,11 @@ class Flow(Family, ABC):
     7. ``velocity_jacobian(state)``, the exact (d, d) derivative of ``velocity``.
     8. ``velocity_parameter_derivative(state, name)``, its exact (d,) derivative by a parameter.
 
-    None of these changes its arguments or the flow, and a state that is not finite, or not of the
-    right shape, is refused with ValueError. Where the motion runs away, `velocity` and `advance`
-    return numbers that are not finite, or raise a `NoMotion`, such as `Diverged`; every other
-    exception is taken for a fault in the flow, and no caller catches it. Instances are immutable.
-    `dynkit.testing.check_flow` and `check_poincare_map` run a subclass through this contract.
+    None of these changes its arguments or the flow. A state that is not finite, or not of the right
+    shape, raises ValueError. Where the motion diverges, `velocity` and `advance` return numbers
+    that are not finite, or raise a `NoMotion`, such as `Diverged`. Every other exception is a fault
+    of the flow, and no caller catches it. Instances are immutable.
+    `dynkit.testing.check_flow` and `check_poincare_map` test a subclass against this contract.
     """
 
     @property
@@ -129,7 +130,7 @@ class Flow(Family, ABC):
         return self._velocity_differences(state)[0]
 
     def _velocity_differences(self, state: Array) -> tuple[Array, Array]:
-        """The derivative, (d, d), of the velocity by differences, and its error."""
+        """Return the derivative, (d, d), of the velocity by differences, and its error."""
         here = finite_array("state", state, (self.dimension,))
         return numerical_derivative(self.velocity, here)
 
@@ -156,18 +157,18 @@ class Flow(Family, ABC):
     def derivative(self, state: Array, duration: float) -> Array:
         """Return the derivative, (d, d), of the advanced state with respect to the state.
 
-        Unless a subclass gives it, it is found from differences of `advance`. Their error is part
-        of that of multipliers and exponents, as it is for `Map.jacobian`.
+        A subclass may define it. Otherwise it is computed from differences of `advance`; the errors
+        of multipliers and exponents include their error, as for `Map.jacobian`.
         """
         return self._differences(state, duration)[0]
 
     @property
     def _by_differences(self) -> bool:
-        """Whether derivatives are differences, which may err beyond the `accuracy`."""
+        """Whether derivatives are differences, whose error may exceed the `accuracy`."""
         return type(self).derivative is Flow.derivative
 
     def _differences(self, state: Array, duration: float) -> tuple[Array, Array]:
-        """The derivative, (d, d), by differences, and its error."""
+        """Return the derivative, (d, d), by differences, and its error."""
 
         def advanced(start: Array) -> Array:
             end = self.advance(start, duration)
@@ -181,8 +182,8 @@ class Flow(Family, ABC):
     def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
         """Return the derivative, (d,), of the advanced state with respect to a parameter.
 
-        Unless a subclass knows better it is found from differences of flows that `replace` makes;
-        see `Map.parameter_derivative` for how right that is.
+        A subclass may define it. Otherwise it is computed from differences of flows that `replace`
+        returns, with the accuracy of `Map.parameter_derivative`.
 
         Parameters
         ----------
@@ -195,7 +196,7 @@ class Flow(Family, ABC):
         Raises
         ------
         ValueError
-            As ``advance``; and when there is no such parameter, or it is not finite.
+            As ``advance``; and when there is no such parameter, or its value is not finite.
         """
         return parameter_difference(
             lambda changed: replaced(self, **{name: changed}).advance(state, duration),
@@ -205,18 +206,18 @@ class Flow(Family, ABC):
 
     @property
     def accuracy(self) -> float:
-        """How wrong a crossing may be, relative to the size of the state: one rounding, 2^-52."""
+        """Error of a crossing, relative to the state's size: by default one rounding, 2^-52."""
         return 2.0**-52
 
     def stretching(self, state: Array, interval: float, n: int) -> Stretching:
-        """Return how n intervals of time stretch a frame, which starts as the unit vectors.
+        """Return how n intervals of time stretch a frame that starts as the unit vectors.
 
         Parameters
         ----------
         state : (d,) array
         interval : float
-            Time whose stretching is added up; positive. Where a direction stretches by much less
-            than others the interval is followed in parts; what is hidden then is NaN.
+            Duration of an interval; positive. An interval that stretches some direction much less
+            than others is divided into parts; a logarithm that is not reliable even then is NaN.
         n : int
             How many intervals; zero or more.
 
@@ -225,7 +226,7 @@ class Flow(Family, ABC):
         ValueError
             When the state is not finite or not of that shape, or a number is refused.
         NoMotion
-            When the motion runs away, or cannot be followed.
+            When the motion diverges, or cannot be followed.
 
         References
         ----------
@@ -244,9 +245,9 @@ class Flow(Family, ABC):
         return Stretching(logs, errors, np.full(count, duration), here)
 
     def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:
-        """Yield the way of a positive duration in parts, each `Part.even` for directions (d, k).
+        """Yield the trajectory over a positive duration in parts that are `Part.even`.
 
-        The orthonormal directions that are looked at are the `basis` at a state.
+        ``basis(state)`` returns the orthonormal directions (d, k) that must remain clear of errors.
         """
         return self._halved(state, duration, basis, _HALVINGS)
 

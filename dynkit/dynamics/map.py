@@ -13,49 +13,50 @@ from dynkit.dynamics.map_attractor import MapAttractor
 class Map(SmoothMap):
     """A dynamical system in discrete time: a smooth function from states to states.
 
-    A subclass owes:
+    A subclass must implement:
 
     1. `dimension`, the number d of the state's coordinates.
-    2. ``__call__(state)``, the next state. The state is (d,) and so is the result, a new array. The
-       call changes nothing: not its argument, and not the map. A state that is not finite, or not
-       of that shape, is refused with ValueError: `dynkit.core.validation.finite_array` does it.
-       Where the motion runs away, the call returns numbers that are not finite. Where there is no
-       next state for another reason, it raises a `NoMotion`: `NoCrossing`, or `Refused` for a
-       finite state outside of the map's range. Every other exception is taken for a fault in the
-       map: no sweep, basin or orbit search catches it.
+    2. ``__call__(state)``, the next state, a new (d,) array, from a state (d,). The call changes
+       neither its argument nor the map. It raises ValueError for a state that is not finite, or not
+       of that shape (`dynkit.core.validation.finite_array` does so). Where the motion diverges, the
+       call returns numbers that are not finite. Where there is no next state for another reason, it
+       raises a `NoMotion`: `NoCrossing`, or `Refused` for a finite state outside the map's domain.
+       Every other exception is a fault of the map: no sweep, basin or orbit search catches it.
 
-    and may offer:
+    A subclass may implement:
 
     3. ``jacobian(state)``, the exact (d, d) derivative of the call: row i belongs to coordinate i
-       of the result. Otherwise it is found by differences, some 5 to 20 calls for each coordinate,
-       and their error is part of what is claimed of multipliers, exponents and bifurcations.
+       of the result. Otherwise it is computed from differences, with 5 to 20 calls for each
+       coordinate, and errors of multipliers, exponents and bifurcations include their error.
     4. ``difference(a, b)``, when coordinates are angles: a - b, wrapped to the shortest way. Its
        arguments are (..., d) and broadcast; it is antisymmetric, and zero where a equals b.
-    5. ``parameters`` and ``replace``, when it belongs to a family of maps and is no dataclass; see
+    5. ``parameters`` and ``replace``, when the class has parameters but is not a dataclass; see
        `Family`.
-    6. `accuracy`, when a call is wrong by more than rounding.
+    6. `accuracy`, when a call has errors beyond rounding.
     7. ``parameter_derivative(state, name)``, the exact (d,) derivative of the call by a parameter;
-       otherwise it is found by differences.
-    8. ``jacobian_factors(state)``, when the derivative is a product along the way, whose small
-       eigenvalues would be lost in the product itself; `jacobian` multiplies them.
-    9. ``stretching(state, n)``, when it knows a faster way to what Lyapunov exponents are made of.
+       otherwise it is computed from differences.
+    8. ``jacobian_factors(state)``, when the derivative is a product of factors and the product
+       would lose its small eigenvalues; `jacobian` multiplies them.
+    9. ``stretching(state, n)``, when there is a faster computation for Lyapunov exponents.
 
-    What sweeps, parameter planes and basins use has a default, and belongs together where the
-    motion starts from states of another kind than the map's own, as impact oscillators do:
+    Sweeps, parameter planes and basins use the following, which have defaults. A map whose motions
+    start from more than a state of the map, such as an impact oscillator, implements all of them:
 
-    10. `observables`, the names of what can be kept of a state, and ``attractor(start=...,
-        transient=..., keep=...)``, an `Attractor` that knows them.
-    11. `default_start`, where a motion starts when no start is given; `start_size` and
-        ``state_from(numbers)``, the start that plain numbers make.
-    12. ``pack_state(state)``, one array of finite floats, of one length at all values of the
-        parameters, and ``unpack_state(packed)``, the same state again, from which `attractor` gives
-        the same bits. A state from another value of a parameter is made one of this map first.
-    13. ``displaced(motion, size)``, the last state of a motion, moved out of all symmetries.
+    10. `observables`, the names of a state's observables, and ``attractor(start=...,
+        transient=..., keep=...)``, an `Attractor` with these observables.
+    11. `default_start`, the start when none is given; `start_size` and ``state_from(numbers)``, the
+        start with these numbers.
+    12. ``pack_state(state)``, an array of finite floats whose length is the same at all values of
+        the parameters, and ``unpack_state(packed)``, the same state again, from which `attractor`
+        gives the same bits. A state from other values of the parameters is first converted to a
+        state of this map.
+    13. ``displaced(motion, size)``, the last state of a motion, displaced in a direction without
+        symmetry.
 
-    Stores and executors ask for more: the fields are numbers, strings, arrays, or tuples of them
-    (`identity`), the class can be imported from a file, and instances can be pickled.
+    Stores and executors also require that the fields (`identity`) are numbers, strings, arrays, or
+    tuples of them, that the class can be imported from a file, and that instances can be pickled.
 
-    Instances are immutable. `dynkit.testing.check_map` runs any subclass through this contract.
+    Instances are immutable. `dynkit.testing.check_map` tests a subclass against this contract.
 
     Examples
     --------
@@ -81,13 +82,13 @@ class Map(SmoothMap):
     """
 
     def attractor(self, *, start: Any = None, transient: int = 700, keep: int = 100) -> Attractor:
-        """Return what is left of the motion from a start after a number of states.
+        """Return the motion from a start after its transient.
 
         Parameters
         ----------
         start : (d,) array
         transient, keep : int
-            How many states to skip, zero or more, and how many to keep, one or more.
+            Number of states to skip, zero or more, and to keep, one or more.
 
         Returns
         -------
@@ -96,9 +97,10 @@ class Map(SmoothMap):
         Raises
         ------
         ValueError
-            When no start is given, it is not finite or not of that shape, or a number is no count.
+            When no start is given, the start is not finite or not of that shape, or transient or
+            keep is not a count.
         NoMotion
-            When the motion runs away (`Diverged`), or has no next state.
+            When the motion diverges (`Diverged`), or has no next state.
 
         Examples
         --------
@@ -112,23 +114,23 @@ class Map(SmoothMap):
 
     @property
     def default_start(self) -> Any:
-        """Where a motion starts when no start is given; None where one must be given."""
+        """The start of motions when none is given; None where a start is required."""
         return None
 
     @property
     def start_size(self) -> int:
-        """How many numbers `state_from` takes."""
+        """Number of numbers that `state_from` takes."""
         return self.dimension
 
     def state_from(self, numbers: Array) -> Any:
-        """Return the start that plain numbers, (`start_size`,), make.
+        """Return the start with these numbers, (`start_size`,).
 
         Raises
         ------
         ValueError
             When they are not finite, or not of that shape.
         Refused
-            When no state has them.
+            When no state has these numbers.
         """
         return finite_array("numbers", numbers, (self.start_size,))
 
@@ -137,21 +139,22 @@ class Map(SmoothMap):
         return finite_array("start", state, (self.dimension,))
 
     def unpack_state(self, packed: Array) -> Any:
-        """Return the start that `pack_state` turned into numbers."""
+        """Return the start from the numbers that `pack_state` returned."""
         return packed
 
     def displaced(self, motion: Any, size: float) -> Any:
-        """Return the last state of a motion, moved by this part of the motion's size.
+        """Return the last state of a motion, displaced by this fraction of the motion's size.
 
-        The direction is always the same, and lies in no subspace that a symmetric map keeps.
+        The direction is fixed, and lies in no subspace that a symmetric map preserves.
 
         Parameters
         ----------
         motion : Attractor
-            Of this map, with one state at least.
+            Attractor of this map with at least one state.
         size : float
+            Displacement relative to the largest number in the states; relative to 1 where all
+            states are zero.
         """
         states: Array = motion.states
-        # a coordinate that is zero throughout has no size of its own; nor has a state that is zero
         largest = float(abs(states).max()) or 1.0
         return np.asarray(states[-1] + size * largest * generic_direction(self.dimension))

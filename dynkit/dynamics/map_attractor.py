@@ -1,4 +1,4 @@
-"""Attractors of maps, reached by iterating one start."""
+"""Attractors of maps, reached by iterating a start."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 
     from dynkit.orbits.map_orbit import MapOrbit
 
-# How far, relative, a motion that was labelled while it still settled may be from its orbit.
+# Largest relative distance of a motion that still settles to the periodic orbit found from it.
 _NEARBY = 0.1
-# Twin runs for the error, and the least of their disturbances, relative.
+# Number of disturbed runs for the error, and the least relative size of their disturbances.
 _TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
 
-# Of states that are kept for a late time: a gigabyte.
+# Most floats in the states of a time series: a gigabyte.
 _MOST_NUMBERS = 1 << 27
 
 
 @final
 class MapAttractor(Attractor):
-    """The attractor that a map's iterates of one start reach.
+    """The attractor that the iterates of a start reach.
 
-    Time counts iterates, from zero at the first state that was kept.
+    Time counts iterates, from zero at the first kept state.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ class MapAttractor(Attractor):
     Raises
     ------
     ValueError
-        When the start is not finite or not of that shape, or a number is no count.
+        When the start is not finite or not of that shape, or transient or iterations is no count.
     NoMotion
-        When the motion runs away to infinity (`Diverged`), or has no next state.
+        When the motion diverges (`Diverged`), or has no next state.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class MapAttractor(Attractor):
 
     @property
     def start(self) -> Array:
-        """The state, (d,), from which the motion started."""
+        """The start of the motion, (d,)."""
         return self._start
 
     @property
@@ -117,15 +117,15 @@ class MapAttractor(Attractor):
         return orbit.judged(label_orbit(orbit, kept=len(self._states)))
 
     def label_within(self, budget: int) -> OrbitLabel:
-        """Return the label as far as so many states tell; the kept ones are always looked at."""
+        """Return the label from at most this number of states besides the kept ones."""
         orbit = _MapOrbit(self._system, self._states)
         return orbit.judged(label_orbit(orbit, kept=len(self._states), budget=budget))
 
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
-        """Return the label of what the motion settles on, chaos before that included.
+        """Return the label of the orbit that the motion settles on, also after transient chaos.
 
-        See `dynkit.labels.labelling.settled_label`; at most so many states are looked at besides
-        those kept.
+        See `dynkit.labels.labelling.settled_label`. The budget is the largest number of states that
+        are examined besides the kept ones.
         """
         orbit = _MapOrbit(self._system, self._states)
         return orbit.judged(settled_label(orbit, kept=len(self._states), budget=budget))
@@ -138,12 +138,12 @@ class MapAttractor(Attractor):
     def error(self) -> float:
         """Estimate of the largest distance of a kept state from the exact one.
 
-        Three twin runs are disturbed at the start and after every iterate, by the map's `accuracy`
-        or by four roundings, whichever is more, relative to the size of the state, of either sign
-        in every coordinate. The estimate is the largest distance that they
-        reach, or the rounding of the largest state: near the accuracy on a stable periodic
-        orbit, and as large as the attractor in chaos, whose single states cannot be computed, only
-        their distribution. It is infinite when a twin runs away, or has no next state.
+        Three more runs are disturbed at the start and after every iterate, with random signs in all
+        coordinates. The disturbance relative to the size of the state is the map's `accuracy`, at
+        least four roundings. The estimate is the largest distance between these runs and the kept
+        states, at least one rounding of the largest state. It is near the accuracy on a stable
+        periodic orbit. In chaos it is as large as the attractor: single states cannot be computed,
+        only their distribution. It is infinite when a disturbed run diverges or has no next state.
         """
         return self._error
 
@@ -153,7 +153,7 @@ class MapAttractor(Attractor):
         return max(worst, *map(self._parted, range(_TWINS)))
 
     def _parted(self, seed: int) -> float:
-        """Largest distance, over the states kept, to a twin run that is disturbed throughout."""
+        """Return the largest distance of the kept states to a run with disturbed iterates."""
         signs = np.random.default_rng(seed)
         noise = max(self._system.accuracy, _ROUNDINGS)
         twin = self._start.copy()
@@ -172,14 +172,15 @@ class MapAttractor(Attractor):
     def periodic_orbit(self) -> MapOrbit:
         """Return the periodic orbit that the motion settles on, to rounding, by Newton's method.
 
-        The guess are the last of all states from which the `label` was decided.
+        The guess is the last period of the states that the `label` examined.
 
         Raises
         ------
         ValueError
-            When the label is none of a periodic orbit: quasi-periodic, chaotic, or unsettled.
+            When the label is not that of a periodic orbit, but quasi-periodic, chaotic or
+            unsettled.
         NoConvergence
-            When Newton's method does not get to an orbit, or to one elsewhere.
+            When Newton's method does not converge, or converges to a distant orbit.
 
         Examples
         --------
@@ -209,12 +210,12 @@ class MapAttractor(Attractor):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the second coordinate of the states against the first.
 
-        Of one-dimensional maps, the next state against each.
+        For a one-dimensional map, draw the next state against each state.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
 
         Returns
         -------
@@ -234,13 +235,13 @@ class MapAttractor(Attractor):
         Parameters
         ----------
         times : (k,) array
-            Integers, zero or more, in any order; the motion is followed on as far as they reach.
+            Integers, zero or more, in any order; the motion is iterated up to the latest.
 
         Raises
         ------
         ValueError
-            When a time is no integer or negative, or so late that the states up to it would not
-            fit into a gigabyte.
+            When a time is negative or not an integer, or when the states up to it would take more
+            than a gigabyte.
         """
         asked = finite_array("times", times, (None,))
         for i in np.flatnonzero((asked < 0.0) | (asked != np.rint(asked)))[:1].tolist():
@@ -260,7 +261,7 @@ class MapAttractor(Attractor):
 
 
 class _MapOrbit:
-    """The motion of a map as `label_orbit` follows it."""
+    """The motion of a map as an `OrbitSource` for `label_orbit`."""
 
     def __init__(self, system: SmoothMap, kept: Array) -> None:
         self.system = system
@@ -276,7 +277,7 @@ class _MapOrbit:
         return Window(self.window)
 
     def judged(self, label: OrbitLabel) -> OrbitLabel:
-        """Return the label of what was looked at so far, with its multiplier if it is periodic."""
+        """Return the label with the multiplier of the last period, if the motion is periodic."""
         if label.iterates is None or self.window is None:
             return label
         n, system = label.iterates, self.system
@@ -288,7 +289,7 @@ class _MapOrbit:
         except NoMotion:  # the orbit touches the section: no derivative
             return label
         factors = np.array([product for product, _ in found])
-        # others are wrong by what the accuracy says
+        # errors of exact derivatives follow from the accuracy
         more = np.array([error for _, error in found[n:]]) if system._by_differences else None
         return with_multiplier(label, factors[n:], factors[:n], system.accuracy, more)
 
@@ -297,13 +298,13 @@ class _MapOrbit:
 
     def growth(self, steps: int) -> Array:
         state = (self.kept if self.window is None else self.window)[-1]
-        # a fixed direction without symmetry: it is in no subspace that a map is likely to keep
+        # the length of the direction enters the first logarithm, which the label leaves out
         direction = np.sqrt(np.arange(2.0, 2.0 + state.size))
         logs = np.empty(steps)
         for i in range(steps):
             direction = self.system.jacobian(state) @ direction
             length = float(np.linalg.norm(direction))
-            if length == 0.0:  # superstable: the disturbance is gone
+            if length == 0.0:  # superstable orbit: the disturbance has vanished
                 return np.full(steps, -np.inf)
             logs[i] = np.log(length)
             direction = direction / length

@@ -1,4 +1,4 @@
-"""The map that a flow makes on a Poincare section."""
+"""Poincare maps: a flow and a section."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from dynkit.dynamics.flow import Crossing, Flow, flow_coordinates
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.section import PoincareSection
 
-# Of a period: times that differ by less are one.
+# Times that differ by less than this fraction of the period are equal.
 _CLOSED = 1e-6
 
 
@@ -22,20 +22,19 @@ _CLOSED = 1e-6
 class PoincareMap(Map):
     """The map from one crossing of a section to the next: a flow and a section.
 
-    Its states are the coordinates that the section gives its points, d - 1 of them for a flow of
-    dimension d.
+    Its states are coordinates on the section: d - 1 for a flow of dimension d.
 
     Parameters
     ----------
     flow : Flow
     section : PoincareSection
-        Of the flow's dimension.
+        A section in the flow's state space.
     time_limit : float
-        The longest time to wait for a crossing. A call that gets none by then raises `NoCrossing`.
+        The longest time to the next crossing; a call without a crossing by then raises
+        `NoCrossing`.
     least_rate : float
-        A state that the flow leaves the section from, in its direction, more slowly than this
-        raises `TangentCrossing`: the section's value grows by less in a unit of time. By default no
-        state is refused.
+        Least rate at which the section's value grows, in its direction, at the state itself; a
+        smaller rate raises `TangentCrossing`. By default no state is refused.
 
     Raises
     ------
@@ -76,14 +75,14 @@ class PoincareMap(Map):
 
     @property
     def accuracy(self) -> float:
-        """How wrong one call may be, relative to the size of the state: the flow's accuracy."""
+        """Error of one call, relative to the size of the state: the flow's accuracy."""
         return self.flow.accuracy
 
     def difference(self, a: Array, b: Array) -> Array:
         return self.section.difference(a, b)
 
     def coordinates(self, states: Array) -> Mapping[str, Array]:
-        """Return the coordinates (n,) of states (n, d - 1), by name, the flow's own among them."""
+        """Return the coordinates (n,) of states (n, d - 1), by name, with those of the flow."""
         full = np.array([self.section.lift(state) for state in states])
         return {**super().coordinates(states), **flow_coordinates(full)}
 
@@ -93,7 +92,7 @@ class PoincareMap(Map):
             return states
         period = sum(other.return_time(state) for state in states)
         at, left, found = other.section.lift(states[0]), period, list[Array]()
-        # the orbit closes but for its error: a crossing at the start comes again at the end
+        # the orbit closes up to its error: a crossing at the start is found again at the end
         while left > _CLOSED * period:
             try:
                 hit = self.flow.next_crossing(at, self.section, left + _CLOSED * period)
@@ -115,7 +114,7 @@ class PoincareMap(Map):
         NoCrossing
             When the flow does not cross the section within the time limit.
         TangentCrossing
-            When it leaves the section more slowly than the least rate.
+            When the rate of the section's value at the state is below the least rate.
         ValueError
             When the state is not finite, or not of that shape.
         """
@@ -139,13 +138,12 @@ class PoincareMap(Map):
     def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
         """Return derivatives (n, d - 1, d - 1) over parts of the return, and errors of entries.
 
-        The hit time's own change is accounted for.
-
-        Where a part ends, a disturbance is what it is across the flow: a disturbance along the flow
-        changes the time of a return and not the state. No part shrinks a disturbance across the
-        flow to less than a sixteenth of the largest growth of any disturbance, those along the flow
-        among them. The errors are proportional to that growth, not to the factors: as a factor is
-        what the projection across the flow leaves, it may be small beside its error.
+        The derivatives include the change of the crossing time. At the end of a part, disturbances
+        are projected across the flow: a disturbance along the flow changes the time of the return
+        and not the state. In each part, every disturbance across the flow grows by at least a
+        sixteenth of the largest growth of any disturbance, those along the flow included. The
+        errors are proportional to that largest growth; a projected factor may be smaller than its
+        error.
 
         Raises
         ------
@@ -176,13 +174,13 @@ class PoincareMap(Map):
         return self.section.reduce(hit.state), self._factors(state, hit), hit.time
 
     def _across(self, state: Array) -> Array:
-        """Orthonormal directions, (d, d - 1), across the flow at a state."""
+        """Return orthonormal directions, (d, d - 1), across the flow at a state."""
         return np.linalg.qr(self.flow.velocity(state)[:, None], mode="complete")[0][:, 1:]
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
-        """Return the derivative, (d - 1,), by a parameter, the hit time's own change included.
+        """Return the derivative, (d - 1,), by a parameter, with the change of the crossing time.
 
-        It is as right as the flow's own derivatives; the section does not depend on the parameter.
+        It is as accurate as the flow's derivatives; the section does not depend on the parameter.
 
         Raises
         ------
@@ -197,7 +195,7 @@ class PoincareMap(Map):
         return self._on_section(hit, change[:, None])[:, 0]
 
     def _on_section(self, hit: Crossing, change: Array) -> Array:
-        """What changes, (d, k), at the time of a crossing come to on the section: (d - 1, k)."""
+        """Return the changes (d - 1, k) on the section for changes (d, k) at a fixed time."""
         velocity = self.flow.velocity(hit.state)
         gradient = self.section.gradient(hit.state)
         rate = float(gradient @ velocity)

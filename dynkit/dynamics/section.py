@@ -21,25 +21,25 @@ _TURN = 2.0 * np.pi
 class PoincareSection(ABC):
     """A surface in the state space of a flow, crossed in one direction, with a chart.
 
-    A subclass owes:
+    A subclass must implement:
 
     1. `dimension`, the number d of coordinates of the surrounding state space.
-    2. `direction`, +1 where crossings count that raise the value, -1 where they lower it.
-    3. ``value(state)``, a smooth number that is zero on the surface and nowhere near it.
+    2. `direction`: +1 when a crossing increases the value, -1 when it decreases the value.
+    3. ``value(state)``, a smooth number that is zero on the surface and not zero beside it.
     4. ``gradient(state)``, its exact (d,) derivative.
     5. ``reduce(state)``, the (d - 1,) coordinates of a state on the surface, and
-       ``lift(reduced)``, the (d,) state on the surface that has these coordinates: inverse to one
-       another. ``reduce`` is smooth, and defined, beside the surface too.
+       ``lift(reduced)``, the (d,) state on the surface with these coordinates: the inverse.
+       ``reduce`` is defined and smooth beside the surface, too.
     6. ``reduce_derivative(state)``, (d - 1, d), and ``lift_derivative(reduced)``, (d, d - 1).
 
-    and may offer:
+    A subclass may implement:
 
     7. ``difference(a, b)``, when coordinates on the surface are angles, as a `Map` does; ``reduce``
        may then jump by a whole turn.
 
-    None of these changes its argument, and what is not finite, or not of the right shape, is
-    refused with ValueError. Instances are immutable. `dynkit.testing.check_section` runs any
-    subclass through this contract.
+    None of these changes its argument. An argument that is not finite, or not of the right shape,
+    raises ValueError. Instances are immutable. `dynkit.testing.check_section` tests a subclass
+    against this contract.
     """
 
     @property
@@ -50,7 +50,7 @@ class PoincareSection(ABC):
     @property
     @abstractmethod
     def direction(self) -> int:
-        """+1 where crossings count that raise the value, -1 where they lower it."""
+        """+1 when a crossing increases the value, -1 when it decreases the value."""
 
     @abstractmethod
     def value(self, state: Array) -> float:
@@ -66,7 +66,7 @@ class PoincareSection(ABC):
 
     @abstractmethod
     def lift(self, reduced: Array) -> Array:
-        """Return the state, (d,), that has the given coordinates on the surface, (d - 1,)."""
+        """Return the state, (d,), with these coordinates on the surface, (d - 1,)."""
 
     @abstractmethod
     def reduce_derivative(self, state: Array) -> Array:
@@ -83,9 +83,9 @@ class PoincareSection(ABC):
 
 @final
 class Hyperplane(PoincareSection):
-    """The plane on which normal @ state is the offset, with an orthonormal chart.
+    """The plane ``normal @ state = offset``, with an orthonormal chart.
 
-    The value is the signed distance to the plane. For a plane across a coordinate axis the chart
+    The value is the signed distance to the plane. For a plane normal to a coordinate axis the chart
     is the list of the other coordinates.
 
     Parameters
@@ -94,16 +94,16 @@ class Hyperplane(PoincareSection):
         Normal of the plane, of any length but zero; d >= 2.
     offset : float
     direction : {+1, -1}
-        +1 counts crossings along the normal, -1 against it.
+        +1 counts crossings along the normal, -1 those in the opposite direction.
     angles : sequence of int
-        Which coordinates of the state are angles: `reduce` takes them modulo 2 pi. The normal has
-        to be zero there.
+        Indices of the state's coordinates that are angles: `reduce` takes them modulo 2 pi. The
+        normal must be zero there.
 
     Raises
     ------
     ValueError
-        When the normal is zero, or not zero at an angle; when anything is not finite or not of that
-        shape, or an angle is no index of the normal.
+        When the normal is zero, or not zero at an angle; when an argument is not finite or not of
+        that shape, or an angle is not an index of the normal.
 
     Examples
     --------
@@ -183,7 +183,7 @@ class Hyperplane(PoincareSection):
         return finite_array("state", state, (self.dimension,))
 
     def _places_of(self, angles: Sequence[int], normal: Array) -> list[int]:
-        """The places, in the chart, of coordinates along which the normal is zero."""
+        """Return the indices, in the chart, of coordinates along which the normal is zero."""
         places = []
         for i, angle in enumerate(angles):
             index = non_negative_integer(f"angles[{i}]", angle)
@@ -200,23 +200,23 @@ class Hyperplane(PoincareSection):
 
 @final
 class Stroboscope(PoincareSection):
-    """The states in which a phase has a given value, modulo 2 pi: light that flashes once a period.
+    """The states with a given phase, modulo 2 pi: a strobe light that flashes once a period.
 
-    The phase is the last coordinate, and grows: that of a flow that is driven in time. The value is
-    sin(last coordinate - phase). It is zero half a period later too, but passes through zero the
-    other way; that does not count. The chart is the list of the other coordinates.
+    The phase of a flow that is driven in time is the last coordinate, and it grows. The value is
+    sin(last coordinate - phase). Half a period later it passes through zero in the other direction,
+    which is not a crossing. The chart is the list of the other coordinates.
 
     Parameters
     ----------
     dimension : int
         Number d of the state's coordinates; d >= 2.
     phase : float
-        At which the light flashes.
+        Phase of the flashes, in radians.
 
     Raises
     ------
     ValueError
-        When the dimension is no integer >= 2, or the phase is not finite.
+        When the dimension is not an integer >= 2, or the phase is not finite.
 
     Examples
     --------
@@ -273,8 +273,8 @@ class Stroboscope(PoincareSection):
 def _orthonormal_complement(unit: Array) -> Array:
     """Rows, (d - 1, d), that complete a unit vector to an orthonormal basis.
 
-    They are the rows, but one, of the Householder reflection that takes the vector to an axis
-    (Golub and Van Loan, Matrix Computations, 4th ed., section 5.1).
+    They are all rows but one of the Householder reflection that maps the vector to an axis (Golub
+    and Van Loan, Matrix Computations, 4th ed., section 5.1).
     """
     axis = int(np.argmax(np.abs(unit)))
     mirror = unit.copy()

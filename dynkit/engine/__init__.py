@@ -1,4 +1,4 @@
-"""Work that any `concurrent.futures.Executor` may do: chunks, results in any order, stores."""
+"""Evaluation of many points by any `concurrent.futures.Executor`, with stores."""
 
 from dynkit.engine.executors import WorkerLost
 

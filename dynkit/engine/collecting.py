@@ -1,4 +1,4 @@
-"""`collect`: all points, by an executor or here, kept in a store meanwhile."""
+"""`collect`: evaluate all points, with or without an executor, and keep results in a store."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from dynkit.data.atomic_files import reason
 from dynkit.engine.executors import finished
 from dynkit.engine.points import MOST_POINTS, Findings, Points, Rows, Tasks, chunks_of
 
-# A write may take this part of the time, and comes at most once in so many seconds.
+# Largest fraction of the time that writing may take, and least time between writes in seconds.
 _SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
-# Notes of a bar may cost more than what they are of: only those that are seen are made.
+# Least time between updates of the bar in seconds: a note may cost more than its point.
 _INTERVAL = 0.1
 
 
@@ -35,14 +35,14 @@ def collect(
     store: str | os.PathLike[str] | None,
     progress: bool,
 ) -> Rows:
-    """Return what is found at all points: the same bits by any executor, and by none.
+    """Return the rows of all points: the same bits with any executor, and without one.
 
     Parameters
     ----------
     points : Points
     executor : Executor or None
     store : path or None
-        Keeps the chunks that are done, and gives them again.
+        File that keeps finished chunks; they are read again and not computed again.
     progress : bool
         Whether to show a bar on standard error.
 
@@ -51,9 +51,9 @@ def collect(
     ValueError
         As `finished`; and for a store of other points, of another version, damaged, or in use.
     WorkerLost
-        When the executor has lost a worker for good.
+        When the executor has lost a worker.
     OSError
-        When the store cannot be written any more, on the way.
+        When the store becomes impossible to write during the run.
     """
     shown = boolean("progress", progress)
     if store is None:
@@ -63,11 +63,11 @@ def collect(
         return findings.rows()
     path = stores.place(store)
     findings = _found(points, path)
-    if findings.done.all():  # needs no lock, and no folder that can be written
+    if findings.done.all():  # a complete store needs neither a lock nor a writable folder
         return findings.rows()
     with ExitStack() as stack:
         stack.enter_context(stores.locked(path))
-        findings = _found(points, path)  # another writer may have gone on meanwhile
+        findings = _found(points, path)  # another process may have written since
         keeper = _Keeper(path, points)
         keeper.prepare(findings)
         bar = stack.enter_context(_Bar(findings, shown=shown))
@@ -95,7 +95,7 @@ def _go_on(
 
 
 def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
-    """Write what was found at all points to a store; ValueError where it cannot be written."""
+    """Write the rows of all points to a store; ValueError where it cannot be written."""
     file, findings = stores.place(path), Findings(len(points))
     findings.add(np.arange(len(points)), rows)
     with stores.locked(file):
@@ -103,12 +103,12 @@ def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
 
 
 def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
-    """Return what a store holds, and what was found of it.
+    """Return the archive of a store, and its findings.
 
     Raises
     ------
     ValueError
-        As `dynkit.data.store.read`, and when it holds something else than this kind.
+        As `dynkit.data.store.read`, and when the store is of another kind.
     """
     archive = stores.read(path)
     if archive.entries.get("kind") != kind:
@@ -177,14 +177,14 @@ def _found(points: Points, path: Path) -> Findings:
 
 
 def refuse_misfits(points: Points, findings: Findings) -> None:
-    """Refuse what a store holds and cannot be found at these points.
+    """Raise when the findings of a store are impossible for these points.
 
-    For `dynkit.data.store.understood`.
+    Call it inside `dynkit.data.store.understood`.
 
     Raises
     ------
     LookupError, ValueError
-        When something is missing, or does not fit.
+        When a column is missing, or does not fit.
     """
     if findings.count != len(points):
         raise ValueError(f"{findings.count} of {len(points)} points")
@@ -201,12 +201,12 @@ def refuse_misfits(points: Points, findings: Findings) -> None:
 
 
 def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
-    """Refuse the archive of other points.
+    """Raise when an archive belongs to other points.
 
     Raises
     ------
     ValueError
-        Naming the first thing that differs: what was asked for, then numbers, then the system.
+        The message names the first difference: entries first, then arrays, then the system.
     """
     made, asked = archive.entries, _entries(points)
     names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
@@ -231,7 +231,7 @@ def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
 
 @final
 class _Keeper:
-    """Writes what was found to a store, as often as is cheap, and at the end."""
+    """Writes findings to a store: at intervals that keep the cost low, and at the end."""
 
     def __init__(self, path: Path, points: Points) -> None:
         self._path = path
@@ -262,7 +262,7 @@ class _Keeper:
 
 @final
 class _Bar:
-    """How many points are done, on standard error, or nothing."""
+    """A progress bar of points on standard error, or nothing."""
 
     def __init__(self, findings: Findings, *, shown: bool) -> None:
         self._bar: Any = None

@@ -1,4 +1,4 @@
-"""Tasks on an executor: sent as plain bytes, a bounded number at a time, errors told apart."""
+"""Tasks on an executor: pickled, a bounded number at a time, with their errors."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 
 IN_FLIGHT = 1024
-"""So many tasks are with an executor at most: enough for many workers, little to hold."""
+"""Most tasks submitted to an executor at a time: enough for many workers, in little memory."""
 
 
 class WorkerLost(RuntimeError):
-    """A worker died, or cannot be reached, and its executor does not start the work again."""
+    """A worker died or cannot be reached, and its executor does not repeat the work."""
 
 
 class NotSendable(ValueError):
-    """A system that cannot be sent to the workers of an executor."""
+    """The system cannot be sent to the workers of an executor."""
 
 
 @final
@@ -43,25 +43,25 @@ class Outcome(Generic[_Result]):
 def finished(
     work: Callable[[_Task], _Result], tasks: Sequence[_Task], executor: Executor | None
 ) -> Iterator[tuple[int, _Result]]:
-    """Yield the number of each task and its result, as they are finished.
+    """Yield the number of each task and its result, in the order in which they finish.
 
     Parameters
     ----------
     work : callable
-        Without an executor it is called here, in the order of the tasks; otherwise it must be
-        picklable, and so must tasks and results.
+        Without an executor it is called in this process, in the order of the tasks. With one, the
+        callable, the tasks and the results must be picklable.
     tasks : sequence
     executor : Executor or None
 
     Raises
     ------
     NotSendable
-        When the work or a task cannot be pickled, or not be imported by the workers.
+        When the work or a task cannot be pickled, or cannot be imported by the workers.
     WorkerLost
-        When the executor has lost a worker for good, after what was finished.
+        When the executor has lost a worker; finished results are yielded first.
     Exception
-        What the work itself raised: by the first task, in their order, that does. Results of other
-        tasks that are with the executor then are yielded before.
+        The exception of the first task, in their order, whose work raises one. Results of other
+        tasks that have been submitted are yielded first.
     """
     if executor is None:
         for number, task in enumerate(tasks):
@@ -85,7 +85,7 @@ def finished(
                     yield number, outcome.value()
                 else:
                     errors[number] = outcome.error
-            if errors:  # those before the first that failed may fail too, and are then the first
+            if errors:  # an earlier task may still fail, and its error then comes first
                 _cancel(waiting, min(errors))
     finally:
         _cancel(waiting, -1)
@@ -103,12 +103,12 @@ def all_finished(
 
 
 def submit(executor: Executor, packed: bytes, task: Any) -> Future[Outcome[Any]]:
-    """Hand a task on, for packed work; `outcome_of` tells what became of it.
+    """Submit a task of packed work to an executor; `outcome_of` returns its outcome.
 
     Raises
     ------
     ValueError
-        When it is no executor.
+        When the executor has no method `submit`.
     NotSendable
         When the task cannot be pickled.
     """
@@ -124,34 +124,34 @@ def submit(executor: Executor, packed: bytes, task: Any) -> Future[Outcome[Any]]
 
 
 def outcome_of(future: Future[Outcome[_Result]]) -> Outcome[_Result]:
-    """Wait for a task, and return what became of it: `WorkerLost` when nothing did."""
+    """Wait for a task and return its outcome; the error is `WorkerLost` when there is none."""
     try:
         return future.result()
-    except Exception as error:  # of whatever kind: what the work raises is in its outcome
+    except Exception as error:  # of any kind: errors of the work itself are in its outcome
         return Outcome(error=_lost(error))
 
 
 def pack(work: object) -> bytes:
-    """Return the bytes that stand for some work, or a task, in other processes.
+    """Return the pickled work, or task, for other processes.
 
     Raises
     ------
     NotSendable
-        When there are none.
+        When it cannot be pickled.
     """
     try:
         return pickle.dumps(work)
-    except Exception as error:  # pickle raises its own, and whatever an object raises
+    except Exception as error:  # errors of pickle, and any that an object's methods raise
         raise NotSendable(
             f"system must be picklable to be sent to an executor; got one for which {error}"
         ) from error
 
 
 def perform(packed: bytes, sent: bytes) -> Outcome[Any]:
-    """Do one packed task of packed work, in whatever process this is."""
+    """Do one packed task of packed work; workers call it."""
     try:
         work, task = _unpacked(packed), pickle.loads(sent)
-    except Exception as error:  # of whatever kind: the module may be another one here
+    except Exception as error:  # of any kind: a worker may import another version of the module
         return Outcome(
             error=NotSendable(
                 "system must be of a class that the workers of the executor can import, from a "
@@ -164,14 +164,14 @@ def perform(packed: bytes, sent: bytes) -> Outcome[Any]:
         return Outcome(error=_portable(error))
 
 
-# The work is the same for all tasks of a run, and unpacked once.
+# All tasks of a run share one work, which is unpickled once.
 @lru_cache(maxsize=4)
 def _unpacked(packed: bytes) -> Any:
     return pickle.loads(packed)
 
 
 def _portable(error: Exception) -> Exception:
-    """The error, or what can be sent of it, with where it was raised."""
+    """Return the error, or a RuntimeError where it cannot be pickled, with the traceback."""
     where = "".join(traceback.format_exception(error))
     try:
         pickle.loads(pickle.dumps(error))

@@ -1,4 +1,4 @@
-"""Many points that do not depend on one another, done in chunks: what is to be done, and found."""
+"""Points to evaluate in chunks, and the findings at them."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from dynkit.core.cost import Cost
 
 Anything: TypeAlias = NDArray[Any]
 Columns: TypeAlias = Mapping[str, tuple[str, tuple[int | None, ...]]]
-"""Of arrays by name: the kind of their numbers, and the shape of a row; None where it is any."""
+"""For each array, by name: NumPy's kind letter, and the shape of a row; None for any length."""
 
-# Points of a chunk, at most; and so many chunks, at least, as long as there are points.
+# Most points of a chunk, and least number of chunks when there are enough points.
 _MOST, _CHUNKS = 32, 256
 
 MOST_POINTS = 10_000_000
-"""What is found at so many points takes a gigabyte; at a millisecond each they take three hours."""
+"""The findings at this many points take a gigabyte; at a millisecond each they take three hours."""
 
 
 class Points(ABC):
-    """Points that can be done in any order, by anybody.
+    """Points that can be evaluated in any order, by any process.
 
-    A subclass owes:
+    A subclass must implement:
 
-    1. ``len(points)``, how many there are.
-    2. `work`, a function that is given what is to be done in a chunk and returns its `Rows`. It is
-       picklable, small, and depends on nothing else: the same bits wherever it is called.
-    3. ``task(first, last, found)``, what is to be done in a chunk: the points of these numbers, the
-       last left out. Of a chain `found` holds the rows of all points before.
-    4. `entries` and `inputs`, texts and arrays by name that set the points apart from all others:
-       a store made with others is refused. ``entries["kind"]`` says what the store holds.
-    5. `columns`, what the arrays of its rows are; what a store holds must be that.
+    1. ``len(points)``, the number of points.
+    2. `work`, a function from the task of a chunk to its `Rows`. It is picklable, small, and
+       depends on nothing else: it returns the same bits in every process.
+    3. ``task(first, last, found)``, the task of a chunk: the points first, ..., last - 1. For a
+       chain, `found` holds the rows of all earlier points.
+    4. `entries` and `inputs`, texts and arrays by name that identify the points: a store with
+       others is refused. ``entries["kind"]`` is the kind of the store.
+    5. `columns`, the kinds and shapes of the arrays of its rows; those of a store must agree.
 
-    and may offer:
+    A subclass may implement:
 
-    6. `chained`, whether a point needs the rows of the one before it: such points are done one by
-       one, in their order, and by no executor.
+    6. `chained`, whether a point needs the rows of the one before it: such points are evaluated one
+       by one, in their order, without an executor.
     """
 
     @abstractmethod
@@ -54,41 +54,41 @@ class Points(ABC):
     @property
     @abstractmethod
     def work(self) -> Callable[[Any], Rows]:
-        """What finds the rows of a chunk."""
+        """Function from the task of a chunk to its rows."""
 
     @abstractmethod
     def task(self, first: int, last: int, found: Findings) -> Any:
-        """Return what is to be done in a chunk."""
+        """Return the task of a chunk."""
 
     @property
     @abstractmethod
     def entries(self) -> Mapping[str, str]:
-        """Texts that set these points apart, by name."""
+        """Texts that identify these points, by name."""
 
     @property
     @abstractmethod
     def columns(self) -> Columns:
-        """Kinds of numbers (NumPy's letters) and shapes of what is found at a point, by name."""
+        """Kinds of numbers (NumPy's letters) and shapes of the findings at a point, by name."""
 
     @property
     @abstractmethod
     def inputs(self) -> Mapping[str, Anything]:
-        """Arrays that set these points apart, by name."""
+        """Arrays that identify these points, by name."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What was found at n points.
+    """Findings at n points.
 
     Parameters
     ----------
     arrays : mapping of str to (n, ...) array
     texts : mapping of str to list of n str
     cost : Cost
-        Of all of them.
+        Cost of all n points.
     note : callable, optional
-        Returns what the bar says beside its count; of a chain only.
+        Returns a text beside the count of the progress bar; for chains only.
     """
 
     arrays: Mapping[str, Anything]
@@ -98,7 +98,7 @@ class Rows:
 
 
 def chunks_of(count: int, *, chained: bool = False) -> list[tuple[int, int]]:
-    """Return first and last number of each chunk; they depend on nothing but the count.
+    """Return the range (first, last + 1) of each chunk; it depends on the count only.
 
     The chunks of a chain are single points.
 
@@ -113,7 +113,7 @@ def chunks_of(count: int, *, chained: bool = False) -> list[tuple[int, int]]:
 
 @final
 class Tasks(Sequence[Any]):
-    """What is to be done in some chunks, made when it is asked for."""
+    """The tasks of some chunks, each made when it is read."""
 
     def __init__(self, points: Points, chunks: Sequence[tuple[int, int]], found: Findings) -> None:
         self._points = points
@@ -131,7 +131,7 @@ class Tasks(Sequence[Any]):
 @final
 @dataclass(eq=False)
 class Findings:
-    """What was found so far, filled in place: of count rows those whose chunks are done."""
+    """The findings so far, filled in place: the rows, among `count`, of finished chunks."""
 
     count: int
     done: NDArray[np.bool_] = field(init=False)
@@ -143,7 +143,7 @@ class Findings:
         self.done = np.zeros(self.count, dtype=np.bool_)
 
     def add(self, places: NDArray[np.intp], rows: Rows) -> None:
-        """Add the rows of these points; an interrupt on the way leaves all others as they were."""
+        """Add the rows of these points; an interruption leaves all other rows unchanged."""
         for name, array in rows.arrays.items():
             if name not in self.arrays:
                 self.arrays[name] = np.zeros((self.count, *array.shape[1:]), array.dtype)
@@ -156,7 +156,7 @@ class Findings:
         self.done[places] = True
 
     def rows(self) -> Rows:
-        """Return what was found, in the order of the points."""
+        """Return the finished rows, in the order of the points."""
         arrays = {name: array[self.done] for name, array in self.arrays.items()}
         places = np.flatnonzero(self.done).tolist()
         texts = {name: [every[i] for i in places] for name, every in self.texts.items()}

@@ -1,4 +1,4 @@
-"""What of an exponential sum does not decay: steady responses, and the drift of rigid bodies."""
+"""Parts of an exponential sum that do not decay: steady responses and drifts of rigid bodies."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 
 RESIDUAL = 1e-10
-"""Of the equation of a steady response, relative to its terms; where it is larger there is none."""
+"""Largest relative residual of the equation of a steady response; above it there is none."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """Steady responses of pairs to the pairs that drive them for ever.
+    """Steady responses of pairs to other pairs that drive them without decaying.
 
     Attributes
     ----------
     pairs
-        How the pairs evolve less their steady responses: those that have one are not driven.
+        The pairs minus their steady responses: without the links to drivers that have one.
     slots
-        (R, 2) pairs that respond, and what drives them: turning evenly, or constant.
+        (R, 2) slot of a responding pair, and slot of its driver: a rotation or a constant.
     matrices
-        (R, 2, 2) S: the response is S times the two numbers of what drives.
+        (R, 2, 2) S: the response is S times the two numbers of the driver.
     """
 
     pairs: Pairs
@@ -36,7 +36,7 @@ class Responses:
 
     @staticmethod
     def of(pairs: Pairs) -> Responses:
-        """All that there are: none where a mode is driven at its own rate, or a body pushed."""
+        """Return all steady responses; a mode in resonance and a pushed rigid body have none."""
         if not pairs.links.size:
             return Responses(pairs, np.empty((0, 2), dtype=np.intp), np.empty((0, 2, 2)))
         g, links = pairs.generator, pairs.links.T.tolist()
@@ -51,7 +51,7 @@ class Responses:
         kept = [(t, s, b) for (t, s), b in zip(links, coupling, strict=True) if s not in drivers]
         waiting = sorted(targets)
         while waiting:
-            # No chain of links leads back: one of them is driven by none of the others.
+            # the links have no cycles, so one of them is driven by none of the others
             t = next(t for t in waiting if not any(to == t and s in waiting for to, s in links))
             waiting.remove(t)
             for d in drivers:
@@ -80,7 +80,7 @@ class Responses:
         )
 
     def seen(self, row: Array) -> tuple[Array, Array]:
-        """Row (2, n) of what drives and of what is left of the others; rounding (2, n) of it."""
+        """Return the row (2, n) for drivers and pairs minus responses, and its rounding (2, n)."""
         row, lost = row.copy(), np.zeros_like(row)
         for (t, d), matrix in zip(self.slots.tolist(), self.matrices, strict=True):
             row[:, d] += row[:, t] @ matrix
@@ -89,7 +89,7 @@ class Responses:
 
 
 def _steady(own: Array, drive: Array, push: Array) -> Array | None:
-    """S with S Omega = G S + push; None where there is none."""
+    """Return the solution S of S Omega = G S + push; None where there is none."""
     unit = np.eye(2)
     try:
         system = np.kron(unit, drive.T) - np.kron(own, unit)
@@ -105,17 +105,17 @@ def _steady(own: Array, drive: Array, push: Array) -> Array | None:
 @final
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Motion of the rigid bodies that a sum sees.
+    """Motion of the rigid bodies in a sum.
 
     Attributes
     ----------
     rows
-        (6, n) rows, two each, of value, rate and acceleration at first, and later without what
-        decays; the place that drag lets a body reach is a part of the value by itself.
+        (6, n) rows, two each, of value, rate and acceleration of the drift. The distance that a
+        body under drag still moves is a separate part of the value.
     rest
-        (2, n) row of what does not drift.
+        (2, n) row of the terms that do not drift.
     lost
-        (2, n) weights of what the drift may fall short by.
+        (2, n) weights that bound how far the value lies below the drift.
     """
 
     rows: Array
@@ -124,7 +124,7 @@ class Drift:
 
     @staticmethod
     def of(pairs: Pairs, row: Array) -> Drift | None:
-        """The drift of a row (2, n); None where it is not known."""
+        """Return the drift of a row (2, n); None where it is not known."""
         g = pairs.generator
         rigid = (pairs.scale == 0.0) & (g[0] == 0.0) & row.any(axis=0)
         if not rigid.any():
@@ -134,7 +134,7 @@ class Drift:
         rest[0, rigid] = 0.0
         rest[1, rigid & ~dragged] = 0.0
         value[1, dragged] = value[0, dragged] * g[1, dragged] / -g[3, dragged]
-        # Where drag takes a body does not change: written as zero, which rounding would not be.
+        # the final position of a body under drag is constant: exact zeros, not rounding errors
         own = g.copy()
         own[:, dragged] = 0.0
         rate = replace(pairs, generator=own).derivative_rows(value, 1)
@@ -145,7 +145,7 @@ class Drift:
             if rate[:, ~constant].any():
                 return None
             for t, s, b in zip(*pairs.links, pairs.coupling.T.tolist(), strict=True):
-                # After a push of the velocity the place lags behind the drift.
+                # after a push of the velocity the position lags behind the drift
                 if dragged[t] and value[0, t] * b[0] < 0.0:
                     lost[0, s] += max(0.0, value[1, t] * b[2]) / -g[3, t]
         if pairs.derivative_rows(second, 1).any():
@@ -154,13 +154,13 @@ class Drift:
 
 
 def tail_rows(responses: Responses, row: Array, steady: int) -> tuple[Array, Array, float]:
-    """Weights and rows by which a ladder bounds what becomes of a sum.
+    """Return the weights and rows by which a ladder bounds a sum at all later times.
 
     Returns
     -------
-    weights : (2, n) of what neither drifts nor is steady
-    drift : (6, n) as in `Drift`, with the values of constants
-    swing : bound of all that comes from the pair `steady`
+    weights : (2, n), of the terms that decay
+    drift : (6, n) rows as in `Drift`, with the values of constants
+    swing : bound of all contributions of the pair `steady`
     """
     pairs = responses.pairs
     with np.errstate(over="ignore", invalid="ignore"):
@@ -172,7 +172,7 @@ def tail_rows(responses: Responses, row: Array, steady: int) -> tuple[Array, Arr
     still = ~pairs.generator.any(axis=0) & (pairs.scale > 0.0)
     rows[0, still] += rest[0, still]
     rest[:, still] = 0.0
-    # Responses at resonance, hardly damped, may overflow: then there is no bound.
+    # a response near resonance may overflow: then there is no bound
     with np.errstate(over="ignore", invalid="ignore"):
         weights = pairs.bound(rest, 0) + rounding
     if drift is not None:

@@ -1,4 +1,4 @@
-"""What becomes of an exponential sum from now on."""
+"""Bounds of an exponential sum at all later times."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dynkit.core.validation import Array
 from dynkit.exponential.evaluation_kernels import DRIFT, TAIL, TERM, Ladder
 
 NOTHING = 1e-200
-"""What never exceeds this again is no motion any more: doubles would soon not hold it, nor hold now
-the products of its numbers with high powers of slow rates."""
+"""A motion that never again exceeds this has ended: it would soon underflow, and so do products of
+its numbers with high powers of slow rates."""
 
 
 @kernel(reorder=True, inline=True)
 def weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> float:
-    """Sum of the absolute terms of two rows, but for one slot."""
+    """Return the sum of the absolute terms of two rows, without one slot."""
     total = 0.0
     for i in range(rows.shape[1]):
         if i != skipped:
@@ -26,10 +26,10 @@ def weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> fl
 
 @kernel()
 def _drift(ladder: Ladder, states: Array, k: int) -> tuple[float, float, float, float, float]:
-    """Value, rate and acceleration of the terms that drift, with what is constant.
+    """Return value, rate and acceleration of the drifting and constant terms, and two distances.
 
-    Then how far bodies under drag go down, and up, until they have lost their velocities: not
-    parts of the value, which would lose its digits where drag is small.
+    The distances are those that bodies under drag still move down and up. They are not added to the
+    value, which would lose its digits where drag is small.
     """
     d = ladder.rows
     g = ladder.generator
@@ -56,7 +56,7 @@ def _drift(ladder: Ladder, states: Array, k: int) -> tuple[float, float, float, 
 
 @kernel()
 def _less_steady(ladder: Ladder, states: Array, k: int) -> int:
-    """State `k` less the steady responses in it, a scratch state where there are any."""
+    """Return the index of state `k` minus its steady responses; the scratch state TERM if any."""
     links = ladder.links
     if links.shape[0] == 0:
         return k
@@ -75,25 +75,25 @@ def _less_steady(ladder: Ladder, states: Array, k: int) -> int:
 
 @kernel()
 def _reach(ladder: Ladder, states: Array, k: int) -> float:
-    """Bound of what does not drift, but for the table, from now on."""
+    """Return the bound, at all later times, of the terms that neither drift nor are steady."""
     rows = ladder.rows
     if ladder.apart:
         return weighted(rows, TAIL, ladder.steady, states, k)
-    # Pairs of one norm: the bound is not a sum, but a root of squares.
+    # pairs with a common norm: the bound is the root of a sum of squares
     total = 0.0
     for i in range(rows.shape[1]):
         if i != ladder.steady:
             a = rows[TAIL, i] * states[k, 0, i]
             b = rows[TAIL + 1, i] * states[k, 1, i]
             square = a * a + b * b
-            # Squares of the smallest numbers vanish.
+            # squares of the smallest numbers underflow
             total += math.sqrt(square) if square > 1e-280 else abs(a) + abs(b)
     return total
 
 
 @kernel()
 def tail(ladder: Ladder, states: Array, k: int) -> float:
-    """Lower bound of f from now on."""
+    """Return a lower bound of f at all later times."""
     lowest = ladder.offset
     if ladder.grows or ladder.links.shape[0] > 0:
         lowest, rate, second, down, _ = _drift(ladder, states, k)
@@ -107,7 +107,7 @@ def tail(ladder: Ladder, states: Array, k: int) -> float:
 
 @kernel()
 def stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
-    """Whether abs(f) never exceeds the band from now on."""
+    """Return whether abs(f) stays within the band at all later times."""
     value = ladder.offset
     moves = 0.0
     if ladder.grows or ladder.links.shape[0] > 0:
@@ -121,9 +121,9 @@ def stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
 
 @kernel()
 def died_out(ladder: Ladder, states: Array, k: int) -> bool:
-    """Whether f, which nothing keeps from zero, has fallen below what doubles hold, but is not 0.
+    """Return whether f, without offset and drive, has decayed below `NOTHING` but is not zero.
 
-    Then impacts and releases would go on for ever, smaller and smaller.
+    Otherwise ever smaller impacts and releases would never end.
     """
     if ladder.offset != 0.0 or ladder.steady >= 0:
         return False

@@ -18,7 +18,7 @@ from dynkit.exponential.evaluation_kernels import (
 )
 
 HURDLE = 3
-"""So many rungs lead from where a term must be resolved to where it is left out."""
+"""Number of rungs from the cells that resolve a term to those that leave it out."""
 
 
 @kernel(inline=True)
@@ -31,7 +31,7 @@ def quintic_minimum(
     new_rate: float,
     new_second: float,
 ) -> float:
-    """Smallest Bernstein coefficient of the quintic Hermite polynomial, its lower bound."""
+    """Return the smallest Bernstein coefficient: a lower bound of the Hermite polynomial."""
     left = min(value, value + 0.2 * h * rate, value + h * (0.4 * rate + 0.05 * h * second))
     right = min(
         new_value,
@@ -43,7 +43,7 @@ def quintic_minimum(
 
 @kernel()
 def taylor_rung(rows: Array, states: Array, k: int, smallest: float, most: int, band: float) -> int:
-    """Largest rung, up to `most`, on which the Taylor polynomial's remainder is below rounding."""
+    """Return the largest rung <= `most` on which the Taylor remainder is below rounding."""
     remainder = 0.0
     for i in range(rows.shape[1]):
         remainder += rows[BOUND + 4, i] * abs(states[k, 0, i])
@@ -58,14 +58,14 @@ def taylor_rung(rows: Array, states: Array, k: int, smallest: float, most: int, 
 def _look_over(
     cell: Array, rows: Array, j: int, states: Array, k: int
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """As `look_ahead`, without the numbers that are left out on rung `j`.
+    """Evaluate as `look_ahead`, without the terms that are left out on rung `j`.
 
     Returns
     -------
     value, rate, second, new_value, new_rate, new_second : f, f', f'' now and after the step,
         without the offset
     error : bound of the quintic Hermite error
-    apart : bound of all that is left out, on the cell
+    apart : bound, on the cell, of the terms left out
     """
     value = rate = second = 0.0
     new_value = new_rate = new_second = 0.0
@@ -86,7 +86,7 @@ def _look_over(
         x = abs(cell[j, 6, i] * (a - p))
         y = abs(cell[j, 7, i] * (b - q))
         square = x * x + y * y
-        # Squares of the smallest numbers vanish.
+        # squares of the smallest numbers underflow
         apart += x + y if rows[SEPARATE, i] > 0.0 or square < 1e-280 else math.sqrt(square)
     return value, rate, second, new_value, new_rate, new_second, error, apart
 
@@ -106,14 +106,14 @@ def leap(
     passed: int,
     states: Array,
 ) -> tuple[bool, int, int, int, int, int, float, int]:
-    """Cells so long that some terms are left out of them, for as long as they hold no root.
+    """Pass cells that are so long that fast terms are left out, as long as they hold no root.
 
     Returns
     -------
     never, j, wide, n, current, cells, band, passed
-        Whether there is no root any more. Otherwise `wide` is the rung of a cell for the Taylor
-        polynomial; 0 where `j` is down at ``ladder.smooth``, or the search at its end. `passed`
-        counts the cells without a root, also those before a pause.
+        `never` means that no root follows. Otherwise `wide` is the rung of a cell for the Taylor
+        polynomial; 0 where `j` has reached ``ladder.smooth``, or the search its end. `passed`
+        counts the cells without a root, including those before a pause.
     """
     cell = ladder.cell
     rows = ladder.rows
@@ -128,7 +128,7 @@ def leap(
         if ladder.grows:
             band = max(band, now)
         elif links.shape[0] == 0:
-            # Rounding decays with the terms.
+            # rounding errors decay with the terms
             band = min(band, now)
         value, rate, second, new_value, new_rate, new_second, error, apart = _look_over(
             cell, rows, j, states, current

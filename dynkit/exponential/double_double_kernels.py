@@ -1,4 +1,4 @@
-"""Double-double arithmetic, never re-ordered, and the propagators made with it."""
+"""Double-double arithmetic, which must not be reordered, and propagators computed with it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dynkit.core.validation import Array
 
 @kernel()
 def two_product(a: float, b: float) -> tuple[float, float]:
-    """Product and its rounding error (Dekker)."""
+    """Return a product and its rounding error (Dekker's algorithm)."""
     product = a * b
     t = 134217729.0 * a
     a_high = t - (t - a)
@@ -58,10 +58,10 @@ def fill_steps(
     step: Array,
     work: Array,
 ) -> None:
-    """Propagators of the slots `first` to `last` - 1 over every rung, in double-double.
+    """Compute propagators of the slots `first` to `last` - 1 over every rung, in double-double.
 
-    Taylor series over the smallest step, then repeated squaring. `step` and the scratch (4, 8)
-    array `work` are modified in place.
+    The method is a Taylor series over the smallest step, then repeated squaring. `step` and the
+    scratch (4, 8) array `work` are modified in place.
     """
     scaled = work[0]
     term = work[1]
@@ -78,7 +78,7 @@ def fill_steps(
         for order in range(1, 26):
             _dd_matmul(term, scaled, product)
             for i in range(4):
-                # Division by a small integer: quotient, then the remainder's quotient.
+                # division by a small integer: the quotient, then that of the remainder
                 quotient = product[i] / order
                 p, e = two_product(quotient, float(order))
                 rest = ((product[i] - p) - e + product[4 + i]) / order
@@ -114,10 +114,10 @@ def _dense_product(
 def fill_coupled_steps(
     generator: Array, generator_low: Array, smallest: float, step: Array, work: Array
 ) -> None:
-    """Propagators (rungs, n, n) of coupled numbers over every rung, computed in double-double.
+    """Compute propagators (rungs, n, n) of coupled pairs over every rung, in double-double.
 
-    Taylor series over the smallest step, then repeated squaring. `step` and the scratch
-    (6, n, n) array `work` are modified in place.
+    The method is a Taylor series over the smallest step, then repeated squaring. `step` and the
+    scratch (6, n, n) array `work` are modified in place.
     """
     n = generator.shape[0]
     term = work[0]
@@ -134,7 +134,7 @@ def fill_coupled_steps(
         _dense_product(term, term_low, generator, generator_low, work[4], work[5])
         for i in range(n):
             for j in range(n):
-                # The smallest step is a power of two: exact. Then a division by a small integer.
+                # the product with the smallest step, a power of two, is exact
                 value = work[4, i, j] * smallest
                 quotient = value / order
                 p, e = two_product(quotient, float(order))

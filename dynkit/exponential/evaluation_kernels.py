@@ -1,12 +1,13 @@
-"""Exponential sums as the kernels see them, and their evaluation.
+"""Exponential sums in the arrays of the kernels, and their evaluation.
 
-A sum is f(s) = offset + sum_k rows_k . y_k(s), y_k' = G_k y_k, with one pair y_k of two numbers in
-each slot: a mode (displacement, velocity), two real exponentials, or (sine, cosine) of the table.
-Links let the pair of a slot be driven by others. Arrays are C-contiguous float64, slots last; slots
-beyond the last term hold zeros. The sum sees the first slots only; the others are carried along.
+A sum is f(s) = offset + sum_k rows_k . y_k(s), y_k' = G_k y_k. Each slot holds a pair y_k of two
+numbers: a mode (displacement, velocity), two real exponentials, or (sine, cosine) of the table.
+Links are couplings by which the pair of one slot drives that of another. Arrays are C-contiguous
+float64, slots last; unused slots hold zeros. The sum depends on the first slots only ("seen"); the
+others belong to the same state.
 
-States are addressed as states[k], never passed as views: taking a view costs more than the loop
-over a few slots.
+States are addressed as states[k] and not passed as views, because taking a view costs more than the
+loop over a few slots.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ from dynkit.core.validation import Array
 EPSILON = 2.0**-52
 
 DEGREE = 14
-"""Degree of the Taylor polynomials: for |lambda| h <= REACH a remainder below 3e-17."""
+"""Degree of the Taylor polynomials: the remainder is below 3e-17 for |lambda| h <= REACH."""
 
 REACH = 0.5
 """Largest |lambda| h of the smallest step."""
 
 SCRATCH, START, FOUND, TERM, KEPT, LEFT, STATES = 3, 3, 4, 5, 7, 8, 9
-"""Scratch states; places of the start, of the result, of two Taylor terms, of the earliest result
-and of the start of a mode that was left; number of states."""
+"""Number of scratch states; indices of the start, of the result, of two Taylor terms, of the
+earliest result and of the start of the previous mode; number of states."""
 
 PLACES, LEVELS = 11, 5
-"""Numbers of a paused search."""
+"""Number of integers and of real numbers of a paused search."""
 
 BOUND, TAIL, DRIFT, SEPARATE = 8, 14, 16, 22
-"""Where in the rows of a ladder the bounds begin."""
+"""First rows of the groups in ``Ladder.rows``."""
 
 Indices = NDArray[np.intp]
 
@@ -45,32 +46,34 @@ class Ladder(NamedTuple):
 
     Attributes
     ----------
-    step : (all rungs, 8, slots) propagators exp(G h), entries 11, 12, 21, 22, then the low parts of
-        the same
-    cell : (rungs, 10, seen) rows that give f, f', f'' after the step from the state before it, two
-        each, then weights of |y|: of what a number kept adds to the bound of the quintic Hermite
-        error on a cell of that size, and of the most that one left out adds to f on it; then 1 for
-        numbers kept, 0 for those that swing too fast for that size and are left out
-    rows : (23, seen), two each: rows that give f, f', f'', f^(3) from y; from BOUND on weights of
-        |y| that bound |f_k|, |f_k^(4)| and |f_k^(DEGREE + 1)| / (DEGREE + 1)! for the time `window`
-        (the first of a term that grows, or is slow, is its present size); from TAIL on weights that
-        bound, less their steady responses, the terms that do not drift, for ever, infinite where
-        there is no bound; from DRIFT on rows that give the terms that drift, with the constant
-        ones, their rate and their acceleration; the last row is 1 where two separate numbers add
-        up, 0 where they turn into each other
+    step : (all rungs, 8, slots) propagators exp(G h): entries 11, 12, 21, 22, then their low parts
+    cell : (rungs, 10, seen) for a step of each rung:
+        rows, two each, of f, f', f'' after the step, applied to the state before it;
+        weights (2) of |y|: for kept terms, of the bound of the quintic Hermite error on the cell;
+        for terms left out, of the bound of their contribution to f on the cell;
+        flags (2): 1 for kept terms, 0 for terms left out because they are too fast for the cell
+    rows : (23, seen), in groups of two rows each:
+        rows of f, f', f'', f^(3);
+        from BOUND on, weights of |y| that bound |f_k|, |f_k^(4)| and
+        |f_k^(DEGREE + 1)| / (DEGREE + 1)! for the time `window` (for a term that grows, or is slow,
+        the first is its present size);
+        from TAIL on, weights that bound at all later times the terms that do not drift, minus
+        their steady responses; infinite where there is no bound;
+        from DRIFT on, rows of the drifting and constant terms, of their rate and acceleration;
+        the last row is 1 for a slot of two separate numbers, and 0 for a coupled pair
     generator : (6, slots) entries 11, 12, 21, 22, trace and determinant of G
-    links : (L, 2) slots that are driven and slots that drive them
-    link_step : (2 + all rungs, L, 4) entries 11, 12, 21, 22 of how, then of what the driving slot
-        adds to the driven one in a step, then of the steady response of the driven one
+    links : (L, 2) driven slot and driving slot
+    link_step : (2 + all rungs, L, 4) entries 11, 12, 21, 22 of the coupling, of the contribution of
+        the driving slot in a step of each rung, and of the steady response
     offset : constant term of f
     smallest : step of rung 0, a power of two
-    smooth : largest rung on which nothing is left out
+    smooth : largest rung without terms left out
     apart : whether a seen slot holds two separate numbers, or is driven by another
-    grows : whether a term may grow beyond its present size for long, or for ever
-    window : time for which `bound` holds
-    steady : number of the slot that never decays (the table), or -1
-    swing : bound of all that comes from that slot, steady responses included; infinite where there
-        is none
+    grows : whether a term may grow beyond its present size, for long or without bound
+    window : time for which the weights from BOUND on hold
+    steady : slot of the pair that never decays (the table), or -1
+    swing : bound of all contributions of that slot, including steady responses; infinite where
+        there is no bound
     """
 
     step: Array
@@ -94,12 +97,11 @@ class Workspace(NamedTuple):
 
     Attributes
     ----------
-    states : (STATES, 2, slots); ``states[START]`` is the state that a search starts from,
-        ``states[FOUND]`` the one at the
-        root, the others are scratch
+    states : (STATES, 2, slots); ``states[START]`` is the start of the search, ``states[FOUND]`` the
+        state at the root, the others are scratch
     coefficients : (DEGREE + 1,) Taylor coefficients of f
-    places : (PLACES,) where a paused search goes on: whether it is paused, then its integers
-    levels : (LEVELS,) and its real numbers
+    places : (PLACES,) whether the search is paused, then the integers of a paused search
+    levels : (LEVELS,) real numbers of a paused search
     """
 
     states: Array
@@ -110,7 +112,7 @@ class Workspace(NamedTuple):
 
 @kernel(inline=True)
 def _add_driven(links: Indices, b: Array, j: int, states: Array, k: int, to: int) -> None:
-    """What the driving slots of state `k` add to the driven ones of state `to` in a step."""
+    """Add the contributions of the driving slots of state `k` in a step to state `to`, in place."""
     for m in range(links.shape[0]):
         p = states[k, 0, links[m, 1]]
         q = states[k, 1, links[m, 1]]
@@ -130,10 +132,10 @@ def propagate(
     first: int,
     last: int,
 ) -> None:
-    """Slots `first` to `last` - 1 of state `k` after the step of rung `j`, into state `to`.
+    """Write slots `first` to `last` - 1 of state `k` after the step of rung `j` into state `to`.
 
-    To about one rounding error. Fused, the low parts meet the exact product, whose bits beyond the
-    last carry them; a rounded one would swallow them always, and the energy would drift.
+    The error is about one rounding. The fused operation adds the low parts to the exact product;
+    added to a rounded product they would be lost in every step, and the energy would drift.
     """
     for i in range(first, last):
         a = states[k, 0, i]
@@ -152,7 +154,7 @@ def propagate(
 def walk(
     step: Array, links: Indices, link_step: Array, seen: int, j: int, states: Array, k: int, to: int
 ) -> None:
-    """The seen slots as `propagate`, without the low parts: for the search only."""
+    """Propagate the seen slots without the low parts: for the search only."""
     for i in range(seen):
         a = states[k, 0, i]
         b = states[k, 1, i]
@@ -172,9 +174,9 @@ def propagate_steps(
     first: int,
     last: int,
 ) -> int:
-    """Slots of the start state after `n` smallest steps, one propagation per binary digit.
+    """Propagate slots of the start state by `n` smallest steps, one propagation per binary digit.
 
-    Returns the place of the result, one of the two scratch states that are not `keep`.
+    Returns the index of the result, one of the two scratch states that are not `keep`.
     """
     top = step.shape[0] - 1
     k = START
@@ -207,9 +209,9 @@ def shift(
     first: int,
     last: int,
 ) -> None:
-    """Slots of state `k`, each by itself, after a time `e` not beyond the smallest step.
+    """Write uncoupled slots of state `k` after a time `e` <= the smallest step into state `to`.
 
-    exp(G e) = x0 + x1 G by the theorem of Cayley and Hamilton, both as Taylor series.
+    exp(G e) = x0 + x1 G (Cayley-Hamilton theorem), with Taylor series for x0 and x1.
     """
     for i in range(first, last):
         trace = generator[4, i] * e
@@ -233,7 +235,7 @@ def shift(
 
 @kernel()
 def _next_term(ladder: Ladder, factor: float, states: Array, k: int, to: int) -> None:
-    """Rate of change of the seen slots of state `k`, times a factor, into state `to`."""
+    """Write the rate of change of the seen slots of state `k`, times a factor, into state `to`."""
     g = ladder.generator
     for i in range(ladder.rows.shape[1]):
         p = factor * states[k, 0, i]
@@ -251,7 +253,7 @@ def _next_term(ladder: Ladder, factor: float, states: Array, k: int, to: int) ->
 
 @kernel()
 def shift_linked(ladder: Ladder, e: float, states: Array, k: int, to: int) -> None:
-    """Driven slots of state `k` after a time `e` not beyond the smallest step, into state `to`."""
+    """Write driven slots of state `k` after a time `e` <= the smallest step into state `to`."""
     links = ladder.links
     for i in range(ladder.rows.shape[1]):
         states[TERM, 0, i] = states[k, 0, i]
@@ -265,7 +267,7 @@ def shift_linked(ladder: Ladder, e: float, states: Array, k: int, to: int) -> No
         _next_term(ladder, e / j, states, old, new)
         for m in range(links.shape[0]):
             t = links[m, 0]
-            # A slot that several others drive is added to once.
+            # a slot with several drivers gets the term once
             if m == 0 or links[m - 1, 0] != t:
                 states[to, 0, t] += states[new, 0, t]
                 states[to, 1, t] += states[new, 1, t]
@@ -273,7 +275,7 @@ def shift_linked(ladder: Ladder, e: float, states: Array, k: int, to: int) -> No
 
 @kernel(reorder=True, inline=True)
 def look_ahead(cell: Array, j: int, states: Array, k: int) -> tuple[float, float, float, float]:
-    """f, f', f'' after the step of rung `j`, and the bound of the quintic Hermite error on it."""
+    """Return f, f', f'' after the step of rung `j`, and the bound of the Hermite error on it."""
     value = 0.0
     rate = 0.0
     second = 0.0
@@ -290,7 +292,7 @@ def look_ahead(cell: Array, j: int, states: Array, k: int) -> tuple[float, float
 
 @kernel(reorder=True, inline=True)
 def start_sums(rows: Array, states: Array, k: int) -> tuple[float, float, float, float]:
-    """f'', f^(3), bound of |f^(4)|, and of |f| as far as it does not grow."""
+    """Return f'', f^(3), and bounds of |f^(4)| and of |f| (its present size if it grows)."""
     second = 0.0
     third = 0.0
     fourth = 0.0
@@ -309,7 +311,7 @@ def start_sums(rows: Array, states: Array, k: int) -> tuple[float, float, float,
 def value_and_rates(
     rows: Array, offset: float, states: Array, k: int
 ) -> tuple[float, float, float]:
-    """f, f' and f'' of the state `k`."""
+    """Return f, f' and f'' at the state `k`."""
     value = 0.0
     rate = 0.0
     second = 0.0
@@ -322,11 +324,11 @@ def value_and_rates(
 
 @kernel(reorder=True)
 def expand(generator: Array, rows: Array, offset: float, states: Array, k: int, c: Array) -> None:
-    """Taylor coefficients of f at the state `k`; `c` is modified in place.
+    """Compute the Taylor coefficients of f at the state `k`; `c` is modified in place.
 
-    Every term obeys its characteristic equation, f'' = trace f' - determinant f, and so do all its
-    derivatives. Written out, because the compiler then keeps the sums in registers, ten times as
-    fast as a loop over the orders.
+    Every term and all its derivatives satisfy the characteristic equation,
+    f'' = trace f' - determinant f. The loop over the orders is unrolled, because the compiler then
+    keeps the sums in registers, which is ten times faster.
     """
     c0 = c1 = c2 = c3 = c4 = c5 = c6 = c7 = c8 = c9 = c10 = c11 = c12 = c13 = c14 = 0.0
     for i in range(rows.shape[1]):
@@ -380,7 +382,7 @@ def expand(generator: Array, rows: Array, offset: float, states: Array, k: int, 
 
 @kernel()
 def expand_apart(ladder: Ladder, states: Array, k: int, c: Array) -> None:
-    """As `expand`, every number by itself: one equation of a slot would mix its rates."""
+    """Compute them as `expand` for separate numbers, whose rates one equation would mix."""
     rows = ladder.rows
     for i in range(rows.shape[1]):
         states[TERM, 0, i] = states[k, 0, i]

@@ -1,4 +1,4 @@
-"""Rows and bounds of exponential sums whose pairs evolve by themselves, slot by slot."""
+"""Rows and bounds of exponential sums of uncoupled pairs, slot by slot."""
 
 from __future__ import annotations
 
@@ -28,19 +28,20 @@ def fill_sum(
     Parameters
     ----------
     generator, scale : (4, n), (n,)
-        Of `Pairs` that are independent.
+        Fields of independent `Pairs`.
     slow : (n,)
         1 for pairs that are bounded by their present size, else 0.
     row : (2, seen)
     factorial, largest : float
-        (DEGREE + 1)!, and what no weight exceeds.
+        (DEGREE + 1)!, and the upper limit of weights.
     step : (rungs, 8, slots)
     work : (2, DEGREE + 2, 2)
         Scratch: derivatives of the row of a slot, and their bounds.
 
     Returns
     -------
-    smooth
+    smooth : int
+        Field of the `Ladder`.
     """
     rows_of, bounds = work[0], work[1]
     smooth = cell.shape[0]

@@ -1,4 +1,4 @@
-"""The terms of exponential sums, two numbers each, and bounds of what becomes of them."""
+"""Terms of exponential sums as pairs of numbers, and bounds of the pairs at later times."""
 
 from __future__ import annotations
 
@@ -16,29 +16,30 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 
 LARGEST = 1e60
-"""No entry of a generator may exceed this, lest the bounds of derivatives overflow."""
+"""Largest entry of a generator: beyond it the bounds of derivatives would overflow."""
 
 SEPARATE = 1.1
-"""Beyond this damping ratio the two real exponentials of an oscillator are kept apart."""
+"""Beyond this damping ratio an oscillator is represented by its two real exponentials."""
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Terms y_k of two numbers each, y_k' = G_k y_k + sum over links B y_source.
+    """Pairs y_k of numbers with y_k' = G_k y_k + sum over links B y_source.
 
     Attributes
     ----------
     generator, generator_low
         (4, n) entries 11, 12, 21, 22 of G and their low parts (double-double).
     scale
-        (n,) factor s_k such that the norm of (y_1, s_k y_2) never grows by itself; 0 marks two
-        separate numbers: G diagonal, or (position, velocity) of a rigid body.
+        (n,) factor s_k such that the norm of (y_1, s_k y_2) of an undriven pair never grows; 0
+        marks two separate numbers: G diagonal, or (position, velocity) of a rigid body.
     links
-        (2, L) targets and sources; no chain of links leads back to where it began.
+        (2, L) targets and sources; the links have no cycles.
     coupling
         (4, L) entries 11, 12, 21, 22 of their B.
     cluster
-        (n,) one of the pairs together with which the norm of a pair never grows; itself by default.
+        (n,) number of the cluster of a pair: pairs whose common norm never grows; by default each
+        pair is a cluster.
     """
 
     generator: Array
@@ -64,19 +65,19 @@ class Pairs:
 
     @cached_property
     def independent(self) -> bool:
-        """Whether no pair feeds another or shares its norm, and none is a rigid body."""
+        """Whether no pair drives another or shares its norm, and none is a rigid body."""
         still = (self.scale == 0.0) & (self.generator[0] == 0.0)
         return not (self.links.size or self._shared or still.any()) and self._parts is None
 
     @cached_property
     def grows(self) -> bool:
-        """Whether a term may grow beyond all bounds."""
+        """Whether a term may grow without bound."""
         parts = self._parts
         return parts is not None and not np.isfinite(_majorant(*parts[1:], math.inf)).all()
 
     @staticmethod
     def join(*parts: Pairs) -> Pairs:
-        """All pairs of the parts, one after the other."""
+        """Return the pairs of all parts, in their order."""
         before = np.cumsum([0, *(p.count for p in parts)])
         return Pairs(
             np.concatenate([p.generator for p in parts], axis=1),
@@ -88,7 +89,7 @@ class Pairs:
         )
 
     def linked(self, links: Any, coupling: Array) -> Pairs:
-        """The same pairs with more links, (2, L) and (4, L)."""
+        """Return the pairs with additional links, (2, L) and (4, L)."""
         return Pairs(
             self.generator,
             self.generator_low,
@@ -99,7 +100,7 @@ class Pairs:
         )
 
     def placed(self, slots: NDArray[np.intp], count: int) -> Pairs:
-        """The pairs in the given slots (n,) of `count`, constants that are not used elsewhere."""
+        """Return `count` pairs: these in the given slots (n,), unused constants elsewhere."""
         generator, low, scale = np.zeros((4, count)), np.zeros((4, count)), np.ones(count)
         generator[:, slots], low[:, slots] = self.generator, self.generator_low
         scale[slots] = self.scale
@@ -108,29 +109,29 @@ class Pairs:
         return Pairs(generator, low, scale, slots[self.links], self.coupling, cluster)
 
     def turning(self, slot: int, frequency: float) -> Pairs:
-        """The same with another rotation in the slot of one that feeds nothing."""
-        found = copy(self)  # what is known of the others stays true
+        """Return the pairs with another frequency of a rotation that drives nothing."""
+        found = copy(self)  # cached properties of the other pairs remain valid
         vars(found)["generator"] = generator = self.generator.copy()
         vars(found)["rates"] = fast, slow = tuple(part.copy() for part in self.rates)
         generator[1:3, slot] = frequency, -frequency
-        fast[slot] = slow[slot] = math.sqrt(frequency * frequency)  # as rounded as the others
+        fast[slot] = slow[slot] = math.sqrt(frequency * frequency)  # the rounding of `rates`
         if not frequency <= LARGEST:
-            del vars(found)["rates"]  # which refuses it
+            del vars(found)["rates"]  # computed again, it raises
         return found
 
     @staticmethod
     def oscillators(
         frequency: Array, frequency_low: Array, decay: Array, decay_low: Array
     ) -> tuple[Pairs, Array | None]:
-        """Pairs of q'' + 2 decay q' + frequency^2 q = 0, both given as double-double.
+        """Return pairs of q'' + 2 decay q' + frequency^2 q = 0 for double-double coefficients.
 
         Returns
         -------
         pairs
-            (q, q') through critical damping and of rigid bodies, two real exponentials beyond it.
-            With both of a rigid body under drag its place would be a difference of large numbers.
+            (q, q') up to damping ratio `SEPARATE` and for rigid bodies, whose position under drag
+            would be a difference of large exponentials; two real exponentials otherwise.
         mixing
-            (2, 2, n) matrices that give (q, q') from the pairs; None when all of them are 1.
+            (2, 2, n) matrices from the pairs to (q, q'); None when all are the identity.
         """
         n = frequency.size
         generator, low = np.zeros((4, n)), np.zeros((4, n))
@@ -158,23 +159,23 @@ class Pairs:
 
     @staticmethod
     def rotation(frequency: float) -> Pairs:
-        """One pair (sine, cosine) of the angular frequency `frequency`."""
+        """Return one pair (sine, cosine) of the angular frequency `frequency`."""
         return Pairs(
             np.array([[0.0], [frequency], [-frequency], [0.0]]), np.zeros((4, 1)), np.ones(1)
         )
 
     @staticmethod
     def empty() -> Pairs:
-        """No pair."""
+        """Return pairs without any pair."""
         return Pairs(np.empty((4, 0)), np.empty((4, 0)), np.empty(0))
 
     @staticmethod
     def constant() -> Pairs:
-        """One pair that stays what it is."""
+        """Return one constant pair."""
         return Pairs(np.zeros((4, 1)), np.zeros((4, 1)), np.ones(1))
 
     def derivatives(self, row: Array, count: int) -> Array:
-        """Rows (count, 2, n) of the value and its derivatives, from the row (2, n) of the value."""
+        """Return rows (count, 2, n) of a value and its derivatives, from its row (2, n)."""
         g, b = self.generator, self.coupling
         target, source = self.links
         rows = np.empty((count, *row.shape))
@@ -188,20 +189,20 @@ class Pairs:
         return rows
 
     def derivative_rows(self, row: Array, order: int) -> Array:
-        """Row (2, n) of the derivative of that order, from the row (2, n) of the value."""
+        """Return the row (2, n) of the derivative of an order, from the row (2, n) of the value."""
         return np.asarray(self.derivatives(row, order + 1)[order])
 
     def bound(self, row: Array, order: int, window: float = math.inf) -> Array:
-        """Weights (2, n) of abs(y) that bound the derivative of that order for a time `window`.
+        """Return weights (2, n) of abs(y) that bound a derivative of an order for a time `window`.
 
-        Infinite where it may grow beyond all bounds.
+        They are infinite where it may grow without bound.
         """
         return np.asarray(self.bounds(self.derivative_rows(row, order)[None], window)[0])
 
     def bounds(self, rows: Array, window: float | Array = math.inf) -> Array:
-        """Weights (k, 2, n) of abs(y) that bound what rows (k, 2, n) give, for a time `window`.
+        """Return weights (k, 2, n) of abs(y) that bound the values of rows (k, 2, n).
 
-        Of each of several finite windows (w,): (w, k, 2, n).
+        They hold for a time `window`; for several finite windows (w,) they are (w, k, 2, n).
         """
         together = self.scale > 0.0
         scale = np.where(together, self.scale, 1.0)
@@ -225,8 +226,8 @@ class Pairs:
         return weights
 
     def _together(self, norm: Array) -> Array:
-        """Norms (n,) of the clusters of pairs, from those of the pairs; squares may underflow."""
-        largest = np.zeros(self.count)
+        """Return the norm (n,) of each pair's cluster from the norms of pairs."""
+        largest = np.zeros(self.count)  # a scale: squares may underflow
         np.maximum.at(largest, self._clusters, norm)
         unit = np.where(largest > 0.0, largest, 1.0)
         squares = (norm / unit[self._clusters]) ** 2
@@ -235,10 +236,10 @@ class Pairs:
 
     @cached_property
     def _parts(self) -> tuple[NDArray[np.intp], Array, Array] | None:
-        """Parts of the state that feed one another: numbers (2, n), growth matrix and decays.
+        """Coupled parts of the state: their numbers (2, n), growth matrix and decays.
 
-        A part is the norm of a cluster, or one of two separate numbers. Its size n obeys
-        n_i' <= -decay_i n_i + sum_j growth_ij n_j. What feeds nothing has the number -1.
+        A part is the norm of a cluster, or one of two separate numbers. Its size n satisfies
+        n_i' <= -decay_i n_i + sum_j growth_ij n_j. Uncoupled numbers have -1.
         """
         apart = self.scale == 0.0
         rigid = apart & (self.generator[1] != 0.0)
@@ -249,7 +250,7 @@ class Pairs:
         involved = involved[cluster] | rigid
         if not involved.any():
             return None
-        # Both numbers of a pair that is not apart share a part, and so do the pairs of a cluster.
+        # the two numbers of a coupled pair, and all pairs of a cluster, belong to one part
         key = np.stack([2 * cluster, np.where(apart, 2 * cluster + 1, 2 * cluster)])
         names, number = np.unique(np.where(involved, key, -1), return_inverse=True)
         number = number.reshape(2, -1) - int(names[0] < 0)
@@ -265,14 +266,14 @@ class Pairs:
             t, source = self.links[:, k].tolist()
             b = abs(self.coupling[:, k].reshape(2, 2))
             b = b * np.array([[1.0], [self.scale[t] or 1.0]]) / [1.0, self.scale[source] or 1.0]
-            # Sums over entries bound every norm of them.
+            # the sum of the entries bounds every norm
             for i in range(2):
                 for j in range(2):
                     growth[number[i, t], number[j, source]] += b[i, j]
         return number, growth, decay
 
     def _contraction(self, slot: int, row: int) -> float:
-        """Rate at which a number, or the norm of a pair that turns evenly, decays by itself."""
+        """Return the decay rate of an undriven number, or of the norm of a damped rotation."""
         g, scale = self.generator[:, slot], self.scale[slot]
         if scale == 0.0:
             return max(0.0, -float(g[3 * row]))
@@ -305,13 +306,13 @@ class Pairs:
 
 
 def _majorant(growth: Array, decay: Array, window: float | Array) -> Array:
-    """Bound of each part by the parts at the start, for a time or for ever; for each of times."""
+    """Return bounds of each part by the parts at the start, for a window, or for several."""
     n = len(growth)
     total = power = np.eye(n)
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(1, n + 1):
             if np.isinf(window).all():
-                # A target that decays takes in no more than its source's largest value.
+                # a target with a decay remains below growth / decay times its source's maximum
                 scaled = np.where(growth > 0.0, growth / decay[:, None], 0.0)
             else:
                 scaled = growth * (np.asarray(window) / k)[..., None, None]

@@ -9,13 +9,13 @@ from dynkit.core.validation import Array
 from dynkit.exponential.evaluation_kernels import DEGREE, EPSILON
 
 ROOT, TOUCH, NEVER, LIMIT, BEYOND, PAUSED = 0, 1, 2, 3, 4, 5
-"""Outcomes: sign change, double root within rounding, no root any more, step limit reached, no root
-up to the horizon."""
+"""Outcomes: sign change, double root within rounding, no later root, limit of cells reached, no
+root up to the horizon, search paused."""
 
 
 @kernel(reorder=True, inline=True)
 def polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
-    """Value and derivative at `e` of the polynomial c[first] + c[first + 1] e + ..."""
+    """Return value and derivative at `e` of the polynomial c[first] + c[first + 1] e + ..."""
     value = c[DEGREE]
     rate = 0.0
     for j in range(DEGREE - 1, first - 1, -1):
@@ -26,7 +26,7 @@ def polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
 
 @kernel()
 def polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int, float, float]:
-    """Newton's iteration inside a bracket of one sign change, from positive to negative."""
+    """Find a root by Newton's method inside a bracket with a change from positive to negative."""
     for _ in range(80):
         value, rate = polynomial(c, first, e)
         if value > 0.0:
@@ -43,9 +43,9 @@ def polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int
             e = trial
             continue
         change = trial - e
-        # The next change would be about (curvature / rate) change^2 / 2.
+        # the next change would be about (curvature / rate) change^2 / 2
         second = 2.0 * abs(c[first + 2]) + 6.0 * abs(c[first + 3]) * e
-        # A longer one than the root itself leaves the rounding of where it came from.
+        # a change longer than the root itself keeps the rounding of the previous point
         if abs(change) <= trial and second * change * change <= -EPSILON * rate * trial:
             e = trial
             break
@@ -56,10 +56,10 @@ def polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int
 
 @kernel()
 def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[int, float, float]:
-    """From a point within the band down to a crossing or to a minimum within the band.
+    """Descend from a point within the band to a crossing or to a minimum within the band.
 
-    A crossing at the very end counts, also where it is an ulp beyond: otherwise it would pass for
-    a minimum. A slope that has not crossed by then goes on in the next cell.
+    The interval is extended slightly: a crossing at its end would otherwise pass for a minimum. A
+    function that still falls at the end is searched in the next cell.
     """
     low = e
     high = e
@@ -93,7 +93,7 @@ def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[
 def polynomial_first_root(
     c: Array, first: int, end: float, band: float
 ) -> tuple[int, float, float]:
-    """First root in (0, `end`] of c[first] + c[first + 1] e + ..., positive at 0.
+    """Return the first root in (0, `end`] of c[first] + c[first + 1] e + ..., positive at 0.
 
     From a point x on the left, the root of p(x) + p'(x) e - M e^2/2 with M >= |p''| cannot lie
     beyond a root of p.
@@ -111,7 +111,7 @@ def polynomial_first_root(
         power *= end
         slope += (j - first) * max(c[j], 0.0) * power
     if slope < 0.0:
-        # The polynomial falls all the way.
+        # the polynomial decreases on the whole interval
         value, rate = polynomial(c, first, end)
         if value > band:
             return NEVER, end, 0.0
@@ -138,7 +138,7 @@ def polynomial_first_root(
             square = rate * rate + 2.0 * curvature * value
             root = math.sqrt(square)
             if square < 1e-280:
-                # Squares of the smallest numbers vanish.
+                # squares of the smallest numbers underflow
                 root = math.hypot(rate, math.sqrt(2.0 * curvature) * math.sqrt(value))
             if rate < 0.0:
                 e += 2.0 * value / (root - rate)

@@ -20,38 +20,38 @@ LANES = 8
 MAXIMUM_RUNGS = 61
 
 LARGEST = 1e300
-"""Of weights."""
+"""Upper limit of weights."""
 
 SLOWEST = 1e-20
-"""Rates below this do not make the smallest step longer: its powers must not overflow."""
+"""Slower rates do not make the smallest step longer: its powers must not overflow."""
 
 SLOW = 1e-4
-"""A term that is so much slower than the fastest one is far from its amplitude for long: what
-rounding does to it is told by its present size."""
+"""A term slower than the fastest one by this factor remains below its amplitude for a long time:
+its rounding is estimated from its present size."""
 
 LONGEST, BEYOND = 46, 20
-"""At least so many rungs, of twice the step each, for propagation over long times; and so many more
-than a search uses, of which a million of the longest steps are not taken one by one."""
+"""Least number of rungs for propagation over long times, and least number beyond those of a search:
+the longest step is then a million times as long, so that few are taken one by one."""
 
-# A cell of 8 to 208 slots takes 1.7 to 2.4 ns for each slot and 64 more (2.5 GHz), one that is
-# searched by its Taylor polynomial up to ten times as long: a call takes 10 to 100 ms.
+# A cell of n = 8 to 208 slots takes 1.7 to 2.4 ns times (n + 64) at 2.5 GHz, and up to ten times as
+# long with a Taylor polynomial: a call takes 10 to 100 ms.
 _NUMBERS_OF_A_CALL, _LEAST_SLOTS = 1 << 22, 64
 
 
 def padded(count: int) -> int:
-    """Number of slots for `count` terms."""
+    """Return the number of slots for `count` terms."""
     return -(-count // LANES) * LANES
 
 
 def rung_sizes(pairs: Pairs) -> tuple[float, int]:
-    """Smallest step (a power of two with every abs(lambda) h <= REACH) and rungs of the search."""
+    """Return the smallest step (a power of two with abs(lambda) h <= REACH) and number of rungs."""
     from dynkit.exponential.evaluation_kernels import REACH
 
     fast, slow = (part.tolist() for part in pairs.rates)
     fastest = max(SLOWEST, *fast) if any(fast) else 1.0
     slowest = min([fastest, *(rate for rate in slow if rate > 0.0)])
     if pairs.grows:
-        # A rigid body may fly for long while nothing else happens.
+        # a rigid body may move for a long time without any event
         slowest = min(slowest, 1e-9 * fastest)
     smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
     rungs = int(np.ceil(np.log2(8.0 * np.pi / smallest) - np.log2(slowest))) + 1
@@ -60,19 +60,19 @@ def rung_sizes(pairs: Pairs) -> tuple[float, int]:
 
 @dataclass(frozen=True)
 class Propagators:
-    """Steps of ``smallest * 2**j`` of a set of pairs.
+    """Propagators of pairs over steps of ``smallest * 2**j``.
 
     Attributes
     ----------
     pairs : Pairs
     smallest : float
-    rungs : how many of them a search uses
+    rungs : number of rungs of a search
     step : (all rungs, 8, slots) propagators exp(G h), high and low parts
     links : (L, 2) targets and sources
-    link_step : (2 + all rungs, L, 4) of how the target is driven, of what reaches it in a step, and
-        of its steady response
+    link_step : (2 + all rungs, L, 4) coupling, contribution in a step of each rung, and steady
+        response of each link
     generator : (6, slots) entries 11, 12, 21, 22, trace and determinant of G
-    responses : what is steady
+    responses : steady responses
     """
 
     pairs: Pairs
@@ -86,7 +86,7 @@ class Propagators:
 
     @staticmethod
     def of(pairs: Pairs) -> Propagators:
-        """The propagators of all pairs."""
+        """Return the propagators of pairs."""
         smallest, rungs = rung_sizes(pairs)
         step = steps(pairs, smallest, max(min(rungs + BEYOND, MAXIMUM_RUNGS + 1), LONGEST))
         responses = Responses.of(pairs)
@@ -96,7 +96,7 @@ class Propagators:
         return Propagators(pairs, smallest, rungs, step, *links, generator, responses)
 
     def turning(self, slot: int, frequency: float) -> Propagators:
-        """The same with another rotation in the slot of one that feeds nothing."""
+        """Return the propagators with another frequency of a rotation that drives nothing."""
         pairs = self.pairs.turning(slot, frequency)
         if rung_sizes(pairs) != (self.smallest, self.rungs):
             return Propagators.of(pairs)
@@ -110,7 +110,7 @@ class Propagators:
 
     @cached_property
     def ladder(self) -> Any:
-        """The ladder of a sum that is zero: for steps alone."""
+        """Ladder of the sum zero, for propagation only."""
         from dynkit.exponential.evaluation_kernels import SEPARATE, Ladder
 
         slots = self.step.shape[2]
@@ -133,7 +133,7 @@ class Propagators:
 
 
 def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
-    """(rungs, 8, slots) propagators over ``smallest * 2**j``, of each pair by itself."""
+    """Return propagators (rungs, 8, slots) of uncoupled pairs over ``smallest * 2**j``."""
     step = np.zeros((rungs, 8, padded(pairs.count)))
     _fill_steps(pairs, smallest, 0, pairs.count, step)
     return step
@@ -149,7 +149,7 @@ def _fill_steps(pairs: Pairs, smallest: float, first: int, last: int, step: Arra
 def _links(
     pairs: Pairs, smallest: float, rungs: int, responses: Responses
 ) -> tuple[NDArray[np.intp], Array]:
-    """All ways from a slot to another, and `link_step` of them."""
+    """Return all direct and indirect links between slots, (L, 2), and their `link_step`."""
     if not pairs.links.size:
         return np.empty((0, 2), dtype=np.intp), np.empty((2 + rungs, 0, 4))
     from dynkit.exponential.double_double_kernels import fill_coupled_steps
@@ -188,7 +188,7 @@ def _links(
 
 
 def _pad(rows: Array, slots: int) -> Array:
-    """The first slots of rows, filled up with zeros."""
+    """Return the first slots of rows, padded with zeros."""
     out = np.zeros((*rows.shape[:-1], slots))
     out[..., : rows.shape[-1]] = rows[..., :slots]
     return out
@@ -197,13 +197,14 @@ def _pad(rows: Array, slots: int) -> Array:
 def cell_bounds(
     pairs: Pairs, derivatives: Array, smallest: float, rungs: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Weights of abs(y) on the cells of each rung, and which numbers are kept, (rungs, 2, n) each.
+    """Return weights of abs(y) on the cells of each rung, and whether terms are kept.
 
-    From the rows (7, 2, n) of f and its derivatives.
+    Both are (rungs, 2, n); `derivatives` are the rows (7, 2, n) of f and its derivatives.
 
     The error of the quintic Hermite polynomial of f is at most h^6/46080 sup |f^(6)|, and at most
-    2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''| (the Bernstein coefficients of the polynomial). On
-    cells for which this is the smaller bound a term is left out, and f is off by sup |f| at most.
+    2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''| (the Bernstein coefficients of the polynomial). A
+    term is left out of cells for which the second bound is smaller; the error of f is then at most
+    sup |f|.
     """
     h = np.asarray(smallest * 2.0 ** np.arange(rungs), dtype=np.float64)[:, None, None]
     rows = derivatives[[0, 1, 2, 6]]
@@ -216,17 +217,17 @@ def cell_bounds(
         error = sixth * h**6 / 46080.0
         kept = ~(2.0 * most + 0.4 * h * first + 0.05 * h * h * second < error)
     kept[0] = True
-    # Finite, so that they vanish where the number does.
+    # finite, so that the product with a zero number is zero
     return np.fmin(np.where(kept, error, most), LARGEST), kept
 
 
 def ladder(row: Array, offset: float, propagators: Propagators, steady: int) -> Any:
-    """The exponential sum ``offset + row . y`` as the kernels take it.
+    """Return the `Ladder` of the exponential sum ``offset + row . y``.
 
     Parameters
     ----------
     row : (2, seen)
-        Of the slots that the sum sees, the first ones.
+        Coefficients of the first slots, on which the sum depends.
     steady
         Slot of the table, a sine and cosine; -1 for none.
     """
@@ -235,7 +236,7 @@ def ladder(row: Array, offset: float, propagators: Propagators, steady: int) -> 
     slow = (pairs.scale > 0.0) & (fast > 0.0) & (fast < SLOW * fast.max(initial=0.0))
     slow[: row.shape[1]] &= row.any(axis=0)
     slow[row.shape[1] :] = False
-    slow[[steady] if steady >= 0 else []] = False  # it always has its amplitude
+    slow[[steady] if steady >= 0 else []] = False  # its amplitude is constant
     if pairs.independent:
         found = _alone(row, slow, propagators, steady)
     else:
@@ -248,7 +249,7 @@ def ladder(row: Array, offset: float, propagators: Propagators, steady: int) -> 
 def _alone(
     row: Array, slow: NDArray[np.bool_], propagators: Propagators, steady: int
 ) -> dict[str, Any]:
-    """What a ladder holds of a row of independent pairs."""
+    """Return the fields of a ladder for a row of independent pairs."""
     from dynkit.exponential.evaluation_kernels import DEGREE, SEPARATE, TAIL
     from dynkit.exponential.ladder_kernels import fill_sum
 
@@ -279,7 +280,7 @@ def _alone(
 def _joint(
     row: Array, slow: NDArray[np.bool_], propagators: Propagators, steady: int
 ) -> dict[str, Any]:
-    """What a ladder holds of a row of pairs that feed one another, or grow."""
+    """Return the fields of a ladder for a row of pairs that drive one another, or grow."""
     from dynkit.exponential.evaluation_kernels import DEGREE
 
     pairs, step, rungs = propagators.pairs, propagators.step, propagators.rungs
@@ -305,7 +306,7 @@ def _joint(
         cell[:, k] = rows[k] * step[:rungs, 0, :seen] + rows[k + 1] * step[:rungs, 2, :seen]
         cell[:, k + 1] = rows[k] * step[:rungs, 1, :seen] + rows[k + 1] * step[:rungs, 3, :seen]
         b = propagators.link_step[1 : 1 + rungs]
-        for i, (t, s) in enumerate(propagators.links.tolist()):  # all of them are seen
+        for i, (t, s) in enumerate(propagators.links.tolist()):  # all their slots are seen
             cell[:, k, s] += rows[k, t] * b[:, i, 0] + rows[k + 1, t] * b[:, i, 2]
             cell[:, k + 1, s] += rows[k, t] * b[:, i, 1] + rows[k + 1, t] * b[:, i, 3]
     cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept.astype(float), seen)
@@ -320,7 +321,7 @@ def _joint(
 
 
 def workspace(slots: int) -> Any:
-    """Buffers of a search."""
+    """Return the buffers of a search."""
     from dynkit.exponential.evaluation_kernels import DEGREE, LEVELS, PLACES, STATES, Workspace
 
     return Workspace(
@@ -332,5 +333,5 @@ def workspace(slots: int) -> Any:
 
 
 def cells_of_a_call(slots: int) -> int:
-    """Cells after which a compiled search returns, so that an interrupt is heard in between."""
+    """Return the number of cells after which a search returns, so that it can be interrupted."""
     return _NUMBERS_OF_A_CALL // (slots + _LEAST_SLOTS)

@@ -1,4 +1,4 @@
-"""States at given times, of pairs that evolve by themselves or drive each other."""
+"""States of pairs at given times."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Indices = NDArray[np.intp]
 
 @kernel()
 def fly(ladder: Ladder, n: int, e: float, states: Array) -> None:
-    """The found state becomes the start state after n smallest steps and e."""
+    """Write the start state after n smallest steps and a time e into the found state."""
     last = states.shape[2]
     k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, last)
     shift(ladder.generator, e, states, k, FOUND, 0, last)
@@ -34,14 +34,14 @@ def fly(ladder: Ladder, n: int, e: float, states: Array) -> None:
 def sample(
     ladder: Ladder, starts: Array, which: Indices, durations: Array, work: Workspace, out: Array
 ) -> None:
-    """States after given durations from given starts; `out` and `work` are modified in place.
+    """Compute states after durations from starts; `out` and `work` are modified in place.
 
     Parameters
     ----------
     starts
         (k, 2, slots)
     which, durations
-        (m,) start and time of each sample.
+        (m,) index of the start, and duration, of each sample.
     out
         (m, 2, slots)
     """

@@ -40,19 +40,19 @@ from dynkit.exponential.polynomial_kernels import (
 )
 
 FOREVER = 2**62
-"""The farthest horizon, in smallest steps; a search that comes there is at its limit."""
+"""The farthest horizon, in smallest steps; a search that reaches it is at its limit."""
 
 LOW = 1024.0
-"""In units of the rounding band: lower flights are followed by Taylor polynomials, each taken on
-from the one before."""
+"""Height in units of the rounding band: lower flights are followed by Taylor polynomials, each
+continued from the previous one."""
 
 SMALLEST = 1e-300
-"""Of values that are above zero."""
+"""Smallest value that is treated as positive."""
 
 
 @kernel()
 def _cubic_root(h: float, value: float, rate: float, new_value: float, new_rate: float) -> float:
-    """Where, as a part of the cell, the cubic Hermite polynomial falls through zero."""
+    """Return the downward zero of the cubic Hermite polynomial, as a fraction of the cell."""
     a = h * rate
     b = 3.0 * (new_value - value) - h * (2.0 * rate + new_rate)
     c = 2.0 * (value - new_value) + h * (rate + new_rate)
@@ -86,7 +86,7 @@ def _first_rung(
     top: int,
     band_factor: float,
 ) -> int:
-    """Largest rung on which f, with f = 0 and f' = `rate` at its left end, is certainly positive.
+    """Return the largest rung on which f, with f(0) = 0 and f'(0) = `rate`, is certainly positive.
 
     f/s = rate + f'' s/2 + f^(3) s^2/6 within fourth s^3/24; -1 if there is none.
     """
@@ -106,7 +106,7 @@ def _first_rung(
 
 @kernel()
 def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
-    """The root of a polynomial near that of the same one `raised`, if it is no double root."""
+    """Return the root of a polynomial from that of the polynomial plus `raised`, unless double."""
     c[0] -= raised
     if c[0] > 0.0 and polynomial(c, 0, e)[0] < 0.0:
         return polish(c, 0, e, 0.0, e)[1]
@@ -121,7 +121,7 @@ def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
 
 @kernel()
 def _value_at(ladder: Ladder, n: int, states: Array) -> float:
-    """The sum at a node; two scratch states are modified."""
+    """Return the sum after n smallest steps; two scratch states are modified."""
     seen = ladder.rows.shape[1]
     k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, seen)
     return value_and_rates(ladder.rows, ladder.offset, states, k)[0]
@@ -129,7 +129,7 @@ def _value_at(ladder: Ladder, n: int, states: Array) -> float:
 
 @kernel()
 def _last_above(ladder: Ladder, n: int, states: Array) -> int:
-    """The last node before `n`, where f is negative, at which it is not; 0 where there is none."""
+    """Return the last node before `n` at which f is not negative; 0 where there is none."""
     low = n - 1
     high = n
     while low > 0 and _value_at(ladder, low, states) < 0.0:
@@ -155,20 +155,20 @@ def first_root(
     horizon: int,
     work: Workspace,
 ) -> tuple[int, int, float, float, int]:
-    """Certified first root of f at s > 0, from the state ``work.states[START]``.
+    """Return the certified first root of f at s > 0, from the state ``work.states[START]``.
 
     A cell [s, s + h] is passed when the Bernstein coefficients of the quintic Hermite polynomial of
     f exceed the bound M_6 h^6 / 46080 of its error; a cell of the smallest size is searched by its
-    Taylor polynomial. Far from the table only the amplitude of its motion counts.
+    Taylor polynomial.
 
     Parameters
     ----------
     order
-        How many leading Taylor coefficients of f are known to vanish: 0 (f > 0), 1, 2 or 3 (f''(0)
-        or f^(3)(0) > 0 follows from the state).
+        Number of leading Taylor coefficients of f that are zero: 0 (f > 0), 1, 2 or 3 (f''(0) or
+        f^(3)(0) > 0 follows from the state).
     rate
-        With order 1 f'(0) > 0; with order 0 f(0) where that is known to more digits than the state
-        has, else zero.
+        With order 1, f'(0) > 0; with order 0, f(0) where more of its digits are known than from
+        the state, else zero.
     band_factor
         Rounding band in units of the amplitude sum.
     touches
@@ -177,9 +177,9 @@ def first_root(
         Largest number of cells.
     pause
         Number of cells after which this call returns PAUSED, so that its time is bounded; the next
-        call with the same arguments goes on from there, bit for bit.
+        call with the same arguments continues with the same bits.
     horizon
-        Number of smallest steps beyond which nobody asks.
+        Number of smallest steps after which the search ends.
     work
         Modified in place; ``work.states[FOUND]`` becomes the state at the root.
 
@@ -271,12 +271,12 @@ def first_root(
                 continue
         if low_flight:
             if ladder.apart:
-                # The remainder is below the rounding of what is carried.
+                # the remainder is below the rounding of the carried value
                 rest = 1e3 * EPSILON * carried
                 wide = taylor_rung(rows, states, current, smallest, min(j + 1, top), rest)
         elif j >= 0 and wide == 0 and not expanded:
             h = smallest * (1 << j)
-            # Rungs whose certificate must fail already at this end of the cell are not tried.
+            # skip rungs whose certificate fails already at the left end of the cell
             while j > 0 and value + h * (0.4 * slope + 0.05 * h * second) <= band:
                 j -= 1
                 h *= 0.5
@@ -293,18 +293,18 @@ def first_root(
                 slope = new_slope
                 second = new_second
                 if j < top and low > 32.0 * error:
-                    # A leap is not tried in vain.
+                    # do not try a leap that would fail
                     j += j < ladder.smooth or value + 0.8 * h * slope > band
                 passed += 1
                 if passed & 15 == 0:
-                    # Nothing but a crossing beyond the band counts where a touch does not.
+                    # without touches only a crossing beyond the band counts
                     if tail(ladder, states, current) > (band if touches else -band):
                         return NEVER, n, 0.0, 0.0, cells
                     if passed & 31 == 0 and j >= ladder.smooth - 2:
                         j = min(j + HURDLE, top)
                 continue
             if ladder.apart:
-                # Fast exponentials that have died out do not narrow the Taylor polynomial.
+                # fast exponentials that have decayed do not limit the Taylor polynomial
                 wide = taylor_rung(rows, states, current, smallest, max(j, wider), band)
                 if wide < j:
                     j -= 1
@@ -316,8 +316,7 @@ def first_root(
                 if m <= 0:
                     j = j - 1 if new_value >= 0.0 else 0
                     continue
-                # Jump to the last node before the estimated root, if the way there can be
-                # certified.
+                # jump to the last node before the estimated root, if the cell up to it is certified
                 jumped = propagate_steps(step, links, link_step, n + m, states, current, 0, seen)
                 expand(ladder.generator, rows, offset, states, jumped, c)
                 part = m * smallest / h
@@ -330,7 +329,7 @@ def first_root(
                 n += m
                 expanded = True
                 current = jumped
-        # The smallest cell, or the first one: Taylor polynomial of the state itself.
+        # the smallest cell, or the first one: Taylor polynomial at its state
         first = 0
         if not expanded:
             current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
@@ -350,18 +349,18 @@ def first_root(
             threshold = 8.0 * EPSILON * abs(c[first])
         else:
             if carries:
-                # Taken on from the start, the value has only the rounding of its changes.
+                # the carried value has only the rounding of its changes since the start
                 c[0] = carried
                 speeds = weighted(rows, 2, -1, states, current)
                 lost = EPSILON * (band_factor * speeds * n * smallest + 8.0 * carried)
                 threshold = min(band, lost)
             if c[0] <= threshold:
-                # Inside the band and certified not to have crossed: only a crossing beyond the band
-                # counts.
+                # inside the band, and certainly without a crossing so far: only a crossing beyond
+                # the band counts
                 if stays_in_band(ladder, states, current, threshold):
                     return NEVER, n, 0.0, 0.0, cells
                 if n == 0 and touches:
-                    # The start itself is above zero, however little.
+                    # the start is positive, but may be tiny
                     c[0] = max(c[0], SMALLEST)
                     threshold = 8.0 * EPSILON * c[0]
                     carries = True
@@ -376,7 +375,7 @@ def first_root(
         cells += 1
         if outcome == ROOT and raised > 0.0:
             if n > 0 and n != carried_to and c[0] < raised and c[1] < 0.0:
-                # The band is so wide that it took several cells to fall through it.
+                # the band is wide: f took several cells to cross it
                 n = _last_above(ladder, n, states)
                 e = smallest
                 current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
@@ -404,10 +403,10 @@ def first_root(
                 last = states.shape[2]
                 shift(ladder.generator, e, states, other, FOUND, seen, last)
             if first == 0 and outcome == ROOT:
-                # The state keeps the digits that differentiating the polynomial costs.
+                # the state gives more digits than the derivative of the polynomial
                 slope = value_and_rates(rows, offset, states, FOUND)[1]
             return outcome, n, e, slope, cells
-        # No root here: on to the end of the cell.
+        # no root in this cell: continue at its end
         n += 1 << wide
         if carries:
             carried = polynomial(c, first, h)[0]
@@ -434,5 +433,5 @@ def first_root(
 
 @kernel(entry=True)
 def search(*given: Any) -> tuple[int, int, float, float, int]:
-    """`first_root`, for Python."""
+    """Call `first_root` from Python."""
     return first_root(*given)

@@ -1,4 +1,4 @@
-"""Many exponential sums in arrays of one size: kernels take any number of them."""
+"""Any number of exponential sums in padded arrays, for kernels."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ OFFSET, WINDOW, SWING = range(3)
 
 
 class Ladders(NamedTuple):
-    """Sums in groups: those of a group are of the same state. See `Ladder` for the fields.
+    """Sums in groups; those of a group have the same state. See `Ladder` for the fields.
 
     Attributes
     ----------
-    step, generator, links, link_step, smallest : of each group, filled up with zeros
-    sizes : (groups, 2) rungs of the steps, and links
-    cell, rows : of each sum, filled up with zeros
+    step, generator, links, link_step, smallest : for each group, padded with zeros
+    sizes : (groups, 2) numbers of rungs and of links
+    cell, rows : for each sum, padded with zeros
     integers : (sums, 6) group, rungs of the cells, smooth, apart, grows, steady
     numbers : (sums, 3) offset, window, swing
     """
@@ -46,7 +46,7 @@ class Ladders(NamedTuple):
 
 @kernel(inline=True)
 def ladder_at(ladders: Ladders, k: int) -> Ladder:
-    """Sum number `k`: views, nothing is copied."""
+    """Return sum number `k` as views, without copying."""
     g = ladders.integers[k, GROUP]
     rungs = ladders.sizes[g, 0]
     return Ladder(

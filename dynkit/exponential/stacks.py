@@ -1,4 +1,4 @@
-"""Exponential sums of many states, put into arrays that kernels take as one."""
+"""Growing arrays of exponential sums, for kernels."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ import numpy as np
 
 @final
 class Stack:
-    """Named arrays (k, ...) of arrays one after another, with zeros up to the largest of them.
+    """Named arrays (k, ...) of stacked arrays, padded with zeros to the largest of them.
 
-    There is room for more: what is added takes no time for what is there.
+    They have spare capacity, so that most additions copy no earlier arrays.
     """
 
     def __init__(self) -> None:
         self._rooms: dict[str, Any] = {}
 
     def put(self, name: str, k: int, given: Any) -> None:
-        """Make an array number k of those by this name."""
+        """Write an array as number k of this name."""
         array = np.asarray(given)
         if k == 0 and name not in self._rooms:
-            self._rooms[name] = array[None]  # alone it is not copied
+            self._rooms[name] = array[None]  # a single array is not copied
             return
         self._widen(name, k + 1, array)
         self._rooms[name][(k, *map(slice, array.shape))] = array
 
     def _widen(self, name: str, count: int, like: Any) -> None:
-        """Room for so many, each as large as one at least."""
+        """Extend the capacity to `count` arrays, each at least as large as `like`."""
         old = self._rooms.get(name, np.zeros((0, *like.shape), like.dtype))
         shape = np.maximum(old.shape, (count, *like.shape))
         if (shape > old.shape).any():
@@ -38,24 +38,24 @@ class Stack:
             self._rooms[name][tuple(map(slice, old.shape))] = old
 
     def take(self, name: str, count: int) -> Any:
-        """The first ones by this name; zeros where none was put."""
+        """Return the first `count` arrays of this name; zeros where none was put."""
         self._widen(name, count, self._rooms[name][0])
         return self._rooms[name][:count]
 
     def drop(self, name: str) -> None:
-        """Forget those by this name."""
+        """Delete the arrays of this name."""
         self._rooms.pop(name, None)
 
 
 @final
 class LadderStack:
-    """Groups of exponential sums, those of a group of one state."""
+    """Groups of exponential sums; the sums of a group have the same state."""
 
     def __init__(self) -> None:
         self._stack, self._groups, self._sums = Stack(), 0, 0
 
     def add(self, sums: Sequence[Any]) -> None:
-        """Add a group, of one sum at least."""
+        """Add a group of one or more sums."""
         first, g = sums[0], self._groups
         for name in _OF_GROUPS:
             self._stack.put(name, g, getattr(first, name))

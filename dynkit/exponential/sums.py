@@ -26,7 +26,7 @@ from dynkit.exponential.propagators import Propagators, cells_of_a_call, ladder,
 
 
 class RootKind(Enum):
-    """What the search for a first root found; the value is what the user reads."""
+    """Outcome of a search for a first root; the value says it in words."""
 
     ROOT = "a change of sign"
     TOUCH = "a minimum within the rounding band of zero"
@@ -43,21 +43,21 @@ class Root:
     ----------
     kind : RootKind
     time : float
-        Where; infinite when there is none.
+        The root; infinite when there is none.
     error : float
-        Bound of the error of `time`: its last place, and how far a change of f by the band moves
-        the root, at a slope by the band over it, at a minimum by the square root of the band over
-        the curvature. Infinite at the limit; zero when there is no root, which is proved, but for
-        minima within the band.
+        Bound of the error of `time`: one unit in its last place plus the shift of the root when f
+        changes by the band. The shift is about band / slope at a crossing, and of the order of
+        sqrt(band / curvature) at a minimum. Infinite at the limit; zero when there is no root,
+        which is proved up to minima within the band.
     rate : float
-        Derivative there; 0 at a minimum, NaN when there is no root.
+        Derivative at the root; 0 at a minimum, NaN when there is no root.
     band : float
-        Half width of the rounding band: a minimum nearer to zero than this may be decided either
-        way, and is reported as `TOUCH` or passed. All else is certain.
+        Half width of the rounding band: a minimum closer to zero than this may be reported as
+        `TOUCH` or passed. Everything else is certain.
     searched : float
-        Up to here there is certainly no other root.
+        Time up to which there is certainly no other root.
     cost : Cost
-        Seconds, and cells that were looked at.
+        Seconds, and number of examined cells.
     """
 
     kind: RootKind
@@ -78,21 +78,22 @@ class Root:
 class ExponentialSum:
     """The sum of damped oscillators, f(s) = offset + sum_k y_k(s), s >= 0.
 
-    Each term obeys y'' + 2 decay y' + frequency^2 y = 0 from its value and rate at s = 0; any
-    damping, through critical and beyond.
+    Each term satisfies y'' + 2 decay y' + frequency^2 y = 0 with its value and rate at s = 0, for
+    any damping: below, at and above the critical one.
 
     Parameters
     ----------
     value, rate : (n,) array_like
-        Of each term at s = 0.
+        Value and derivative of each term at s = 0.
     frequency, decay : (n,) array_like
-        Undamped angular frequency, positive, and half the damping, not negative.
+        Undamped angular frequency, positive, and half the damping coefficient, not negative.
     offset : float
+        The constant term.
 
     Raises
     ------
     ValueError
-        Naming the argument, the limit and the value.
+        When an argument is refused; the message names argument, limit and value.
 
     Examples
     --------
@@ -101,7 +102,7 @@ class ExponentialSum:
     >>> abs(ExponentialSum([1.0], [0.0], [1.0], [0.0]).first_root().time - np.pi / 2) < 1e-15
     True
 
-    It grazes zero at pi when it is lifted by one:
+    With the offset one it touches zero at pi:
 
     >>> root = ExponentialSum([1.0], [0.0], [1.0], [0.0], offset=1.0).first_root()
     >>> root.kind.name, root.rate
@@ -135,7 +136,7 @@ class ExponentialSum:
 
     @cached_property
     def _prepared(self) -> tuple[Any, Array]:
-        """The ladder of the kernels and the state (2, slots) at s = 0."""
+        """The ladder for the kernels, and the state (2, slots) at s = 0."""
         zeros = np.zeros_like(self.frequency)
         pairs, mixing = Pairs.oscillators(self.frequency, zeros, self.decay, zeros)
         y: Array = np.stack([self.value, self.rate])
@@ -163,15 +164,15 @@ class ExponentialSum:
     def first_root(
         self, *, rising_from: float | None = None, limit: int = 1_000_000, touches: bool = True
     ) -> Root:
-        """Return the first s > 0 at which f falls to zero, certain not to have missed one.
+        """Return the first s > 0 at which f falls to zero; no earlier root is missed.
 
         Parameters
         ----------
         rising_from : float, optional
-            For f(0) = 0: the slope f'(0) > 0, taken instead of the sum of the rates, whose rounding
-            would hide a small one. Otherwise f(0) must be positive.
+            For f(0) = 0, the slope f'(0) > 0; it replaces the sum of the rates, whose rounding may
+            exceed a small slope. Otherwise f(0) must be positive.
         limit : int
-            Largest number of cells to look at.
+            Largest number of cells to examine.
         touches : bool
             Whether a minimum within the rounding band counts as a root.
 
@@ -226,7 +227,7 @@ class ExponentialSum:
 
 
 def _displaced(band: float, rate: float, curvature: float) -> float:
-    """How far a root moves, or one appears beside a minimum, when f changes by a band."""
+    """Return how far a root moves, or appears beside a minimum, when f changes by the band."""
     bent = 2.0 * band * abs(curvature)
     down = abs(rate) + math.sqrt(max(rate * rate - bent, 0.0))
     by_slope = 2.0 * band / down if down else math.inf

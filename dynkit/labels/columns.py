@@ -11,14 +11,14 @@ from dynkit.labels.label import OrbitKind, OrbitLabel
 
 COLUMNS: dict[str, tuple[str, tuple[int | None, ...]]]
 COLUMNS = {"kind": ("i", ()), "numbers": ("i", (4,)), "sizes": ("f", (7,))}
-"""What `empty_columns` returns: kinds of numbers, and the shape of a row."""
+"""Columns that `empty_columns` returns: kind of the numbers, and shape of a row."""
 
 KINDS = tuple(OrbitKind)
-"""What the numbers of kinds mean, where there is a motion."""
+"""The kind of orbit for each number in the column of kinds, where there is a motion."""
 
 
 def empty_columns(count: int, kind: int) -> dict[str, Any]:
-    """Return the columns of so many motions, all of one number of kind, for `put_label`."""
+    """Return the columns of `count` motions, all with the same number of kind, for `put_label`."""
     return {
         "kind": np.full(count, kind, dtype=np.int64),
         "numbers": np.zeros((count, 4), dtype=np.int64),  # n, m, simulated, curves
@@ -28,7 +28,7 @@ def empty_columns(count: int, kind: int) -> dict[str, Any]:
 
 
 def put_label(columns: Mapping[str, Any], place: int, label: OrbitLabel) -> None:
-    """Write a label into its place of the columns, in place."""
+    """Write a label into row `place` of the columns, in place."""
     columns["kind"][place] = KINDS.index(label.kind)
     counts = label.iterates or 0, label.periods or 0, label.simulated, label.curves
     columns["numbers"][place] = counts
@@ -38,7 +38,7 @@ def put_label(columns: Mapping[str, Any], place: int, label: OrbitLabel) -> None
 
 
 def label_in(columns: Mapping[str, Any], place: int, kind: OrbitKind) -> OrbitLabel:
-    """Return the label of a kind that a place of the columns holds, with its stability."""
+    """Return the label of this kind in row `place` of the columns, with its stability."""
     n, m, simulated, curves = columns["numbers"][place].tolist()
     tolerance, recurrence, chance, *others = columns["sizes"][place].tolist()
     multiplier, multiplier_error, rotation_number, rotation_error = others

@@ -12,7 +12,7 @@ from dynkit.core.cost import Cost
 
 
 class OrbitKind(Enum):
-    """What kind of motion an orbit is; the value is what the user reads."""
+    """The kind of an orbit; the value is its name in messages."""
 
     PERIODIC = "periodic"
     STICKING = "periodic with sticking"
@@ -25,52 +25,50 @@ class OrbitKind(Enum):
 @final
 @dataclass(frozen=True)
 class OrbitLabel:
-    """The label of an orbit, and what it was decided from.
+    """The label of an orbit, and the measurements behind it.
 
     Parameters
     ----------
     kind : OrbitKind
     iterates : int or None
         n of P(n,m): iterates of the map, such as impacts, in one period. None for P(inf,m) and
-        whatever is not periodic.
+        for motions that are not periodic.
     periods : int or None
-        m of P(n,m): periods of the forcing in one period. None for a map that has none.
+        m of P(n,m): periods of the forcing in one period. None for a map without forcing.
     tolerance : float
-        Recurrence that counts as periodic, relative to the largest state of the window.
+        Largest recurrence of a periodic motion, relative to the largest state of the window.
     recurrence : float
-        Recurrence that was found, in the same units. For a periodic orbit the largest distance
-        between states a period apart; it may exceed the tolerance when the orbit was seen to settle
-        geometrically. For a quasi-periodic motion the largest distance of a state from a smooth
-        closed curve through the states beside it, relative to the size of the curve. Otherwise the
-        smallest distance of the last state to an earlier one, or infinity when there was none to
-        compare.
+        Measured recurrence, in the same units. For a periodic orbit, the largest distance between
+        states a period apart; it may exceed the tolerance when the motion settles geometrically.
+        For a quasi-periodic motion, the largest distance of a state from a smooth closed curve
+        through its neighbours, relative to the size of the curve. Otherwise, the smallest distance
+        of the last state to an earlier one, or infinity when there was none to compare.
     simulated : int
-        States that were looked at, those for the growth of disturbances included.
+        Number of examined states, including those for the growth of disturbances.
     transient_chaos : int
-        States that had passed, at least, when chaos was last seen before; see `settled_label`.
+        Number of states, at least, before the end of the transient chaos; see `settled_label`.
     chance : float
-        Of chaos the chance that disturbances grow as much, block by block, in a motion in which
-        they do not grow on average; see `label_orbit`.
+        For chaos, the p-value of zero mean growth of disturbances; see `label_orbit`.
     multiplier, multiplier_error : float
         Largest modulus of the multipliers over the last period, and an estimate of its distance to
         that of the orbit itself; NaN where the motion is not periodic or has no derivative. See
         `stable`.
     rotation_number, rotation_error : float
-        Of a quasi-periodic motion the turns on a closed curve from a state to the next one on it,
-        in (0, 1/2), and an estimate of the distance to the exact number; NaN for other kinds. The
-        curve has no orientation, so that w and 1 - w are the same. Whole turns do not show in the
-        states: a flow, or a forced motion, may make some more between them. The states are iterates
-        of the map; impacts, or of a motion that sticks, releases.
+        For a quasi-periodic motion, the turns from a state to the next one on the same closed
+        curve, in (0, 1/2), and an estimate of the distance to the exact number; NaN for other
+        kinds. The curve has no orientation, so w and 1 - w are the same. Whole turns between states
+        are not visible in the states. The states are iterates of the map: impacts, or releases
+        where the motion sticks.
     curves : int
-        Of a quasi-periodic motion how many closed curves the states visit in turn, as after a
-        Neimark-Sacker bifurcation of an orbit of that many iterates; zero for other kinds. The
-        rotation number is that of as many iterates, which lead back to the curve. Where these last
-        for m periods of the forcing on average, it is the rotation number divided by m in turns a
-        period.
+        For a quasi-periodic motion, the number of closed curves that the states visit in turn, as
+        after a Neimark-Sacker bifurcation of an orbit of that many iterates; zero for other kinds.
+        The rotation number belongs to that many iterates, which return to the same curve. Where
+        they take m periods of the forcing on average, the turns per period are the rotation number
+        divided by m.
     seconds : float
-        Wall-clock time of the decision; the states that were kept before are not in it.
+        Wall-clock time of the decision, without that of the kept states.
     count_harmonics, count_events : callable, optional
-        What `harmonics` and `counts` ask, once.
+        Functions that `harmonics` and `counts` call once.
 
     Examples
     --------
@@ -116,14 +114,14 @@ class OrbitLabel:
 
     @property
     def error(self) -> float:
-        """How wrong the label may be, in the sense of its kind.
+        """Measure of the label's uncertainty; its meaning depends on the kind.
 
-        Of P(n,m) and P(inf,m) the `recurrence`: how far the states are, relative, from repeating
-        themselves, which whatever is slower than the window can hide behind. Of a quasi-periodic
-        motion the `recurrence`, too: how far the states are, relative, from closed curves; how
-        wrong its rotation number may be is the `rotation_error`. Of chaos the `chance`.
-        Of a motion at rest zero: that no impact comes any more, or none that doubles can hold, is
-        proved. An unsettled one claims nothing: infinite.
+        For P(n,m) and P(inf,m) it is the `recurrence`, the relative distance of states a period
+        apart; a drift slower than the window may be smaller than this. For a quasi-periodic motion
+        it is also the `recurrence`, the relative distance of the states from closed curves; the
+        rotation number has the `rotation_error`. For chaos it is the `chance`, a p-value. It is
+        zero for a motion at rest, where a proof excludes further impacts at double precision, and
+        infinite for an unsettled one.
         """
         if self.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING, OrbitKind.QUASI_PERIODIC):
             return self.recurrence
@@ -133,11 +131,11 @@ class OrbitLabel:
 
     @property
     def stable(self) -> bool | None:
-        """Whether the periodic orbit attracts; None where that is not certain.
+        """Whether the periodic orbit is stable; None where that is not certain.
 
-        A state that lies on an unstable orbit to rounding stays there for as long as anybody
-        simulates, as may a motion that is as symmetric as its system: it recurs, and is no
-        attractor. Certain is what the `multiplier` says by more than its error.
+        A simulation may remain on an unstable orbit when it starts there to rounding, or when the
+        motion has the symmetry of its system: it recurs without being an attractor. The answer is
+        certain when the `multiplier` differs from 1 by more than its error.
         """
         if self.multiplier + self.multiplier_error < 1.0:
             return True
@@ -145,34 +143,34 @@ class OrbitLabel:
 
     @property
     def cost(self) -> Cost:
-        """Seconds of the decision, and states that were looked at."""
+        """Seconds of the decision, and number of examined states."""
         return Cost(self.seconds, {"states": self.simulated})
 
     @cached_property
     def harmonics(self) -> int | None:
-        """How many harmonics of 1/m of the forcing hold 99 % of the power, strongest first.
+        """Number of harmonics of 1/m of the forcing that hold 99 % of the power, strongest first.
 
-        Of the contact coordinate of an impact oscillator, on P(n,m) or P(inf,m): the power is its
-        mean square about its mean. Counted when first asked for, from samples of one period. None
-        for what is not periodic, and for maps.
+        It describes the contact coordinate of an impact oscillator on P(n,m) or P(inf,m); the power
+        is the coordinate's variance. It is computed when first read, from samples of one period.
+        None for motions that are not periodic, and for maps.
         """
         return None if self.count_harmonics is None else self.count_harmonics()
 
     @cached_property
     def counts(self) -> dict[str, float] | None:
-        """What happens in one period, by the elements of a machine.
+        """Number of events in one period, by element and kind.
 
-        Of an impact oscillator on P(n,m) or P(inf,m), under names like those of its parameters:
-        ``table.impacts``, infinite where they accumulate, and ``table.contacts`` of hard stops,
-        ``presses`` of soft ones and ``sticks`` of friction: how often each begins, so
-        that what always sticks counts zero. Counted when first asked for. None for what is not
-        periodic, and maps.
+        For an impact oscillator on P(n,m) or P(inf,m), the names are like those of its parameters:
+        ``table.impacts`` (infinite where they accumulate) and ``table.contacts`` of hard stops,
+        ``presses`` of soft stops and ``sticks`` of friction. Contacts, presses and sticks count
+        beginnings, so an element that always sticks counts zero. Computed when first read. None for
+        motions that are not periodic, and for maps.
         """
         return None if self.count_events is None else self.count_events()
 
     @property
     def name(self) -> str:
-        """The label without a rotation number, so that neighbouring motions of a kind share it."""
+        """The label without the rotation number: neighbouring quasi-periodic motions share it."""
         name = str(self.kind.value)
         if self.kind is OrbitKind.STICKING:
             name = f"P(inf,{self.periods})"

@@ -1,4 +1,4 @@
-"""Labels are decided from the recurrence of section states, and chaos from growth."""
+"""Labels from the recurrence of section states; chaos from the growth of disturbances."""
 
 import time
 from collections.abc import Callable
@@ -13,14 +13,14 @@ from dynkit.labels.recurrence import REPETITIONS, Recurrences
 from dynkit.labels.rotation import Rotation, rotation_of
 from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, product_eigenvalues
 
-# A decay is extrapolated when the orbit it leads to is this near: in tolerances; relative, when the
-# budget ends.
+# Largest distance of the extrapolated orbit of a geometric decay: in tolerances, and relative to
+# the largest state when the budget ends.
 _NEAR, _NEAR_AT_LAST = 100.0, 1e-2
-# Growth is asked for only when so many states did not decide; and is averaged over batches.
+# Growth is measured only after this many undecided states, and averaged over batches.
 _CHAOS_AFTER, _BATCHES = 800, 16
 _BUDGET = 20_000
-# A derivative of a map may be wrong by so many times its accuracy: in flows it is integrated beside
-# the motion, with an accuracy of its own; in maps rounding grows along a period.
+# Error of a map's derivative in units of its accuracy: flows integrate derivatives with a separate
+# accuracy, and in maps rounding grows along a period.
 _DERIVATIVES = 1e3
 
 
@@ -34,17 +34,15 @@ class Window:
     states : (k, d) array
         Section states, without the phase where times are given.
     times : (k,) array or None
-        When they occur, in periods of the forcing, on a clock that runs through all windows of an
-        orbit.
-        None for a map that has no forcing.
+        Their times in periods of the forcing, on one clock for all windows of an orbit. None for a
+        map without forcing.
     releases : (j, e) array or None
-        States at which the motion left sticking contact, during the window; without the phase.
+        States at releases from sticking contact during the window, without the phase.
     release_times : (j,) array or None
-        When it did, on the same clock.
+        Times of the releases, on the same clock.
     release_error : callable or None
-        Return the largest error of a number of the n-th release after the first, by what rounding
-        does from the beginning of the window on; n is asked for where a period is found. None for
-        exact ones.
+        Function of n that returns the largest error of a coordinate of the n-th release after the
+        first, from rounding since the beginning of the window. None for exact releases.
     """
 
     states: Array
@@ -55,12 +53,12 @@ class Window:
 
 
 class OrbitSource(Protocol):
-    """An orbit that can be followed on, as `label_orbit` asks for it.
+    """An orbit that can be simulated further, as `label_orbit` requires.
 
     Attributes
     ----------
     accuracy : float
-        How wrong a state may be that follows from another one, relative to its size.
+        Error of one iterate, relative to the size of the state.
     """
 
     accuracy: float
@@ -68,7 +66,7 @@ class OrbitSource(Protocol):
     def more(self, count: int) -> Window:
         """Return the next count states; the first call begins with the first state of the orbit.
 
-        Fewer states than asked for say that the motion came to rest, and no more will come.
+        Fewer than count states mean that the motion came to rest, and that no more follow.
         """
         ...
 
@@ -77,10 +75,10 @@ class OrbitSource(Protocol):
         ...
 
     def growth(self, steps: int) -> Array:
-        """Return how nearby states part over the next steps states: log growth, block by block.
+        """Return the log growth of a disturbance over the next `steps` states, block by block.
 
-        The blocks follow one another and are all of one length, in every call; 64 or more to a
-        call. It does not change what `more` returns next.
+        The blocks are consecutive and have the same length in all calls; each call returns 64 or
+        more. It does not change the states that `more` returns next.
         """
         ...
 
@@ -90,31 +88,34 @@ def label_orbit(
 ) -> OrbitLabel:
     """Label an orbit by the recurrence of its section states.
 
-    The states are taken in windows: the kept ones, then as many again as were seen so far, and so
-    on. In each window:
+    The states are examined in windows. The first window has the kept states; each further window
+    has as many states as all windows before it. In each window:
 
-    - P(n,m) is the smallest n such that all states n apart agree within the tolerance throughout
-      the window, at least three periods of it, and are m >= 1 periods of the forcing apart. When a
-      multiple of n recurs better by far, and n does not get better (a period doubling smaller than
-      the tolerance, down to 1e-10), the multiple is taken. When n is a multiple of a period that
-      the orbit may still be settling on, more is looked at.
-    - A window with releases from sticking contact is decided on the states at release: P(inf,m).
-      Contact forgets: doubles that are released twice alike repeat themselves to the last digit,
-      also where chaos lies between, and which contact ends it is a matter of rounding. So the error
-      of the release a period later must be within the tolerance, too.
-    - A motion that settles geometrically is taken for the orbit that it settles on, when the ratio
-      of its decay is below 1 by five standard errors, is the same in both halves of the window, and
-      the extrapolated orbit is within 100 tolerances (1e-2 when the budget ends).
-    - From 800 states on, a motion that neither recurs nor settles is chaotic when nearby states
-      part exponentially: when their mean growth less three standard errors is positive, and amounts
-      to more than that of the square of time. The `chance` is Student's t of 16 batches.
+    - P(n,m): n is the smallest number such that all states n apart agree within the tolerance
+      throughout the window, which holds at least three periods, and are m >= 1 periods of the
+      forcing apart. When a multiple of n recurs much better, and the recurrence of n does not
+      decrease, the multiple is the period (a period doubling smaller than the tolerance, down to
+      1e-10). When n is a multiple of a period on which the orbit may still settle, the next window
+      decides.
+    - P(inf,m): a window with releases from sticking contact is decided by the states at release.
+      Contact removes all memory of the motion before it: in double precision, two equal releases
+      repeat exactly even if the motion between them is chaotic, and rounding decides which contact
+      ends it. Therefore the error of the release a period later must also be within the tolerance.
+    - A motion that settles geometrically gets the label of the orbit that it approaches, when the
+      ratio of its decay is below 1 by five standard errors, is the same in both halves of the
+      window, and the extrapolated orbit is within 100 tolerances (1e-2 when the budget ends).
+    - After 800 states, a motion that neither recurs nor settles is chaotic when disturbances grow
+      exponentially: their mean growth minus three standard errors is positive, and their total
+      growth exceeds that of the square of time. The `chance` is the p-value of Student's t of 16
+      batches.
     - When the budget ends, a motion is quasi-periodic when the mean growth is zero within three
       standard errors and that of the square of time, and the states of the last window fill smooth
-      closed curves, on which they advance by a constant turn: see
+      closed curves on which they advance by a constant turn: see
       `dynkit.labels.rotation.rotation_of`.
 
-    `chaotic` speaks of the states looked at, not of later. So does `quasi-periodic`: a periodic
-    orbit of a period longer than the window, or a decay far slower than it, is not told from it.
+    The label describes only the states examined. A chaotic motion may settle later, and a
+    quasi-periodic motion may be a periodic orbit with a period longer than the window, or a very
+    slow decay.
 
     Parameters
     ----------
@@ -122,15 +123,15 @@ def label_orbit(
     kept : int
         States in the first window.
     tolerance : float
-        Recurrence that counts as periodic, relative to the largest state of the window.
+        Largest recurrence of a periodic motion, relative to the largest state of the window.
     budget : int, optional
-        The most states to look at, those for the growth included, but for the kept ones, which
-        are always looked at; by default 20,000, or four times the kept ones where that is more.
+        Largest number of states to examine besides the kept ones, those for the growth included; by
+        default 20,000, or four times the kept ones where that is more.
 
     Raises
     ------
     ValueError
-        When kept or budget are no counts, or the tolerance is not positive.
+        When kept or budget is not a count, or the tolerance is not positive.
     """
     began = time.perf_counter()
     label = _decided(source, kept, tolerance, budget)
@@ -189,12 +190,12 @@ def with_multiplier(
     label : OrbitLabel
     last, before : (n, d, d) arrays
         Derivatives of the map at the states of the last period, and of the one before it, in the
-        order of time. The difference of their multipliers is the error, summed up over all periods
-        to come when it falls by as much in each as disturbances do.
+        order of time. The error estimate is the difference of their multipliers, summed over all
+        later periods under the assumption that it decays as disturbances do.
     accuracy : float
-        Of the map, relative.
+        Relative accuracy of the map.
     errors : (n,) array, optional
-        How wrong entries of the derivatives of the last period may be beyond that.
+        Errors of the entries of the last period's derivatives beyond that accuracy.
     """
     if not (np.isfinite(last).all() and np.isfinite(before).all()):
         return label
@@ -213,10 +214,10 @@ def with_multiplier(
 def settled_label(
     source: OrbitSource, *, kept: int = 100, tolerance: float = 1e-6, budget: int = 100_000
 ) -> OrbitLabel:
-    """Label the orbit that a motion settles on, when it was chaotic before too.
+    """Label the orbit that a motion settles on, also after transient chaos.
 
-    `label_orbit`, again and again from where it found chaos, until it finds something else or the
-    budget is spent. What stays chaotic may still settle later.
+    `label_orbit` is repeated from the point where it found chaos, until it finds another kind or
+    the budget is spent. A transient longer than the budget looks like sustained chaos.
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ def settled_label(
     Returns
     -------
     OrbitLabel
-        ``transient_chaos`` is positive when chaos passed before.
+        ``transient_chaos`` is positive after transient chaos.
 
     Raises
     ------
@@ -242,13 +243,13 @@ def settled_label(
         label = replace(label, simulated=spent, seconds=time.perf_counter() - began)
         if label.kind is not OrbitKind.CHAOTIC:
             return replace(label, transient_chaos=chaos)
-        if limit - spent < 4 * _CHAOS_AFTER:  # too few to tell chaos from what follows it
+        if limit - spent < 4 * _CHAOS_AFTER:  # too few states for another decision
             return label
         chaos, kept = counted.seen, _CHAOS_AFTER
 
 
 class _Counted:
-    """A source that counts the states which it gave."""
+    """A source that counts the states it returned."""
 
     def __init__(self, source: OrbitSource) -> None:
         self._source = source
@@ -266,7 +267,7 @@ def _periodic_label(
     orbit: Recurrences, n: int, window: Window, tolerance: float, spent: int
 ) -> OrbitLabel:
     found = float(orbit.steps(n).max())
-    if found > tolerance:  # it settles: only what it came to counts
+    if found > tolerance:  # the motion settles: its last recurrence is the relevant one
         found = float(orbit.steps(n)[-1])
     if orbit.states is window.releases:
         return OrbitLabel(OrbitKind.STICKING, None, orbit.periods(n), tolerance, found, spent)
@@ -290,13 +291,13 @@ def _recurrences(window: Window, source: OrbitSource) -> Recurrences:
 
 
 def _is_certain(window: Window, period: int, most: float) -> bool:
-    """Whether rounding moves the release a period later by no more than this."""
+    """Whether rounding moves the release a period later by at most this distance."""
     return window.release_error is None or window.release_error(period) <= most
 
 
 def _growth_of(growth: list[Array]) -> tuple[int, float, float] | None:
-    """How many blocks there are, their mean and its standard error; None for too few of them."""
-    # the first quarter of each run turns the disturbance into the direction that grows
+    """Return the number of blocks, their mean, and its standard error; None for too few blocks."""
+    # during the first quarter of each run the disturbance turns into the growing direction
     blocks = np.concatenate([np.empty(0), *(run[len(run) // 4 :] for run in growth)])
     if len(blocks) < 2 * _BATCHES or not np.isfinite(blocks).all():
         return None
@@ -305,9 +306,9 @@ def _growth_of(growth: list[Array]) -> tuple[int, float, float] | None:
 
 
 def _parts_exponentially(growth: list[Array], time: int) -> float | None:
-    """The chance of growth like this where there is none on average; None where it is not sure."""
+    """Return the p-value of zero mean growth where growth is exponential; None elsewhere."""
     count, mean, error = _growth_of(growth) or (0, 0.0, 0.0)
-    # disturbances that grow as a power of time, up to the square, are no chaos
+    # disturbances that grow as a power of time, up to the square, do not mean chaos
     if not (mean - 3.0 * error) * count > 2.0 * np.log(time):
         return None
     from scipy.special import stdtr

@@ -1,4 +1,4 @@
-"""Recurrence of section states: how well a motion repeats itself, and whether it still settles."""
+"""Recurrence of section states: distances between states a period apart, and their decay."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,21 +14,22 @@ _Indices: TypeAlias = NDArray[np.intp]
 _Found = TypeVar("_Found")
 
 REPETITIONS = 3
-"""A period is believed when the window holds it this many times: two full repetitions."""
+"""A period is accepted when the window holds it this many times: two full repetitions."""
 
-# No orbit is split in two when it recurs this well, relative; below the second, distances are
-# rounding and say nothing about a decay.
+# Below the first relative recurrence, no multiple is tried as the period; below the second,
+# distances are rounding errors and not used for a decay.
 _SPLIT, _ROUNDING = 1e-10, 1e-13
-# A decay is fitted to so many recurrences at least: three in each half, for their errors.
+# Least number of recurrences for the fit of a decay: three in each half, for the standard errors.
 _FIT = 6
-# A decay is extrapolated when it was seen over so many recurrences, and fell by a factor 3.
+# Least number of recurrences of a decay that is extrapolated, and its least fall: a factor 3.
 _DECAY_RECURRENCES, _DECAY_DEPTH = 10, np.log(3.0)
-# Two candidate periods n and kn that differ by less than this, relative, may be one still settling.
+# Where states n apart differ by less than this, relative, an orbit of period kn may still settle
+# on one of period n.
 _CLOSE = 0.03
 
 
 def _once(method: Callable[["Recurrences", int], _Found]) -> Callable[["Recurrences", int], _Found]:
-    """Work out what a method says of a period when it is first asked for."""
+    """Cache the value of a method for each period n."""
 
     @wraps(method)
     def known(self: "Recurrences", n: int) -> _Found:
@@ -49,9 +50,9 @@ class Recurrences:
     ----------
     states : (k, d) array
     times : (k,) array or None
-        When they occur, in periods of the forcing.
+        Their times, in periods of the forcing.
     difference : callable
-        a - b of states (..., d).
+        Function (a, b) that returns a - b for states (..., d).
     """
 
     def __init__(
@@ -66,7 +67,7 @@ class Recurrences:
         self._known: dict[tuple[str, int], Any] = {}
 
     def distances(self, later: slice | _Indices, earlier: slice | _Indices) -> Array:
-        """Distances of states to earlier ones; the time between counts by what it is not whole."""
+        """Return distances of states to earlier ones; elapsed time enters modulo one period."""
         gap = self.difference(self.states[later], self.states[earlier])
         distance: Array = np.sqrt(np.einsum("ij,ij->i", gap, gap)) / self.scale
         if self.times is None:
@@ -74,12 +75,12 @@ class Recurrences:
         elapsed = self.times[later] - self.times[earlier]
         whole = np.rint(elapsed)
         distance = np.hypot(distance, elapsed - whole)
-        # the bounces of a chatter are alike, but no period of the forcing passes between them
+        # bounces of one chatter within the same period of the forcing are not recurrences
         distance[whole == 0.0] = np.inf
         return distance
 
     def gaps(self, later: _Indices, earlier: _Indices) -> Array:
-        """Differences (k, d) of states to earlier ones, relative; with times, (k, d + 1)."""
+        """Return relative differences (k, d) of states to earlier ones; (k, d + 1) with times."""
         gap = self.difference(self.states[later], self.states[earlier]) / self.scale
         if self.times is None:
             return gap
@@ -92,12 +93,12 @@ class Recurrences:
         return self.distances(slice(-1, None), slice(None, -1))[::-1]
 
     def periods(self, n: int) -> int | None:
-        """Periods of the forcing in the last n states; None where there is none."""
+        """Return the periods of the forcing in the last n states; None without forcing."""
         return None if self.times is None else round(self.times[-1] - self.times[-1 - n])
 
     @_once
     def spread(self, n: int) -> float:
-        """The largest distance of a state to its counterpart in the window's last n states."""
+        """Return the largest distance of a state to its counterpart in the last n states."""
         early = np.arange(self.count - n)
         return float(self.distances(self._counterparts(early, n), early).max())
 
@@ -106,15 +107,15 @@ class Recurrences:
 
     @_once
     def steps(self, n: int) -> Array:
-        """The largest distance over n, for each period of n states but the first, in time order."""
+        """Return, for each period of n states but the first, the largest distance over n states."""
         begin = self.count % n
         distance = self.distances(slice(begin + n, None), slice(begin, -n))
         return np.asarray(distance.reshape(-1, n).max(axis=1))
 
     def recurrent(self, tolerance: float) -> int | None:
-        """The period n that recurs throughout the window, or None when it is not certain."""
+        """Return the period n that recurs throughout the window; None when it is not certain."""
         likely = np.flatnonzero(self.from_last[: self.count // REPETITIONS] <= tolerance) + 1
-        # the first state is the worst of a motion that settles: it rules most of the others out
+        # while a motion settles its first state has the largest distance: most n fail there
         first = self.distances(self._counterparts(0, likely), np.zeros_like(likely))
         for n in likely[first <= tolerance].tolist():
             if self.spread(n) <= tolerance:
@@ -122,7 +123,7 @@ class Recurrences:
         return None
 
     def _resolved(self, n: int) -> int | None:
-        """Tell a period n from its multiples, and from its divisors."""
+        """Return the period among n and its multiples; None where it is not certain."""
         if self.spread(n) > _SPLIT:
             factor = None if self._decay(n).leaves else self._split(n)
             if factor is None:
@@ -136,7 +137,7 @@ class Recurrences:
         return n
 
     def _split(self, n: int) -> int | None:
-        """The factor of a multiple of n that recurs better by far; None when it is not certain."""
+        """Return the factor of a multiple of n that recurs much better; None if not certain."""
         reach = self.from_last[: self.count // REPETITIONS]
         for factor in range(2, len(reach) // n + 1):
             if reach[factor * n - 1] < 0.1 * reach[n - 1]:
@@ -152,7 +153,7 @@ class Recurrences:
         return _Decay.of(self.steps(n))
 
     def rest(self, n: int) -> float:
-        """How far the last states may be from the periodic orbit; infinite when it is not known."""
+        """Return a bound of the last states' distance to the periodic orbit, or infinity."""
         spread = self.spread(n)
         if spread <= _SPLIT:
             return spread
@@ -163,14 +164,14 @@ class Recurrences:
 
     @property
     def decays(self) -> bool:
-        """Whether the last state's best recurrence gets better, geometrically."""
+        """Whether the best recurrence of the last state decreases geometrically."""
         return self._best > 0 and self._decay(self._best).geometric
 
     def settling(self, near: float) -> int | None:
-        """The period of the orbit that the motion settles on and has come near to."""
+        """Return the period of the orbit, near in this distance, that the motion settles on."""
         for n in [*_proper_divisors(self._best), self._best] if self._best else []:
             decay = self._decay(n)
-            # the smallest period that settles is the one: its multiples only look better
+            # the smallest period that settles is the period: its multiples seem to settle faster
             if decay.settles:
                 certain = decay.count >= _DECAY_RECURRENCES and decay.rest <= near
                 apart = all(self.steps(k)[-1] > 3.0 * decay.rest for k in _proper_divisors(n))
@@ -179,7 +180,7 @@ class Recurrences:
 
     @cached_property
     def _best(self) -> int:
-        """The period, seen often enough for a decay, that recurs best; zero for none."""
+        """The period with the best recurrence among those repeated often enough, or zero."""
         reach = self.from_last[: self.count // (_DECAY_RECURRENCES + 1)]
         return int(np.argmin(reach)) + 1 if len(reach) else 0
 
@@ -198,7 +199,7 @@ class _Decay:
     def of(cls, steps: Array) -> "_Decay":
         last = float(steps[-1])
         below = np.flatnonzero(~((steps > _ROUNDING) & np.isfinite(steps)))
-        if len(below):  # fit the fall to the rounding level, or the rise from it
+        if len(below):  # fit the decrease to the rounding level, or the increase from it
             steps = steps[: below[0]] if below[-1] == len(steps) - 1 else steps[below[-1] + 1 :]
         logs = np.log(steps)
         if len(logs) < _FIT:
@@ -213,7 +214,7 @@ class _Decay:
 
     @property
     def geometric(self) -> bool:
-        """Whether the ratio is below 1 by five standard errors, and the same early and late."""
+        """Whether the ratio is below 1 by five standard errors, and equal in both halves."""
         return self.rate > 5.0 * self.error and self.bend <= 0.2 * self.rate
 
     @property
@@ -226,7 +227,7 @@ class _Decay:
 
 
 def _rate(logs: Array) -> tuple[float, float]:
-    """Rate of decrease, and its standard error, of a straight line through equidistant values."""
+    """Return the rate of decrease of a straight line through equidistant values, and its error."""
     place = np.arange(len(logs)) - 0.5 * (len(logs) - 1)
     weight = float(place @ place)
     slope = float(place @ logs) / weight

@@ -10,19 +10,18 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.labels.recurrence import Recurrences
 
-# The fewest states on a curve: half of them must do for a curve of their own.
+# Least number of states on a curve: half of them must define the curve as well.
 _FEWEST = 256
 # A state is predicted by the polynomial, of degree five, through three neighbours on either side.
 _NEIGHBOURS = (-3, -2, -1, 1, 2, 3)
-# Twice the states must lie nearer to the curve by this factor, where a smooth curve gives 64, or
-# to this part of the tolerance. Half of them leave no gap wider than this, in turns.
+# All states must be predicted better than half of the states by this factor (a smooth curve gives
+# 64), or to this fraction of the tolerance. Widest gap of half of the states, in turns.
 _GAIN, _FLOOR, _WIDEST = 4.0, 1e-3, 1.0 / 16.0
-# Steps of Gauss and Newton, and differences for them, in parts of the interval that is possible.
+# Gauss-Newton steps, and their differences relative to the possible interval.
 _STEPS, _DIFFERENCE = 6, 1e-4
-# Halves may agree by chance, and misfits of neighbours are no independent errors: what they say
-# counts so many times.
+# Safety factor of the error: halves may agree by chance, and errors of neighbours are correlated.
 _MARGIN = 8.0
-# A state is wrong by as many roundings.
+# Least relative error of a state.
 _ROUNDING = 16.0 * 2.0**-52
 
 
@@ -37,10 +36,10 @@ class Rotation:
         Rotation number, in turns of all curves once, 0 < number < 1/2, and an estimate of its
         distance to the exact one.
     curves : int
-        Closed curves, which the states visit in turn.
+        Number of closed curves that the states visit in turn.
     distance : float
         The largest distance of a state to the curve through its neighbours, relative to the size of
-        the curve: the root mean square of distances to its centre.
+        the curve, which is the root mean square of the distances to its centre.
     """
 
     number: float
@@ -52,18 +51,19 @@ class Rotation:
 def rotation_of(orbit: Recurrences, tolerance: float, accuracy: float) -> Rotation | None:
     """Return how the states advance along smooth closed curves; None where that is not certain.
 
-    On a closed curve on which states advance by the turn w, the neighbours of the last of n states
-    are, on either side, those q and r earlier, where w is between the fractions p/q and s/r with
-    q s - r p = 1 and q + r >= n (the theorem of three gaps): so the distances alone, whose best
-    are q and r, give w, but for its sign. Where the greatest common divisor of q and r is k, there
-    are k curves, and w is the turn of the k-th iterate. Sorted by multiples of w, states that are
-    neighbours on the circle must be neighbours on a smooth curve: each is predicted by the
-    polynomial of the angle through six neighbours, and w is what predicts them best.
+    Let states advance by the turn w on a closed curve. The neighbours of the last of n states, one
+    on either side, are the states q and r earlier, where w lies between the fractions p/q and s/r
+    with q s - r p = 1 and q + r >= n (three gap theorem). So the distances of the states determine
+    q and r and thereby w, up to its sign. Where q and r have the greatest common divisor k, there
+    are k curves, and w is the turn of the k-th iterate. In the order of the multiples of w,
+    neighbours on the circle must be neighbours on a smooth curve: each state is predicted by the
+    polynomial in the angle through six neighbours, and w minimises the errors of the predictions.
 
-    It is certain when the turns of half of the states leave no gap wider than 1/16, every state is
-    within the tolerance of its prediction, and all states are predicted better by a factor 4, or
-    to a thousandth of the tolerance, than those of one half from themselves. That is neither chaos,
-    nor a torus of more dimensions, nor a spiral, nor a Cantor set.
+    The result is certain under three conditions: the angles of half of the states leave no gap
+    wider than 1/16 turn; every state is within the tolerance of its prediction; and predictions
+    from all states are better than those from one half of the states by a factor 4, or good to a
+    thousandth of the tolerance. They exclude chaos, tori of more dimensions, spirals and Cantor
+    sets.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def rotation_of(orbit: Recurrences, tolerance: float, accuracy: float) -> Rotati
     tolerance : float
         The largest `Rotation.distance`.
     accuracy : float
-        How wrong a step of the motion may be, relative to the largest state. The error is what it
-        contributes, and 8 times the standard error of the best prediction or the largest difference
-        to the rotation numbers of three halves of the states, whichever is more.
+        Error of an iterate, relative to the largest state. The error of the rotation number adds
+        its contribution and 8 times the larger of two numbers: the standard error of the best fit,
+        and the largest difference to the rotation numbers of three halves of the states.
 
     References
     ----------
@@ -104,7 +104,7 @@ def rotation_of(orbit: Recurrences, tolerance: float, accuracy: float) -> Rotati
 
 
 def _interval(orbit: Recurrences) -> tuple[int, float, float, float] | None:
-    """How many curves there are, a guess of the turn, and bounds that keep the order of states."""
+    """Return the number of curves, a guess of the turn, and the bounds that keep the order."""
     if orbit.count < _FEWEST:
         return None
     last = orbit.count - 1
@@ -129,10 +129,10 @@ def _interval(orbit: Recurrences) -> tuple[int, float, float, float] | None:
 @final
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """States in the order of their angles: those of all curves beside one another are one.
+    """States in the order of their angles; states on several curves are joined to one.
 
-    The angle of a state (d,) is its multiple (n,) of the turn; once around, the states (n, d) have
-    grown by as much as angles among their coordinates do.
+    The angle of state i is ``multiples[i]`` times the turn, modulo 1. After one turn the states
+    (n, d) change by `around` (d,), which is not zero where coordinates are angles.
     """
 
     multiples: NDArray[np.intp]
@@ -149,12 +149,12 @@ class _Loop:
         return cls(order, np.cumsum(steps, axis=0) - steps, steps.sum(axis=0))
 
     def between(self, begin: int, end: int) -> "_Loop":
-        """Those of the states that come at these places in time."""
+        """Return the loop of the states with begin <= time index < end."""
         where = (self.multiples >= begin) & (self.multiples < end)
         return _Loop(self.multiples[where], self.states[where], self.around)
 
     def misfit(self, number: float) -> Array:
-        """Predictions of the states from their neighbours, less the states, (n, d)."""
+        """Return the predictions of the states from their neighbours minus the states, (n, d)."""
         n, reach = len(self.states), max(_NEIGHBOURS)
         angles = self.multiples * number % 1.0
         x = np.concatenate([angles[-reach:] - 1.0, angles, angles[:reach] + 1.0])
@@ -169,9 +169,9 @@ class _Loop:
         return misfit
 
     def fitted(self, guess: float, low: float, high: float) -> tuple[float, float, float]:
-        """The turn between bounds that predicts best, its standard error, and the largest misfit.
+        """Return the turn with the best predictions, its standard error, and the largest misfit.
 
-        NaN where it is not between the bounds.
+        They are NaN where the turn leaves the bounds.
         """
         number, step, standard = guess, _DIFFERENCE * (high - low), np.nan
         for _ in range(_STEPS):

@@ -1,9 +1,9 @@
 """Starts for periodic orbits of maps of several dimensions, from a covering by cells.
 
-Periodic orbits lie in cells that images of other cells lead to and from, round and round. Of all
-cells that iterates reach from a box those are kept (strongly connected components of the graph of
-which cell leads to which); they are halved in each direction, and so on. From each cell that is
-left Newton's method starts for f^n(x) = x.
+The edges of a graph lead from each cell to the cells that its image meets. Periodic orbits lie in
+the strongly connected components of this graph. Of all cells that iterates reach from a box, those
+in components are kept and halved in each direction, repeatedly. Newton's method for f^n(x) = x
+starts from each of the remaining cells.
 
 M. Dellnitz, A. Hohmann, Numerische Mathematik 75 (1997) 293-317 (covering by halved boxes);
 G. Osipenko, Dynamical Systems, Graphs, and Algorithms, Springer 2007 (components of the graph).
@@ -25,10 +25,10 @@ from dynkit.orbits.map_problem import TURN, angles
 
 # The first covering has 2^2 cells in each direction of the box.
 _FIRST = 2
-# More pairs of cells than this are no covering that tells anything, and fill the memory.
+# Most edges of the graph: more of them need too much memory, and exclude too few cells.
 _PAIRS = 20_000_000
-# A start is tried where the first step of Newton's method is no longer than this, in cells: from
-# the middle of its own cell an orbit is half a cell away, and the step is not exact.
+# Longest first step of Newton's method, in cells: a point of an orbit is at most half a cell from
+# the centre of its cell, and the step is not exact.
 _STEP = 1.5
 # Steps of Newton's method from a start, each at most half as long as the one before it.
 _STEPS = 12
@@ -37,13 +37,13 @@ _CONVERGED = 1e-9
 
 @final
 class Covering:
-    """Cells around all that returns, of side ``width / 2^level`` in each direction.
+    """Cells that contain all periodic orbits, of side ``width / 2^level`` in each direction.
 
     Parameters
     ----------
     calls : MapCalls
     box, limit : (d, 2) arrays
-        Where orbits have a state, and where all their states are looked for.
+        Box that contains a state of each orbit, and limits of all their states.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class Covering:
         self._turning = angles(calls.system)
         self._low = box[:, 0].copy()
         self._width = box[:, 1] - box[:, 0]
-        # an angle goes round: its cells cover a turn, and the last is beside the first
+        # the cells of an angle cover a turn, and the last is beside the first
         self._width[self._turning] = TURN
         self._limit = limit
         self.level = _FIRST
@@ -69,11 +69,11 @@ class Covering:
 
     @property
     def centers(self) -> Array:
-        """Middles of the cells, (c, d)."""
+        """Centres of the cells, (c, d)."""
         return np.asarray(self._low + (self.cells + 0.5) * self.side)
 
     def halve(self) -> None:
-        """Halve all cells in each direction, and keep those that are led to and from."""
+        """Halve all cells in each direction, and keep those in components of the graph."""
         self.level += 1
         parts = np.array(list(product((0, 1), repeat=len(self._width))))
         self.cells = (2 * self.cells[:, None] + parts).reshape(-1, len(self._width))
@@ -87,9 +87,9 @@ class Covering:
         return np.asarray(self._low[:, None] + ends * self.side[:, None])
 
     def starts(self, period: int) -> Iterator[tuple[int, Array]]:
-        """Yield n = 1 to `period` and where Newton's method gets to, (d,), for f^n(x) = x.
+        """Yield n, from 1 to `period`, and solutions (d,) of f^n(x) = x by Newton's method.
 
-        From each cell where its first step ends in the cell or in the next ones.
+        It starts from each cell where its first step ends in the cell or in a neighbour.
         """
         for center in self.centers:
             for n, step in enumerate(self._steps(center, period), start=1):
@@ -98,7 +98,7 @@ class Covering:
                     yield n, x
 
     def _solved(self, x: Array, step: Array, n: int) -> Array | None:
-        """Where Newton's method converges to from a point and its first step, if it does."""
+        """Return the limit of Newton's method from a point and its first step; None without one."""
         longest = _STEP
         for _ in range(_STEPS):
             length = float(abs(step / self.side).max())
@@ -112,7 +112,7 @@ class Covering:
         return None
 
     def _steps(self, x: Array, period: int) -> Iterator[Array]:
-        """Steps of Newton's method for f^n(x) = x, n = 1 to `period`; NaN where there is none."""
+        """Yield Newton's steps for f^n(x) = x, n = 1 to `period`; NaN for singular derivatives."""
         state, slope, one = x, np.eye(len(x)), np.eye(len(x))
         for _ in range(period):
             with np.errstate(over="ignore", invalid="ignore"):
@@ -126,10 +126,10 @@ class Covering:
             except np.linalg.LinAlgError:
                 yield np.full(len(x), np.nan)
 
-    # --- which cell leads to which ----------------------------------------------------------------
+    # --- the graph of cells -----------------------------------------------------------------------
 
     def _reached(self) -> Any:
-        """Cells of the first level that iterates of the box reach within the limit."""
+        """Return the cells of the first level that iterates of the box reach within the limit."""
         d = len(self._width)
         new = np.array(list(product(range(2**self.level), repeat=d)))
         known = {tuple(cell) for cell in new.tolist()}
@@ -152,10 +152,10 @@ class Covering:
         )
 
     def _images(self, cells: Any) -> tuple[Any, Any]:
-        """First and last cell, (c, d) each, of a box around the image of each cell.
+        """Return first and last cell, (c, d) each, of a box around the image of each cell.
 
-        By the mean value theorem, with the largest derivatives at the middle and the corners. The
-        last is before the first where there is no image within the limit.
+        The box follows from the mean value theorem, with the largest derivatives at the centre and
+        the corners. The last cell is before the first where no image lies within the limit.
         """
         calls, d = self._calls, cells.shape[1]
         corners = (cells[:, None] + np.array(list(product((0, 1), repeat=d)))).reshape(-1, d)
@@ -167,7 +167,7 @@ class Covering:
         with np.errstate(invalid="ignore"):
             slope = np.fmax.reduce(np.concatenate([slopes, inner], axis=1), axis=1)
         images = np.array([calls.next(x) for x in middles])
-        # angles near the middle of their turn, so that they are whole once
+        # shift angles to the turn around the centre of the cells
         center = self._low + 0.5 * self._width
         turned = center + calls.system.difference(images, np.broadcast_to(center, images.shape))
         images = np.where(self._turning, turned, images)
@@ -177,7 +177,7 @@ class Covering:
         first[~known], last[~known] = 1.0, 0.0
         limit = np.where(self._turning[:, None], [-np.inf, np.inf], self._limit)
         first, last = np.maximum(first, limit[:, 0]), np.minimum(last, limit[:, 1])
-        # a box that ends at the end of a cell leads to that cell only
+        # a box that ends at the boundary of a cell does not meet the next cell
         low = np.floor((first - self._low) / self.side + 1e-9).astype(np.intp)
         high = np.ceil((last - self._low) / self.side - 1e-9).astype(np.intp) - 1
         high = np.maximum(high, np.where(first <= last, low, high))
@@ -187,7 +187,7 @@ class Covering:
         return low, high
 
     def _edges(self, low: Any, high: Any) -> tuple[Any, Any]:
-        """Pairs of numbers of cells of which the first leads to the second."""
+        """Return the edges: numbers of the first and of the second cells."""
         counts = np.where((low <= high).all(axis=1)[:, None], high - low + 1, 0)
         total = counts.prod(axis=1)
         if total.sum() > _PAIRS:
@@ -210,7 +210,7 @@ class Covering:
 
 
 def _returning(count: int, sources: Any, targets: Any) -> Any:
-    """Which of so many cells, (count,) of bool, lie on a way from themselves to themselves."""
+    """Return whether each of `count` cells lies on a cycle of the graph, (count,) of bool."""
     graph = coo_array((np.ones(len(sources), dtype=bool), (sources, targets)), (count, count))
     _, component = connected_components(graph, connection="strong")
     large = np.bincount(component, minlength=count)[component] > 1

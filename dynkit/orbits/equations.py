@@ -1,4 +1,4 @@
-"""The contract of equations: what a curve of solutions needs, whatever they stand for."""
+"""The contract of equations whose solutions can be continued."""
 
 # ruff: noqa: ARG002 (arguments that a default has no use for)
 
@@ -16,7 +16,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.spectrum import Spectrum
 
 NOISE = 1e-13
-"""Errors of calls are no larger than this in the equations: Newton's method ends in them."""
+"""Largest error of calls in the scaled equations: Newton's method ends at this level."""
 
 _ROUNDING = 2.0**-52
 
@@ -24,17 +24,18 @@ _ROUNDING = 2.0**-52
 class Problem(ABC):
     """Equations F(x, p) = 0 whose solutions can be continued.
 
-    There are m equations and m unknowns x; p are the free parameters, k of them, of which one is
-    followed along a branch and two along a curve. The equations are smooth. Where they are not
-    defined, every method may raise `NoSolution`.
+    There are m equations and m unknowns x. The k free parameters are p: one changes along a branch,
+    two along a curve. The equations are smooth. Where they are not defined, every method may raise
+    `NoSolution`.
 
-    A subclass must implement what is abstract here; `FamilyProblem` does most of it. What else it
-    may offer says so. `PeriodicProblem` adds what periodic orbits have, and `WatchedProblem`
-    events; `dynkit.testing.check_problem` runs a subclass through all contracts that it has.
+    A subclass must implement the abstract methods; `FamilyProblem` implements most of them. Methods
+    with a default may be overridden. `PeriodicProblem` adds properties of periodic orbits, and
+    `WatchedProblem` adds events. `dynkit.testing.check_problem` tests a subclass against all of
+    these contracts.
     """
 
     stability: ClassVar[Spectrum] = Spectrum.EIGENVALUES
-    """What `spectrum` returns."""
+    """Kind of the numbers that `spectrum` returns."""
 
     @property
     @abstractmethod
@@ -48,7 +49,7 @@ class Problem(ABC):
     @property
     @abstractmethod
     def values(self) -> Array:
-        """Values (k,) of the free parameters in the system that the problem was made of."""
+        """Values (k,) of the free parameters in the problem's system."""
 
     @property
     @abstractmethod
@@ -57,11 +58,11 @@ class Problem(ABC):
 
     @abstractmethod
     def scale(self, x: Array) -> Array:
-        """Typical sizes (m,), positive, of the unknowns: what an arclength is measured in."""
+        """Return typical sizes (m,), positive, of the unknowns: the units of arclength."""
 
     @abstractmethod
     def residual(self, x: Array, p: Array) -> Array:
-        """Return F, (m,), each equation in units in which rounding leaves about 1e-16."""
+        """Return F, (m,), each equation in units in which its rounding is about 1e-16."""
 
     @abstractmethod
     def linearization(self, x: Array, p: Array) -> Any:
@@ -73,38 +74,38 @@ class Problem(ABC):
 
     @abstractmethod
     def solution(self, x: Array, p: Array, history: Sequence[float] = ()) -> Any:
-        """Return the `ProblemSolution` that unknowns stand for; `history` as there."""
+        """Return the `ProblemSolution` with these unknowns, parameters and history."""
 
     def rounding(self, x: Array, p: Array) -> Array:
-        """Return how wrong each of F, (m,), may be by rounding; 16 units by default."""
+        """Return the rounding error of each equation, (m,); by default 16 roundings of one."""
         return np.full(self.size, 16.0 * _ROUNDING)
 
     def linearization_error(self, x: Array, p: Array) -> Any:
-        """Return how wrong the derivative, (m, m), may be beyond rounding; zero by default."""
+        """Return the error of the linearization, (m, m), beyond rounding; zero by default."""
         return 0.0
 
     def pencil(self, x: Array, p: Array, value: complex) -> Any:
-        """Return D(value), (m, m), which is singular just where the value is in the spectrum.
+        """Return D(value), (m, m), which is singular if and only if the value is in the spectrum.
 
-        At the neutral value of the spectrum it is the `linearization`. Real for a real value, else
-        complex. By default it is that of x' = F(x, p): the linearization minus the value.
+        D(neutral value) is the `linearization`. D is real for a real value, otherwise complex. By
+        default it is that of x' = F(x, p): the linearization minus the value.
         """
         matrix = np.asarray(self.linearization(x, p))
         return matrix - value * np.eye(len(matrix)) if value else matrix
 
     def spectrum(self, x: Array, p: Array) -> Any:
-        """Return the numbers that tell stability, complex; by default eigenvalues of `factors`.
+        """Return the numbers that determine stability, complex, the least stable first.
 
-        The least stable comes first.
+        By default they are the eigenvalues of the first of the `factors`.
         """
         found = np.linalg.eigvals(self._matrix(x, p)).astype(complex)
         return found[np.lexsort((-found.imag, -found.real))]
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
-        """Return matrices (n, d, d) whose product, in the order of time, has this spectrum.
+        """Return matrices (n, d, d) whose product has this spectrum, and errors of entries (n,).
 
-        And how wrong the entries of each may be, (n,). By default it is the linearization.
-        Multipliers that are zero by their nature need not be among the eigenvalues. None where the
+        The matrices are in the order of time. By default there is one: the linearization.
+        Multipliers that are exactly zero may be missing among the eigenvalues. None where the
         matrices are not known.
         """
         matrix = np.asarray(self.linearization(x, p))
@@ -117,46 +118,46 @@ class Problem(ABC):
         return np.asarray(known[0][0])
 
     def canonical(self, x: Array) -> Array:
-        """Return numbers, (l,), of order one, that two solutions share if they stand for the same.
+        """Return numbers, (l,), of order one that are equal for equivalent solutions.
 
-        Where the same orbit has several solutions, they are those of one of them.
+        Where the same orbit has several solutions, they are the numbers of one of these.
         """
         return np.asarray(x / self.scale(x))
 
     def apart(self, x: Array, other: Array) -> Array:
-        """Return how two solutions differ, (l,), in numbers of order one.
+        """Return the difference of two solutions, (l,), in numbers of order one.
 
-        Zeros where they stand for the same. It is continuous in `x` near such a solution.
+        It is zero for equivalent solutions, and continuous in `x` near such a solution.
         """
         return self.canonical(x) - self.canonical(other)
 
     def oscillation(
         self, x: Array, p: Array, frequency: float, mode: Any
     ) -> tuple[Problem, Array, Array] | None:
-        """Return what is born at a Hopf bifurcation: a problem of orbits, its place, a direction.
+        """Return the orbits born at a Hopf bifurcation: their problem, a place and a direction.
 
-        The orbits shrink to the place, unknowns of that problem, along the direction. `frequency`
-        is that of the critical pair of eigenvalues, and `mode`, (m,) complex, their eigenvector.
-        None, unless a subclass knows.
+        Near the bifurcation the unknowns of the orbits are the place plus multiples of the
+        direction. `frequency` is that of the critical pair of eigenvalues, and `mode`, (m,)
+        complex, their eigenvector. By default None: not known.
         """
         return None
 
 
 class ProblemSolution(Tabled, ABC):
-    """A solution of the equations of a `Problem`: what is continued.
+    """A solution of the equations of a `Problem`, from which a branch can start.
 
-    A subclass must implement what is abstract here. Instances are immutable.
+    A subclass must implement the abstract properties and methods. Instances are immutable.
     """
 
     @property
     @abstractmethod
     def system(self) -> Any:
-        """What the equations are those of, with the parameters of this solution: a `Family`."""
+        """The system, a `Family`, with the parameters of this solution."""
 
     @property
     @abstractmethod
     def label(self) -> str:
-        """Its kind."""
+        """Kind of the solution."""
 
     @property
     @abstractmethod
@@ -166,7 +167,7 @@ class ProblemSolution(Tabled, ABC):
     @property
     @abstractmethod
     def admissible(self) -> bool:
-        """Whether it is a motion of the system."""
+        """Whether the solution is a motion of the system."""
 
     @property
     @abstractmethod
@@ -176,22 +177,22 @@ class ProblemSolution(Tabled, ABC):
     @property
     @final
     def residual(self) -> float:
-        """Largest residual that is left, near rounding."""
+        """Largest residual after the last step of Newton's method, near rounding."""
         return self.history[-1]
 
     @property
     @abstractmethod
     def error(self) -> float:
-        """Estimate of its largest error."""
+        """Estimate of the largest error of the solution."""
 
     @property
     @abstractmethod
     def cost(self) -> Cost:
-        """What it cost."""
+        """Cost of the solution."""
 
     @abstractmethod
     def problem(self, *names: str) -> Problem:
-        """Return the equations that it solves, with the named parameters free."""
+        """Return the equations of the solution, with the named parameters free."""
 
     @property
     @abstractmethod
@@ -201,7 +202,7 @@ class ProblemSolution(Tabled, ABC):
     @property
     @abstractmethod
     def observables(self) -> Sequence[str]:
-        """Names of what a diagram draws, the first by default."""
+        """Names of the observables; diagrams draw the first by default."""
 
     @abstractmethod
     def observable(self, name: str) -> Array:
@@ -209,7 +210,7 @@ class ProblemSolution(Tabled, ABC):
 
 
 class KeptSolution(ProblemSolution):
-    """A solution that is kept as its problem without free parameters, and its unknowns.
+    """A solution that consists of its problem, without free parameters, and its unknowns.
 
     Parameters
     ----------
@@ -227,7 +228,7 @@ class KeptSolution(ProblemSolution):
         self._cost = cost
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew: copies of arrays could be written to.
+        # through __init__, which makes the copied arrays read-only
         return type(self), (self._problem, self._x, self._history, self._cost)
 
     @property
@@ -239,7 +240,7 @@ class KeptSolution(ProblemSolution):
         return self._cost
 
     def problem(self, *names: str) -> Any:
-        """Return the equations that it solves, with the named parameters free.
+        """Return the equations of the solution, with the named parameters free.
 
         Raises
         ------

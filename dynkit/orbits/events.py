@@ -1,4 +1,4 @@
-"""The contract of events: numbers that are zero where a branch meets a border of its own kind."""
+"""The contract of events: test functions for the borders of a kind of orbits."""
 
 # ruff: noqa: ARG002 (arguments that a default has no use for)
 
@@ -17,19 +17,19 @@ from dynkit.orbits.kinds import BifurcationKind
 @final
 @dataclass(frozen=True)
 class Event:
-    """A number that changes its sign where a branch meets a border of its own kind.
+    """A test function that changes its sign where a branch meets a border of its kind of orbits.
 
     Parameters
     ----------
     kind : BifurcationKind
         GR or CB.
     part : int
-        Which part of the orbit it belongs to.
+        Index of the part of the orbit, such as an impact.
     value : float
-        Positive on the admissible side, zero on the border; infinite where there is nothing to
-        watch, NaN where its sign would tell nothing.
+        Positive on the admissible side, zero on the border; infinite where the test function is not
+        defined, NaN where its sign has no meaning.
     ends : bool
-        Whether there are no such orbits beyond, admissible or not.
+        Whether no orbits of this kind, admissible or not, exist beyond the border.
     """
 
     kind: BifurcationKind
@@ -39,56 +39,53 @@ class Event:
 
 
 class Condition(ABC):
-    """One equation more, g(x, e, p) = 0, that holds at a border, with e unknowns of its own.
-
-    `size` = e + 1 equations in all.
-    """
+    """The condition g(x, e, p) = 0 of a border: e + 1 equations with e additional unknowns."""
 
     unknowns: int
-    """The number e of unknowns of its own."""
+    """The number e of additional unknowns."""
     unit: float = 1.0
-    """What g is measured in."""
+    """Unit of g."""
     noise: float = 0.0
-    """What errors of calls leave in g."""
+    """Error of g from errors of calls."""
     unfolding: Any = None
-    """What times the first of the own unknowns is added to the orbit's equations, (m,), or None."""
+    """Vector (m,), or None: the orbit's equations get this times the first additional unknown."""
     rounding: float = 0.0
-    """What rounding leaves in g / `unit`, where that is more than in the orbit's equations."""
+    """Rounding error of g / `unit`, where it exceeds that of the orbit's equations."""
 
     @abstractmethod
     def residual(self, x: Array, own: Array, p: Array) -> Array:
-        """Return the equations, (e + 1,), at unknowns (m,), own ones (e,) and parameters (k,)."""
+        """Return g, (e + 1,), at the unknowns x (m,), additional ones (e,) and parameters (k,)."""
 
 
 class WatchedProblem(Problem):
-    """A problem with events, and solutions that are no motions of the system.
+    """A problem with events, and with solutions that need not be motions of the system.
 
-    A subclass must implement
+    A subclass must implement:
 
-    1. ``events(x, p)``, always as many and in the same order;
-    2. ``condition(event, x, p)``, what holds where one of them is zero;
-    3. ``admissible(x, p)``, whether a solution is a motion of the system;
+    1. ``events(x, p)``, always the same number in the same order;
+    2. ``condition(event, x, p)``, the condition of the zeros of one of them;
+    3. ``admissible(x, p)``, whether a solution is a motion of the system.
 
-    and may offer
+    A subclass may implement:
 
-    4. ``touching``, where and when it happens;
-    5. ``neighbours``, solutions of other kinds that meet this one there.
+    4. ``touching``, place and time of the contact at a zero;
+    5. ``neighbours``, orbits of other kinds that meet this one at a zero.
     """
 
     @abstractmethod
     def events(self, x: Array, p: Array) -> list[Event]:
-        """Return what is to be watched along a branch, always as many and in the same order."""
+        """Return the events of a solution, always the same number in the same order."""
 
     @abstractmethod
     def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
-        """Return what holds where event number `event` is zero, and a guess of its own unknowns.
+        """Return the condition of zeros of event number `event`, and guesses of its unknowns (e,).
 
-        The guess is made from a solution nearby.
+        The guesses are made from a solution near the zero.
         """
 
     @abstractmethod
     def admissible(self, x: Array, p: Array) -> bool:
-        """Whether a solution is a motion of the system, and no impact was left out or pulls."""
+        """Whether a solution is a motion of the system: no missing impact, no tensile impulse."""
 
     def touching(
         self,
@@ -97,9 +94,9 @@ class WatchedProblem(Problem):
         own: Array,
         p: Array,
     ) -> Mapping[str, float]:
-        """Return where and when it touches, by name, at a zero of event number `event`.
+        """Return place and time of the contact, by name, at a zero of event number `event`.
 
-        `own` are the unknowns (e,) of the event's condition. Nothing, unless a subclass tells.
+        `own` are the additional unknowns (e,) of the event's condition. By default it is empty.
         """
         return {}
 
@@ -111,17 +108,17 @@ class WatchedProblem(Problem):
     ) -> list[tuple[Problem, Array, Array]]:
         """Return guesses of orbits of other kinds that meet this one at a zero of an event.
 
-        Each is a problem with the same free parameters, unknowns and parameters. None, unless a
-        subclass knows some.
+        Each is a problem with the same free parameters, unknowns and parameters. By default there
+        are none.
         """
         return []
 
 
 def events_of(problem: Problem, x: Array, p: Array) -> tuple[Event, ...]:
-    """Return the events of any problem; those that have not the contract have none."""
+    """Return the events of any problem; one that is not a `WatchedProblem` has none."""
     return tuple(problem.events(x, p)) if isinstance(problem, WatchedProblem) else ()
 
 
 def is_admissible(problem: Problem, x: Array, p: Array) -> bool:
-    """Whether a solution of any problem is a motion of the system: without the contract all are."""
+    """Whether a solution is admissible; all solutions of a plain problem are."""
     return problem.admissible(x, p) if isinstance(problem, WatchedProblem) else True

@@ -26,12 +26,12 @@ class FamilyProblem(Problem):
     """Equations of a system with named parameters, any of which may be free.
 
     A subclass must implement `size`, `scale`, `residual`, `linearization` and
-    `parameter_derivative`; ``self.at(p)`` is the system at parameters p. It may offer
+    `parameter_derivative`; ``self.at(p)`` is the system at parameters p. It may implement:
 
-    1. `label`, what kind of solutions they are;
-    2. ``observables(x)``, what a diagram draws, by name: each unknown by default;
+    1. `label`, the kind of the solutions;
+    2. ``observables(x)``, observables of a solution, by name; by default each unknown;
 
-    and whatever a `Problem` may offer.
+    and the optional methods of `Problem`.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ class FamilyProblem(Problem):
 
     @property
     def label(self) -> str:
-        """What kind of solutions they are."""
+        """Kind of the solutions."""
         return "solution"
 
     @property
     def system(self) -> Any:
-        """The system at whose parameters the others than the free ones stay."""
+        """The system, whose parameters other than the free ones are fixed."""
         return self._system
 
     @property
@@ -80,7 +80,7 @@ class FamilyProblem(Problem):
         Raises
         ------
         NoSolution
-            When it refuses them.
+            When the system refuses them.
         """
         key = np.asarray(p, dtype=np.float64).tobytes()
         if key != self._at[0]:
@@ -92,11 +92,11 @@ class FamilyProblem(Problem):
         return self._at[1]
 
     def observables(self, x: Array) -> Mapping[str, Array]:
-        """Return what a diagram draws of a solution, by name: arrays (n,)."""
+        """Return the observables of a solution, by name: arrays (n,)."""
         return {f"unknown[{i}]": x[i : i + 1] for i in range(len(x))}
 
     def made(self, x: Array, history: Sequence[float], cost: Cost) -> FamilySolution:
-        """Return a solution, of this problem without free parameters."""
+        """Return the solution with these unknowns; this problem has no free parameters."""
         return FamilySolution(self, x, history, cost)
 
     def solution(self, x: Array, p: Array, history: Sequence[float] = ()) -> Any:
@@ -111,7 +111,7 @@ class FamilyProblem(Problem):
 
 
 class FamilySolution(KeptSolution):
-    """A solution of a `FamilyProblem`, from `find_solution` or from a branch."""
+    """A solution of a `FamilyProblem`, made by `find_solution` or taken from a branch."""
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
@@ -152,7 +152,7 @@ class FamilySolution(KeptSolution):
     def eigenvalues(self) -> Any:
         """Eigenvalues, (m,) complex, read-only, the largest real part first.
 
-        They tell stability where the equations are those of the rate, x' = F(x, p).
+        They determine stability where F is the rate of the state, x' = F(x, p).
         """
         found = np.asarray(self._problem.spectrum(self._x, _NONE))
         found.setflags(write=False)
@@ -162,8 +162,8 @@ class FamilySolution(KeptSolution):
     def eigenvalues_error(self) -> Array:
         """Estimate of the error of each eigenvalue, (m,), read-only.
 
-        Four times the largest change in some probes, which disturb the unknowns by their errors and
-        the entries of the linearization by theirs.
+        It is four times the largest change in a few trials that disturb the unknowns and the
+        entries of the linearization by their errors.
         """
         moved = orbit_bound(self._problem, self._x, _NONE)
         error = multiplier_errors(self._problem, self._x, _NONE, self.eigenvalues, moved)
@@ -174,8 +174,8 @@ class FamilySolution(KeptSolution):
     def error(self) -> float:
         """Bound of the largest error of an unknown, to first order.
 
-        Twice the sum, over the inverse derivative, of the residual that is left and of rounding.
-        Infinite where the derivative is singular.
+        It is twice the inverse derivative times the sum of residual and rounding. Infinite where
+        the derivative is singular.
         """
         return float(orbit_bound(self._problem, self._x, _NONE).max())
 
@@ -201,7 +201,7 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     Parameters
     ----------
     problem : FamilyProblem
-        At the parameters of its system.
+        It is solved at the parameters of its system.
     guess : (m,) array_like
 
     Returns
@@ -214,7 +214,7 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     ValueError
         When the guess is not finite or of another shape.
     NoConvergence
-        When Newton's method does not get to a solution.
+        When Newton's method does not converge to a solution.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     x, history = solve(
         fixed, finite_array("guess", guess, (fixed.size,)), _NONE, what=f"no {fixed.label}"
     )
-    # What is zero has no size of its own: nothing may be measured in what rounding leaves of it.
+    # set unknowns below their error to zero: rounding errors must not become scales
     cleared = np.where(abs(x) <= orbit_bound(fixed, x, _NONE), 0.0, x)
     if abs(fixed.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared

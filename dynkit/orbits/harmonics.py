@@ -1,4 +1,4 @@
-"""Harmonics of periodic motions: their Fourier coefficients, and how many of them matter."""
+"""Harmonics of periodic motions: Fourier coefficients, and the number of relevant harmonics."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from dynkit.core.validation import Array, finite_array, finite_scalar, positive
 TWO_PI = 2.0 * math.pi
 
 SHARE = 0.99
-"""Of the power: what `OrbitLabel.harmonics` counts up to."""
+"""Share of the power that the harmonics counted by `OrbitLabel.harmonics` hold."""
 
-# Fewest intervals of a period that tell a harmonic.
+# Least number of intervals of a period for one harmonic.
 _FEWEST = 4
-# Most that are taken to tell how many harmonics matter.
+# Largest number of intervals for counting harmonics.
 _MOST = 1 << 17
 
 
@@ -31,7 +31,7 @@ _MOST = 1 << 17
 class Harmonics:
     """The Fourier series of a periodic motion, made by `harmonics_of`.
 
-    x(t) = mean + sum_k 2 Re(c_k exp(i k frequency t)), k = 1, 2, ..., t counted from the first
+    x(t) = mean + sum_k 2 Re(c_k exp(i k frequency t)), k = 1, 2, ..., where t = 0 is the first
     sample.
 
     Parameters
@@ -43,7 +43,7 @@ class Harmonics:
     error : float
         Estimate of the largest error of a coefficient: see `harmonics_of`.
     cost : Cost
-        Seconds and samples; what it cost to make the samples is not in it.
+        Seconds and number of samples, without the cost of computing the samples.
     """
 
     frequency: float
@@ -67,7 +67,7 @@ class Harmonics:
 
     @property
     def variance(self) -> float:
-        """Mean square of all the harmonics together."""
+        """Mean square of all harmonics together."""
         return float(self.power.sum())
 
     @cached_property
@@ -95,28 +95,28 @@ class Harmonics:
 def harmonics_of(values: object, frequency: float) -> Harmonics:
     """Return the harmonics of a periodic motion from samples over one period.
 
-    The discrete Fourier transform of n samples puts c_{k + jn}, for all whole j, onto c_k. They are
-    bounded: a continuous x whose velocity has the total variation V over the period T has
+    The discrete Fourier transform of n samples adds the coefficients c_{k + jn}, for all integers
+    j, to c_k (aliasing). A continuous x whose velocity has the total variation V over the period T
+    satisfies, with or without kinks (impacts),
 
-        |c_k| <= V T / (2 pi k)^2,
+        |c_k| <= V T / (2 pi k)^2.
 
-    with kinks (impacts) as well as without, so that what is folded onto the coefficients below n/2
-    is at most (pi^2 - 4) V T / (2 pi n)^2. That is the error, V taken from the samples: their
-    second differences add up to V, or to less where the velocity turns back between two of them.
-    What the motion lacks to be periodic, the last sample less the first, is added, and the rounding
-    of the samples.
+    Hence aliasing changes the coefficients below n/2 by at most (pi^2 - 4) V T / (2 pi n)^2. This
+    is the error estimate, with V from the samples: the sum of their second differences is V, or
+    less where the velocity reverses between two samples. The rounding of the samples, and the
+    difference of the last and the first sample, are added.
 
     Parameters
     ----------
     values : (n + 1,) array_like
-        At equal intervals, the last one period after the first; n >= 4.
+        Samples at equal intervals, the last one period after the first; n >= 4.
     frequency : float
         2 pi over the period; positive.
 
     Returns
     -------
     Harmonics
-        The first (n - 1) // 2.
+        The first (n - 1) // 2 harmonics.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     if n < _FEWEST:
         raise ValueError(f"values must be {_FEWEST + 1} or more; got {n + 1}")
     period = samples[:-1]
-    # rounding counts from the mean: the transform of a large constant would round in every line
+    # without the mean: the transform of a large constant would add rounding to all coefficients
     moving = period - period.mean()
     coefficients = np.asarray(np.fft.rfft(moving)[1 : (n - 1) // 2 + 1] / n)
     # sum of the jumps of the slope, times the interval T / n
@@ -161,17 +161,17 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
 
 
 def harmonics_needed(motion: Callable[[Array], Array], period: float, samples: int) -> int:
-    """Return how many harmonics of a periodic motion hold 99 % of its power, the strongest first.
+    """Return the number of harmonics that hold 99 % of a motion's power, the strongest first.
 
-    Samples are doubled until what half of them change in the shares leaves the number certain.
+    The number of samples is doubled until the change of the shares no longer affects the result.
 
     Parameters
     ----------
     motion : callable
-        The motion at times, (k,) from (k,).
+        Function from times (k,) to the motion (k,).
     period : float
     samples : int
-        Of the period, to begin with; even, eight or more.
+        Initial number of samples of the period; even, eight or more.
 
     Examples
     --------
@@ -181,7 +181,7 @@ def harmonics_needed(motion: Callable[[Array], Array], period: float, samples: i
     3
     """
     while True:
-        # the last of them is the period itself, without rounding
+        # linspace ends at the period without rounding
         values = motion(np.linspace(0.0, period, samples + 1))
         fine, coarse = (harmonics_of(part, TWO_PI / period) for part in (values, values[::2]))
         doubt = float(abs(fine.shares[: len(coarse.shares)] - coarse.shares).max())

@@ -6,10 +6,7 @@ from typing import final
 
 @final
 class BifurcationKind(StrEnum):
-    """What kind of bifurcation it is, by the name that is printed.
-
-    A kind equals its text: ``kind == "SN"``.
-    """
+    """Kind of a bifurcation; it equals its printed name: ``kind == "SN"``."""
 
     SN = "SN"
     """Saddle-node (fold): the branch turns back."""

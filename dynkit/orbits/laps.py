@@ -1,10 +1,11 @@
 """Periodic points of one-dimensional maps, from the laps of their iterates.
 
 A lap is an interval on which an iterate is monotone. A lap of f^(k+1) is the part of a lap of f
-whose images lie in one lap of f^k: so each end of it is the solution of one monotone equation. On a
-lap where f^n falls there is at most one point with f^n(x) = x, which the signs of f^n(x) - x at
-both ends decide. On a lap where it rises, an interval [a, b] has none if f^n(a) > b or f^n(b) < a,
-and at most one if the slope of f^n is above one throughout, or below one; all others are halved.
+whose images lie in one lap of f^k, so each of its ends is the solution of one monotone equation. A
+lap on which f^n decreases has at most one point with f^n(x) = x, and the signs of f^n(x) - x at
+both ends decide whether it exists. Where f^n increases, an interval [a, b] has no such point if
+f^n(a) > b or f^n(b) < a, and at most one if the slope of f^n is above one throughout, or below one;
+all other intervals are halved.
 
 J. Milnor, W. Thurston, On iterated maps of the interval, Lecture Notes in Mathematics 1342 (1988)
 465-563 (laps).
@@ -23,23 +24,22 @@ from dynkit.core.validation import Array
 from dynkit.orbits.map_calls import MapCalls, Spent
 
 CELLS = 1024
-"""Cells of the grid on which laps are looked for: two turning points in one cell may be missed."""
+"""Cells of the grid for turning points: two turning points in one cell may be missed."""
 
-# Two solutions of one equation that are nearer than the root of a rounding have residuals that
-# rounding does not tell from zero in between.
+# Closer solutions of one equation are not separated: between them the residual is below rounding.
 _APART = 2.0**-26
-# Cells of this part of the interval are halved no further: the map jumps or has a corner there.
+# Least width of a cell relative to the interval: narrower cells contain a jump or a corner.
 _NARROW = 2.0**-46
-# The change of f over a cell may differ from the trapezoidal rule for its slope by this part of the
-# largest change that the slopes allow; cells with more are halved. Of a parabola nothing is left
-# out, of a jump or a corner a part of order one however narrow the cell.
+# Largest deviation of the change of f over a cell from the trapezoidal rule for its slope, relative
+# to the largest change that the slopes allow; other cells are halved. The deviation is zero for a
+# parabola, and of order one at a jump or a corner for any width of the cell.
 _BENT = 0.1
 
 
 class Lap(NamedTuple):
-    """An interval [a, b], and the images of its ends under the iterate that is monotone on it.
+    """An interval [a, b] on which an iterate is monotone, and the images of its ends.
 
-    `word` are the numbers of the laps of f in which the first iterates lie.
+    `word` lists the laps of f, by number, that contain the successive iterates.
     """
 
     word: tuple[int, ...]
@@ -62,9 +62,9 @@ class Laps:
     Parameters
     ----------
     calls : MapCalls
-        Of a map of one dimension.
+        Calls of a map of one dimension.
     low, high : float
-        All states of the orbits lie between them.
+        Limits of all states of the orbits.
 
     Raises
     ------
@@ -126,7 +126,7 @@ class Laps:
         return found
 
     def _solved(self, node: _Node) -> bool:
-        """Whether f^n(x) - x may be zero in the cell, halved no further, that a lap ends with."""
+        """Whether f^n(x) - x may be zero in a cell of the least width."""
         return abs(node.f - node.x) <= self._narrow * (1.0 + abs(node.slope))
 
     def image(self, x: float, n: int) -> float:
@@ -141,11 +141,11 @@ class Laps:
         for _ in range(n):
             slope *= float(self._calls.derivative(state)[0, 0])
             state = self._calls.next(state)
-        # at the end of a lap the image is that of its own side
+        # at the end of a lap the image is the one-sided limit
         return _Node(x, float(state[0]) if image is None else image, slope)
 
     def _root(self, n: int, a: tuple[float, float], b: tuple[float, float]) -> float:
-        """Where f^n(x) - x, given at both ends, is zero, or the end where it nearly is."""
+        """Return the zero of f^n(x) - x between a and b, or the end where it is nearly zero."""
 
         def excess(x: float) -> float:
             return a[1] if x == a[0] else b[1] if x == b[0] else self.image(x, n) - x
@@ -155,7 +155,7 @@ class Laps:
         return float(brentq(excess, a[0], b[0], xtol=self._rounding, rtol=2.0**-50))
 
     def _inverse(self, number: int, y: float) -> float:
-        """Return the place in a lap of f that f takes to y."""
+        """Return the point x in a lap of f with f(x) = y."""
         key = number, y
         if key not in self._inverses:
             _, a, b, image_a, image_b = self.first[number]
@@ -174,7 +174,7 @@ class Laps:
     # --- laps of the map itself -------------------------------------------------------------------
 
     def _monotone(self) -> list[tuple[float, float, float, float]]:
-        """Intervals (a, b) on which f is monotone, with its values at both ends."""
+        """Return the intervals (a, b) on which f is monotone, with its values at both ends."""
         found: list[tuple[float, float, float, float]] = []
         for piece in self._pieces():
             start = sloping = piece[0]
@@ -189,7 +189,7 @@ class Laps:
         return [ends for ends in found if ends[0] < ends[1]]
 
     def _pieces(self) -> Iterator[list[_Node]]:
-        """Nodes of intervals on which f is smooth, as far as it is defined."""
+        """Yield nodes of each interval on which f is defined and smooth."""
         nodes = [self._sloped(float(x), 1) for x in np.linspace(self.low, self.high, CELLS + 1)]
         piece = [nodes[0]]
         for node in nodes[1:]:
@@ -209,19 +209,19 @@ class Laps:
             yield piece
 
     def _bends(self, left: _Node, right: _Node) -> bool:
-        """Whether f between two nodes is not as its slopes there say."""
+        """Whether the change of f between two nodes differs from that of its slopes."""
         width = right.x - left.x
         if np.isnan(left.f) or np.isnan(right.f):
             return not (np.isnan(left.f) and np.isnan(right.f))
         change = 0.5 * width * (left.slope + right.slope)
         largest = width * max(abs(left.slope), abs(right.slope))
         size = max(abs(left.f), abs(right.f), abs(left.x), abs(right.x))
-        # both values are wrong by the accuracy, and by roundings
+        # errors of both values
         noise = 4.0 * max(self._calls.system.accuracy, 2.0**-52) * size
         return not abs(right.f - left.f - change) <= _BENT * largest + noise
 
     def _turn(self, left: _Node, right: _Node) -> _Node:
-        """The place between two nodes where the slope changes its sign."""
+        """Return the point between two nodes where the slope changes its sign."""
         while True:
             middle = 0.5 * (left.x + right.x)
             if not left.x < middle < right.x:
@@ -236,9 +236,9 @@ class Laps:
 
 
 def reached(calls: MapCalls, box: Array, iterates: int, limit: Array) -> Laps:
-    """Return the laps of a map on an interval, (2,), with all that so many iterates reach from it.
+    """Return the laps of a map on an interval, (2,), extended by its images under iterates.
 
-    As far as that lies within the limit, (2,).
+    The interval is extended within the limit, (2,), only.
     """
     low, high = box.tolist()
     for _ in range(iterates + 1):
@@ -253,9 +253,10 @@ def reached(calls: MapCalls, box: Array, iterates: int, limit: Array) -> Laps:
 
 
 def periodic_points(laps: Laps, period: int) -> Iterator[tuple[int, list[float], int]]:
-    """Yield n = 1, 2, ..., a point of each orbit of f^n, and its laps, as far as calls reach.
+    """Yield n = 1, 2, ..., a point of each orbit of f^n, and the number of laps of f^n.
 
-    Of words that are turned into one another, one: each has another point of the same orbits.
+    It ends when the calls are spent. Only one of all cyclic permutations of a word is searched,
+    because the others contain other points of the same orbits.
     """
     found = laps.first
     for n in range(1, period + 1):

@@ -1,4 +1,4 @@
-"""Calls of a map that a search for periodic orbits makes, counted against a budget."""
+"""Calls of a map in a search for periodic orbits, with a budget."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class Spent(Exception):
 
 @final
 class MapCalls:
-    """A map and its derivative; all NaN where there is no motion, or a number is not finite.
+    """A map and its derivative; their values are NaN where they do not exist or are not finite.
 
     Parameters
     ----------
     system : Map
     most : int
-        Calls of the map and of its derivative, together, after which `Spent` is raised.
+        Number of calls of map and derivative, together, after which `Spent` is raised.
     """
 
     def __init__(self, system: SmoothMap, most: int) -> None:

@@ -20,10 +20,9 @@ _NONE = np.empty(0)
 
 @final
 class MapOrbit(KeptSolution, PeriodicOrbit):
-    """P(n): n states that a map takes one into the next, and the last into the first.
+    """P(n): n states, each the image of the one before it, and the first the image of the last.
 
-    From `periodic_orbit`, from an attractor or from a branch. It is a motion of the map wherever
-    the map is defined: always admissible.
+    It is made by `periodic_orbit` or an attractor, or taken from a branch. It is always admissible.
     """
 
     def __repr__(self) -> str:
@@ -49,7 +48,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def states(self) -> Array:
-        """Its states, (n, d), one after the other, read-only; angles are where the map has them."""
+        """The states, (n, d), in their order, read-only; angles are those that the map returns."""
         states: Array = self._problem.states(self._x)
         states.setflags(write=False)
         return states
@@ -58,14 +57,14 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
     def multipliers(self) -> Any:
         """Floquet multipliers, (d,) complex, the largest modulus first.
 
-        They are the `product_eigenvalues` of the map's `jacobian_factors` at all states: small ones
-        are right too, relative to themselves, to the errors of these factors and of the states. See
-        `multipliers_error`, and `multipliers_resolved` for those of which nothing is known.
+        They are the `product_eigenvalues` of the map's `jacobian_factors` at all states. Small ones
+        are accurate relative to themselves, up to the errors of these factors and of the states.
+        See `multipliers_error`, and `multipliers_resolved` for multipliers without a correct digit.
 
         Raises
         ------
         NoSolution
-            When the map has no derivative there.
+            When the map has no derivative at a state.
         """
         return self.problem().multipliers(self._x, _NONE)
 
@@ -77,14 +76,14 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
     def error(self) -> float:
         """Bound of the largest error of a coordinate, to first order in the map's `accuracy`.
 
-        Twice the sum, over the inverse derivative, of the residual that is left and four times the
-        accuracy of a call, for states of the size of the largest. Infinite where the derivative is
-        singular, or may be within the error of differences.
+        It is twice the inverse derivative of the equations times the sum of the residual and four
+        times the accuracy of a call, relative to the largest state. Infinite where the derivative
+        is singular, or may be singular within its error.
         """
         return float(orbit_bound(self.problem(), self._x, _NONE).max())
 
     def observable(self, name: str) -> Array:
-        """Return one coordinate of its states, (n,): ``state[0]`` and so on, or of the flow.
+        """Return one coordinate of the states, (n,): ``state[0]`` ..., or of the flow.
 
         Raises
         ------
@@ -96,21 +95,21 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def observables(self) -> Sequence[str]:
-        """Names of its coordinates, the first by default."""
+        """Names of the coordinates; diagrams draw the first by default."""
         return tuple(self.system.coordinates(self.states))
 
     def sample(self, iterates: object) -> Array:
-        """Return the states, (k, d), so many iterates after the first one.
+        """Return the states, (k, d), at numbers of iterates after the first state.
 
         Parameters
         ----------
         iterates : (k,) array_like
-            Integers of any size and sign: the motion repeats itself.
+            Integers of any size and sign.
 
         Raises
         ------
         ValueError
-            When one is no integer.
+            When one is not an integer.
         """
         asked = finite_array("iterates", iterates, (None,))
         for i in np.flatnonzero(asked != np.rint(asked))[:1].tolist():

@@ -22,11 +22,11 @@ from dynkit.orbits.problem import PeriodicProblem, fractions
 
 TURN = 2.0 * np.pi
 
-# States that agree so well, in units of their size, are one.
+# Largest difference of equal states, in units of their size.
 _REPEATED = 1e-7
 
 ROUNDINGS = 4.0
-"""What is left in the equations, and in derivatives, in units of the accuracy of a call."""
+"""Error of the equations, and of derivatives, in units of the accuracy of a call."""
 
 
 @final
@@ -39,8 +39,8 @@ class MapProblem(PeriodicProblem, FamilyProblem):
     ----------
     system : Map
     states : (n, d) array
-        Near the solutions; the equations are in units of their largest coordinates, enlarged for
-        a map whose calls are wrong by more than 1e-13, so that this is what remains of them.
+        States near the solutions. The units of the equations are their largest coordinates, and
+        larger for a map with an accuracy above 1e-13, so that errors of calls remain at 1e-13.
     names : sequence of str
         The free parameters.
 
@@ -71,7 +71,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return self._like.size
 
     def scale(self, x: Array) -> Array:
-        # a branch through zero, too, goes on in steps of the size that it had
+        # a branch that passes through the state zero keeps its step size
         return np.tile(np.maximum(sizes(self._rows(x)), self._sizes), len(self._like))
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
@@ -112,12 +112,12 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
 
     def _changes_over(self, k: int, x: Array) -> Array:
-        """How the states (n, d) change over k iterates."""
+        """Return the changes (n, d) of the states over k iterates."""
         states = self._rows(x)
         return np.asarray(self._system.difference(np.roll(states, -k, axis=0), states))
 
     def apart(self, x: Array, other: Array) -> Array:
-        """Return differences (n d,) of the states, from the one on that makes them smallest."""
+        """Return differences (n d,) of the states, for the cyclic shift with the smallest ones."""
         n = len(self._like)
         turned = (np.arange(n)[:, None] + np.arange(n)) % n
         gaps = self._system.difference(self._rows(x)[turned], self._rows(other)) / self._sizes
@@ -132,7 +132,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return np.asarray((gap / self.units).ravel())
 
     def rounding(self, x: Array, p: Array) -> Array:
-        """Four times what a call may be wrong by, for states of the size of the largest."""
+        """Return four times the accuracy of a call relative to the largest state, (n d,)."""
         wrong = ROUNDINGS * self.at(p).accuracy * float(abs(x).max()) / self.units
         return np.tile(wrong, len(self._like))
 
@@ -159,7 +159,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return self._derivatives[3]
 
     def states(self, x: Array) -> Array:
-        """Return the orbit's states (n, d); angles are where the map has them."""
+        """Return the orbit's states (n, d); angles are those that the map returns."""
         states = self._rows(x).copy()
         turning = angles(self._system)
         if turning.any():
@@ -174,7 +174,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         Raises
         ------
         NoSolution
-            Where there is none.
+            Where a derivative does not exist.
         """
         key = np.asarray(x).tobytes() + np.asarray(p, dtype=np.float64).tobytes()
         if key != self._derivatives[0]:
@@ -197,7 +197,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
 
 def _defined(function: Callable[[Array], Array], states: Array) -> Array:
-    """What a function gives at each of the states (n, d), as an array."""
+    """Return the values of a function at states (n, d) as an array, if they are finite."""
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             found = np.array([function(state) for state in states])
@@ -211,19 +211,19 @@ def _defined(function: Callable[[Array], Array], states: Array) -> Array:
 
 
 def angles(system: SmoothMap) -> Any:
-    """Which coordinates, (d,) of bool, are angles: those in which a turn is no difference."""
+    """Return whether each coordinate is an angle, (d,) of bool: a turn makes no difference."""
     d = system.dimension
     turned = system.difference(TURN * np.eye(d), np.zeros(d))
     return abs(np.diag(turned)) < 1e-9
 
 
 def sizes(states: Array) -> Array:
-    """Sizes (d,) of the coordinates; those that are small beside others count as a tenth."""
+    """Return sizes (d,) of the coordinates of states (n, d): at least a tenth of the largest."""
     largest = abs(states).max(axis=0)
     overall = float(largest.max())
     return np.maximum(largest, 0.1 * overall) if overall > 0.0 else np.ones(len(largest))
 
 
 def following(rows: Any) -> Any:
-    """Return the rows that follow, the first one after the last."""
+    """Return the rows shifted by one: each is replaced by the next, the last by the first."""
     return np.concatenate([rows[1:], rows[:1]])

@@ -1,4 +1,4 @@
-"""How wrong Floquet multipliers may be."""
+"""Errors of Floquet multipliers."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues
 from dynkit.orbits.newton import NoSolution
 
 _ROUNDING = 2.0**-52
-# Of positive numbers: a multiplier, or its rounding, may be smaller and count as zero.
+# The smallest positive number: a smaller multiplier or change underflows to zero.
 _SMALLEST = 2.0**-1074
 
 
 class ProductOfFactors(Protocol):
-    """Spectra of solutions, and the matrices whose product has them, as `Problem` has them."""
+    """Spectra of solutions, and the matrices whose product has them; see `Problem`."""
 
     def factors(self, x: Array, p: Array, /) -> tuple[Array, Array] | None:
         """Return the matrices, (n, d, d), and errors of their entries, (n,); None if unknown."""
@@ -28,11 +28,11 @@ class ProductOfFactors(Protocol):
 def multiplier_errors(
     problem: ProductOfFactors, x: Array, p: Array, found: Any, moved: Array
 ) -> Array:
-    """Return how wrong each multiplier found, (d,), may be; infinite where nothing can be told.
+    """Return the error of each multiplier found, (d,); infinite where it is not known.
 
-    Four times the largest change in a few probes: unknowns and parameters are disturbed by as much
-    as they may be wrong, `moved` (m + k,), at random up or down, and the factors of the product
-    whose eigenvalues the multipliers are by their own errors.
+    It is four times the largest change in a few trials: unknowns and parameters are disturbed by
+    their errors, `moved` (m + k,), with random signs, and the factors of the product, whose
+    eigenvalues the multipliers are, by their errors.
     """
     worst, random, m = np.zeros(len(found)), np.random.default_rng(0), len(x)
     if not (np.isfinite(found).all() and np.isfinite(moved).all()):
@@ -57,7 +57,7 @@ def _disturbed(problem: ProductOfFactors, x: Array, p: Array, random: np.random.
 
 
 def _changes(found: Any, there: Any) -> Array:
-    """Change (d,) of each multiplier; the last ones, without partners, are zero by their nature."""
+    """Return the change (d,) of each multiplier; the last, without partners, are exact zeros."""
     from scipy.optimize import linear_sum_assignment
 
     apart = abs(np.subtract.outer(found[: len(there)], there))

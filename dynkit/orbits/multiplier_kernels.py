@@ -8,8 +8,8 @@ import numpy as np
 from dynkit.core.jit import kernel
 
 _EPSILON = 2.0**-52
-# Negligible is what is small beside the smaller neighbour on the diagonal; after so many steps
-# without one, beside both; and after so many more, beside the matrix.
+# An entry below the diagonal is negligible relative to the smaller neighbour on the diagonal; after
+# _STRICT steps without such an entry relative to their sum, after _NEIGHBOURS relative to the norm.
 _STRICT, _NEIGHBOURS, _MOST = 12, 30, 200
 
 
@@ -47,7 +47,7 @@ def turn_columns(m: Any, i: int, c: float, s: complex, first: int, last: int) ->
 def pass_on(t: Any, i: int, c: float, s: complex, low: int, high: int, reach: int) -> None:
     """Carry a rotation of the last factor's rows i, i + 1 through all factors to its columns.
 
-    The factors but the last one stay triangular; its columns are turned in rows low to reach.
+    All other factors remain triangular. The last factor's columns are rotated in rows low to reach.
     """
     last = t.shape[0] - 1
     for k in range(last):
@@ -75,7 +75,7 @@ def pass_back(t: Any, i: int, c: float, s: complex, low: int, high: int) -> None
 
 @kernel()
 def to_hessenberg(t: Any) -> None:
-    """Make the last factor a Hessenberg matrix, the others being triangular; in place."""
+    """Transform the last factor to a Hessenberg matrix; others remain triangular; in place."""
     last, d = t.shape[0] - 1, t.shape[1]
     h = t[last]
     for j in range(d - 2):
@@ -90,8 +90,8 @@ def to_hessenberg(t: Any) -> None:
 def split_at_zero(t: Any, j: int, low: int, high: int, cosines: Any, sines: Any) -> None:
     """Split off a zero on the diagonal of a triangular factor, at j; in place.
 
-    Rotations stop at the zero: a step of the algorithm without shift from the top leaves nothing
-    below the diagonal before it, and one from the bottom nothing behind it.
+    Rotations end at the zero: a step without shift from the top clears the entry below the diagonal
+    before it, and a step from the bottom that after it.
     """
     h = t[t.shape[0] - 1]
     if j > low:
@@ -116,7 +116,7 @@ def split_at_zero(t: Any, j: int, low: int, high: int, cosines: Any, sines: Any)
 
 @kernel(inline=True)
 def scaled(z: complex) -> tuple[complex, int]:
-    """Return z over a power of two, which is its size, and the exponent."""
+    """Return z divided by a power of two near its modulus, and the exponent."""
     size = abs(z)
     if size == 0.0 or not size < math.inf:
         return z, 0
@@ -170,7 +170,7 @@ def shift(t: Any, high: int, low: int, w: Any, exceptional: bool) -> tuple[compl
     if large == 0.0:
         return d, e
     value = d - b * c / large
-    # without shift a large eigenvalue moves up from below a small one: in order they stay accurate
+    # without shift a large eigenvalue moves above a small one: in this order both remain accurate
     if abs(a + d - value) < 1e-4 * abs(value):
         return 0.0j, e
     return value, e
@@ -190,7 +190,7 @@ def sweep(t: Any, low: int, high: int, w: Any, exceptional: bool) -> None:
     product *= math.ldexp(1.0, max(e - largest, -2000))
     value *= math.ldexp(1.0, max(its - largest, -2000))
     x, y = h[low, low] * product, h[low + 1, low] * product
-    # a shift so large beside the product's first column would be all that is seen of it
+    # a shift that is much larger than the product's first column would remove all its digits
     if abs(value) < 1e8 * (abs(x) + abs(y)):
         x -= value
     else:
@@ -207,7 +207,7 @@ def sweep(t: Any, low: int, high: int, w: Any, exceptional: bool) -> None:
 
 @kernel(inline=True)
 def negligible(h: Any, i: int, steps: int, norm: float) -> bool:
-    """Whether the entry below the diagonal, in row i, is."""
+    """Return whether the entry below the diagonal in row i is negligible."""
     size, before, behind = abs(h[i, i - 1]), abs(h[i - 1, i - 1]), abs(h[i, i])
     if size == 0.0:
         return True
@@ -220,18 +220,18 @@ def negligible(h: Any, i: int, steps: int, norm: float) -> bool:
 
 @kernel(entry=True)
 def eigenvalues(t: Any, mantissas: Any, exponents: Any, w: Any, cosines: Any, sines: Any) -> int:
-    """Find the eigenvalues of t[n - 1] ... t[0]; complex, and all but the last one triangular.
+    """Find the eigenvalues of t[n - 1] ... t[0]; all factors but the last are triangular.
 
     C. F. Van Loan, A general matrix eigenvalue algorithm, SIAM J. Numer. Anal. 12 (1975) 819-834;
     A. Bojanczyk, G. H. Golub, P. Van Dooren, The periodic Schur decomposition, Proc. SPIE 1770
-    (1992) 31-42: with one shift, in complex numbers.
+    (1992) 31-42; here in complex arithmetic with single shifts.
 
     Parameters
     ----------
     t : (n, d, d) complex
         Overwritten.
     mantissas, exponents : (d,) complex and int64
-        Filled: the eigenvalues are mantissas 2^exponents.
+        Overwritten: the eigenvalues are mantissas 2^exponents.
     w : (3, 3) complex
     cosines, sines : (d,) float and complex
         Buffers.
@@ -239,7 +239,7 @@ def eigenvalues(t: Any, mantissas: Any, exponents: Any, w: Any, cosines: Any, si
     Returns
     -------
     int
-        Zero, or one where the algorithm did not converge.
+        Zero; one where the algorithm did not converge.
     """
     last, d = t.shape[0] - 1, t.shape[1]
     to_hessenberg(t)

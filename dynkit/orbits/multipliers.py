@@ -10,22 +10,22 @@ import numpy as np
 from dynkit.core.validation import Array, finite_array
 
 PROBES = 4
-"""How many disturbances of factors show how wrong eigenvalues of their product may be."""
+"""Number of random disturbances of factors for the errors of eigenvalues of their product."""
 
 MARGIN = 4.0
-"""Times what these show: few of them seldom add up what a bound of every single entry allows."""
+"""Safety factor of these errors: a few random disturbances seldom reach the worst case."""
 
-# Rounds of orthogonal iteration before the algorithm proper: they put large eigenvalues first.
+# Rounds of orthogonal iteration before the algorithm itself: they put large eigenvalues first.
 _ROUNDS = 2
 
 
 def product_eigenvalues(factors: Any) -> Any:
     """Return the eigenvalues of a product A_n ... A_1 of real matrices, which is never formed.
 
-    They are those of factors that are wrong by rounding, each relative to its own norm: where the
-    factors are well conditioned the smallest eigenvalues are as right, relative to themselves, as
-    the largest, whatever their ratio, and however the product is cut into factors. Of a single
-    factor they are `numpy.linalg.eigvals`.
+    They are exact for factors that differ by rounding relative to the norm of each. Where the
+    factors are well conditioned, small and large eigenvalues have the same relative accuracy,
+    whatever their ratio and the number of factors. For a single factor `numpy.linalg.eigvals` is
+    used.
 
     Parameters
     ----------
@@ -35,14 +35,14 @@ def product_eigenvalues(factors: Any) -> Any:
     Returns
     -------
     (d,) complex array
-        The largest modulus first; conjugate pairs, exactly so, stand together, the positive
-        imaginary part first. What exceeds the range of floats is infinite or zero; see
+        The largest modulus first. Complex ones form exact conjugate pairs, the positive imaginary
+        part first. Beyond the range of floats they are infinite or zero; see
         `log_product_eigenvalues`.
 
     Raises
     ------
     ValueError
-        When the factors are not finite, or no square matrices, or there are none.
+        When the factors are not finite or not square matrices, or there are none.
 
     References
     ----------
@@ -64,9 +64,9 @@ def product_eigenvalues(factors: Any) -> Any:
 
 
 def disturbed_eigenvalues(factors: Array, errors: Array, random: np.random.Generator) -> Any:
-    """Return the `product_eigenvalues` of factors whose entries are off by errors, (n,), at most.
+    """Return the `product_eigenvalues` of factors whose entries are disturbed at random.
 
-    By different parts of these, at random.
+    The disturbances are uniform within the errors, (n,), of the factors.
     """
     changes = random.uniform(-1.0, 1.0, factors.shape)
     return product_eigenvalues(factors + errors[:, None, None] * changes)
@@ -89,7 +89,7 @@ def log_product_eigenvalues(factors: Any) -> Any:
 
 
 def _eigenvalues(factors: Any) -> tuple[Any, Any]:
-    """Mantissas, (d,) complex, and exponents of two, (d,), sorted."""
+    """Return mantissas, (d,) complex, and exponents of two, (d,), sorted."""
     a = finite_array("factors", factors, (None, None, None))
     n, d, width = a.shape
     if n == 0 or d == 0 or d != width:
@@ -141,7 +141,7 @@ def _by_periodic_qr(a: Array) -> tuple[Any, Any]:
 
 
 def _closed_under_conjugation(found: Any, powers: Any) -> tuple[Any, Any]:
-    """Make the eigenvalues real, or pairs: as they are but for the rounding of complex numbers."""
+    """Return the eigenvalues, rounded to real numbers and exact conjugate pairs."""
     turned = np.argsort(-abs(found.imag) / np.where(found == 0.0, 1.0, abs(found)))
     left, mantissas, exponents = turned.tolist(), found.tolist(), powers.tolist()
     while left:
@@ -151,7 +151,7 @@ def _closed_under_conjugation(found: Any, powers: Any) -> tuple[Any, Any]:
             apart = exponents[j] - exponents[i]
             if abs(apart) <= 1 and mantissas[j].imag * here.imag < 0.0:
                 there = mantissas[j].conjugate() * 2.0**apart
-                # against what becoming real changes in either of them
+                # compare with the change that makes both of them real
                 if abs(there - here) < min(least, abs(here.imag) + abs(there.imag)):
                     other, least = j, abs(there - here)
         if other < 0:

@@ -1,4 +1,4 @@
-"""Newton's method for equations with one unknown more than there are equations, or as many."""
+"""Newton's method for n equations with n or n + 1 unknowns."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from scipy.linalg.lapack import dgesv
 from dynkit.core.validation import Array
 
 ROUNDING = 2.0**-52
-# Residuals below are rounding; above the second they are wrong, whatever Newton's method says.
+# Residuals below the first are rounding; a solution has a residual below the second.
 _FLOOR, _ACCEPTABLE = 16.0 * ROUNDING, 1e-10
 _OF_UNKNOWNS = 4.0 * ROUNDING
 
 
 class NoSolution(RuntimeError):
-    """The equations are not defined there: the system refuses it, or there is no next state."""
+    """The equations are not defined: the system refuses a value, or there is no next state."""
 
 
 class NoConvergence(RuntimeError):
-    """Newton's method found no solution; the message says how far it came."""
+    """Newton's method did not converge; the message has the last residual."""
 
 
 class Outcome(Enum):
-    """How Newton's method ended."""
+    """Outcome of Newton's method."""
 
     CONVERGED = "the residual is near rounding"
     STALLED = "the residual no longer falls"
@@ -37,7 +37,7 @@ class Outcome(Enum):
 
 @final
 class Direction(NamedTuple):
-    """Where a curve goes: `tangent`, of unit length in scaled unknowns, along a given row.
+    """Direction of a curve: `tangent`, of unit length in scaled unknowns, along a given row.
 
     `turn` is the sign of the determinant of the derivative with the tangent as last row.
     """
@@ -63,21 +63,22 @@ class Equations(ABC):
 
     @abstractmethod
     def rounding(self, y: Array) -> Array:
-        """Return how wrong each equation may be by rounding."""
+        """Return the rounding error of each equation."""
 
     @abstractmethod
     def linearization_error(self, y: Array) -> Any:
-        """Return how wrong the derivative by the first m unknowns may be beyond rounding, (m, m).
+        """Return the error beyond rounding of the derivative's first m rows and columns, (m, m).
 
-        Of the first m equations; or zero.
+        Zero where there is none.
         """
 
 
 @final
 class Correction(NamedTuple):
-    """What Newton's method found: unknowns, outcome, and largest residuals step by step.
+    """Result of Newton's method: unknowns, outcome, and the largest residual at each step.
 
-    `direction` is the `Direction` at the last place but one, `moved` the scaled step from there.
+    `direction` is the `Direction` at the last iterate but one, `moved` the length of the last step
+    in scaled unknowns.
     """
 
     y: Array
@@ -89,7 +90,7 @@ class Correction(NamedTuple):
 
     @property
     def converged(self) -> bool:
-        """Whether it is a solution."""
+        """Whether Newton's method converged."""
         return self.outcome is Outcome.CONVERGED
 
 
@@ -105,7 +106,7 @@ def correct(
 ) -> Correction:
     """Solve R(y) = 0 from a guess by damped Newton steps.
 
-    It goes on until the residual is at most `level`, or no longer falls and is near rounding.
+    It ends when the residual is at most `level`, or no longer falls and is near rounding.
 
     Parameters
     ----------
@@ -113,14 +114,13 @@ def correct(
     y : (q,) array
         The guess.
     scale : (q,) array
-        What the unknowns are measured in.
+        Units of the unknowns.
     row : (q,) array, optional
-        In scaled unknowns: the steps are orthogonal to it. It is owed where there is one unknown
-        more than equations.
+        Vector in scaled unknowns to which the steps are orthogonal; required for q - 1 equations.
     level : float
         Largest residual that needs no further step.
     steps, halvings : int
-        How many steps at most, and how often one of them is halved.
+        Largest number of steps, and of halvings of one step.
     """
     history: list[float] = []
     direction, moved = None, np.inf
@@ -211,9 +211,9 @@ def _damped(
 
 
 def bordered_direction(jacobian: Array, scale: Array, row: Array) -> Direction | None:
-    """Return where a curve goes, from its derivative (n, n + 1), or None where it cannot be told.
+    """Return the direction of a curve from its derivative (n, n + 1); None if that is singular.
 
-    The row, (n + 1,), is in scaled unknowns; the tangent makes a sharp angle with it.
+    The row, (n + 1,), is in scaled unknowns; the tangent makes an acute angle with it.
     """
     solved = _bordered(jacobian, 0.0, scale, row)
     return None if solved is None else solved[1]
@@ -222,12 +222,12 @@ def bordered_direction(jacobian: Array, scale: Array, row: Array) -> Direction |
 def error_bound(
     equations: Equations, jacobian: Array, y: Array, scale: Array, row: Array | None
 ) -> Array:
-    """Return how far a solution y may be from the exact one, unknown by unknown.
+    """Return a bound of the error of each unknown of a solution y.
 
-    It is twice |inverse of the derivative| (|residual| + rounding): to first order a bound when the
-    equations are right to `rounding`, and to four roundings of what the unknowns add to them, which
-    counts where these are large. The inverse is the largest that the error of the derivative
-    allows; the bound is infinite where the derivative may be singular.
+    It is 2 |inverse of the derivative| (|residual| + rounding): a bound to first order when errors
+    of the equations are at most `rounding` plus four roundings of |derivative| |y|. The inverse is
+    the largest within the error of the derivative; the bound is infinite where the derivative may
+    be singular.
     """
     f, rounding, off = (
         asked(y)
@@ -255,7 +255,7 @@ def error_bound(
 
 
 class OrbitProblem(Protocol):
-    """Equations F(x, p) = 0 of orbits with parameters p, as `dynkit.orbits.equations.Problem`."""
+    """Equations F(x, p) = 0 of orbits with parameters p; see `dynkit.orbits.equations.Problem`."""
 
     def residual(self, x: Array, p: Array, /) -> Array:
         """Return F, (m,)."""
@@ -264,13 +264,13 @@ class OrbitProblem(Protocol):
         """Return the derivative of F by x, (m, m)."""
 
     def linearization_error(self, x: Array, p: Array, /) -> Any:
-        """Return how wrong the derivative may be beyond rounding, (m, m), or zero."""
+        """Return the error of the derivative beyond rounding, (m, m), or zero."""
 
     def scale(self, x: Array, /) -> Array:
         """Return typical sizes of the unknowns, (m,)."""
 
     def rounding(self, x: Array, p: Array, /) -> Array:
-        """Return how wrong each of F, (m,), may be by rounding."""
+        """Return the rounding error of each equation, (m,)."""
 
 
 @final
@@ -303,7 +303,7 @@ def orbit_bound(problem: OrbitProblem, x: Array, p: Array) -> Array:
     Raises
     ------
     NoSolution
-        Where the equations have no derivative.
+        When the equations have no derivative at x.
     """
     equations = FixedParameters(problem, p)
     return error_bound(equations, equations.jacobian(x), x, equations.scale(x), None)
@@ -314,12 +314,12 @@ def solve(
 ) -> tuple[Array, tuple[float, ...]]:
     """Return the unknowns of one solution at given parameters, and the history of residuals.
 
-    `what` begins the message where there is none.
+    `what` begins the message when no solution is found.
 
     Raises
     ------
     NoConvergence
-        When Newton's method does not get there from the guess.
+        When Newton's method does not converge from the guess.
     """
     equations = FixedParameters(problem, p)
     found = correct(equations, guess, problem.scale(guess), steps=50, halvings=12)

@@ -15,26 +15,26 @@ from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
 from dynkit.orbits.newton import NoConvergence, solve
 
-# States of an orbit that agree so well, relative, are tried as one: a doubling leaves them so near
-# only within rounding, which is the square, of the parameter where it happens.
+# States of an orbit that agree to this are tried as one state. After a period doubling they are
+# this close only where the parameter is within the square of it, 1e-14, of the bifurcation.
 _SAME = 1e-7
 _NONE = np.empty(0)
 
 
 def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) -> MapOrbit:
-    """Find a periodic orbit of a map, stable or not, by Newton's method from a guess.
+    """Find a periodic orbit of a map, stable or unstable, by Newton's method from a guess.
 
-    All states of the orbit are unknowns at once, so that unstable orbits of long periods are found
-    too. An orbit is one of every multiple of its period: where what is found has a smaller period
-    than what was asked for, it is returned as what it is, and its `label` says so.
+    All states of the orbit are unknowns (multiple shooting), so that unstable orbits of long
+    periods are found as well. Where the orbit has a smaller period than n, it is returned with its
+    least period; its `label` shows it.
 
     Parameters
     ----------
     system : Map
     guess : (d,) or (n, d) array_like
-        One state near the orbit, from which the map is iterated; or all n of them, in order.
+        One state near the orbit, from which the map is iterated; or all n states, in order.
     period : int, optional
-        n. By default one, or as many as there are states.
+        The period n; by default one, or the number of states.
 
     Returns
     -------
@@ -43,12 +43,12 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
     Raises
     ------
     ValueError
-        When the guess is not finite or of another shape; when the period is no positive integer or
-        not the number of states.
+        When the guess is not finite or has another shape; when the period is not a positive integer
+        or not the number of states.
     NoMotion
-        When a guess of one state has not as many iterates.
+        When a guess of one state has fewer than n - 1 iterates.
     NoConvergence
-        When Newton's method does not get to an orbit.
+        When Newton's method does not converge to an orbit.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]
         raise NoConvergence(
             f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
         ) from failure
-    # What is zero has no size of its own: nothing may be measured in what rounding leaves of it.
+    # set coordinates below rounding to zero: rounding errors must not become scales
     cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
     if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared
@@ -113,7 +113,7 @@ def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]
 
 
 def _shorter(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]] | None:
-    """The solution of the smallest period that the orbit has, if that is not its length."""
+    """Return the solution of the orbit's least period, if that is smaller than n."""
     n = len(states)
     near = _SAME * sizes(states)
     for k in (k for k in range(1, n // 2 + 1) if n % k == 0):

@@ -21,35 +21,35 @@ from dynkit.orbits.spectrum import Spectrum
 
 
 def fractions(n: int) -> list[int]:
-    """Return the proper divisors of n: after so many states an orbit of n may come again."""
+    """Return the proper divisors of n: the possible least periods of an orbit of n states."""
     return [k for k in range(1, n // 2 + 1) if n % k == 0]
 
 
 class PeriodicProblem(Problem):
     """A problem whose solutions are the periodic orbits of one kind in a family.
 
-    A subclass must implement, beside the equations,
+    A subclass must implement, beside the equations:
 
-    1. ``linearization(x, p, multiplier)``, the derivative where disturbances return multiplied;
+    1. ``linearization(x, p, multiplier)``, the derivative D(mu) for x(T) = mu x(0);
     2. ``multipliers(x, p)``, the Floquet multipliers;
     3. ``orbit(x, p, history)``, the orbit;
-    4. ``doubled(x, disturbance)``, the problem of twice the period;
+    4. ``doubled(x, disturbance)``, the problem of twice the period.
 
-    and may offer
+    A subclass may implement:
 
     5. ``factors(x, p)``, matrices whose product has these multipliers;
-    6. ``shortest(x)`` and ``repetition(x)``, where orbits of a part of the period are solutions;
-    7. ``returns(x, p)``, the map of returns, where it is not that of the orbit's system.
+    6. ``shortest(x)`` and ``repetition(x)``, when orbits of shorter periods are solutions;
+    7. ``returns(x, p)``, when the return map is not that of the orbit's system.
     """
 
     stability: ClassVar[Spectrum] = Spectrum.MULTIPLIERS
 
     @abstractmethod
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
-        """Return D(multiplier), (m, m): the derivative where x(T) = x(0) is x(T) = mu x(0).
+        """Return D(mu), (m, m): the derivative of F by x with x(T) = mu x(0) for x(T) = x(0).
 
-        D(1) is the derivative of F by x. A number mu is a Floquet multiplier of the orbit just
-        where D(mu) is singular. Real for a real multiplier, else complex.
+        D(1) is the derivative of F by x. A number mu is a Floquet multiplier of the orbit if and
+        only if D(mu) is singular. D is real for a real multiplier, otherwise complex.
         """
 
     @final
@@ -65,18 +65,18 @@ class PeriodicProblem(Problem):
         return self.multipliers(x, p)
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
-        """Return matrices (n, d, d) whose product, in the order of time, has these eigenvalues.
+        """Return matrices (n, d, d) whose product has these multipliers, and their errors (n,).
 
-        And how wrong the entries of each may be, (n,). Multipliers that are zero by their nature
-        need not be among the eigenvalues. None, unless a subclass knows the matrices.
+        The matrices are in the order of time; the errors are those of their entries. Multipliers
+        that are exactly zero may be missing among the eigenvalues. By default None: not known.
         """
         return None
 
     def returns(self, x: Array, p: Array) -> tuple[Callable[[Array], Array], Array]:
-        """Return the derivative, (d, d), of the map of returns as a function of the state.
+        """Return the derivative, (d, d), of the return map as a function of the state, and a state.
 
-        And the state, (d,), of the orbit. By default it is the system's, as many times as the orbit
-        has states. For orbits that are motions of the system.
+        The state, (d,), is one of the orbit. By default the return map is the system's map,
+        iterated as many times as the orbit has states. The orbit must be a motion of the system.
         """
         orbit = self.orbit(x, p)
         system, count = orbit.system, len(orbit.states)
@@ -92,50 +92,50 @@ class PeriodicProblem(Problem):
 
     @abstractmethod
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> PeriodicOrbit:
-        """Return the orbit that a solution stands for; `history` as in `PeriodicOrbit`."""
+        """Return the orbit of a solution; `history` as in `PeriodicOrbit`."""
 
     def solution(self, x: Array, p: Array, history: Sequence[float] = ()) -> PeriodicOrbit:
         return self.orbit(x, p, history)
 
     @abstractmethod
     def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
-        """Return the problem of twice the period, this solution run through twice, and a direction.
+        """Return the problem of twice the period, two periods of this solution, and a direction.
 
-        The direction is the disturbance (m,) of the first time, and its opposite the second time:
-        with the null vector of D(-1) the tangent of the branch that leaves where the period
-        doubles.
+        The direction is the disturbance (m,) in the first period and its opposite in the second.
+        For the null vector of D(-1) it is the tangent of the branch that leaves at a period
+        doubling.
         """
 
     def shortest(self, x: Array) -> tuple[PeriodicProblem, Array]:
-        """Return the orbit of a solution as one that is run through once, to rounding.
+        """Return problem and unknowns of the orbit with its least period, to rounding.
 
-        This problem and the solution as they are, unless a subclass tells repetitions.
+        By default this problem and the same unknowns.
         """
         return self, x
 
     def repetition(self, x: Array) -> float:
-        """Return how far a solution is from an orbit of a part of its period, run through again.
+        """Return the distance of a solution from the repetitions of orbits with a shorter period.
 
-        The root mean square of what changes over that part, in units of `scale`, for the part with
-        the least of it. Zero where it is such an orbit, infinite where none is possible.
+        It is the smallest root mean square of the changes over a fraction of the period, in units
+        of `scale`: zero for a repeated orbit, infinite where none is possible.
         """
         return np.inf
 
 
 def shortest(problem: Problem, x: Array) -> tuple[Problem, Array]:
-    """Return any solution as one that is run through once: see `PeriodicProblem.shortest`."""
+    """Return problem and unknowns with the least period: see `PeriodicProblem.shortest`."""
     return problem.shortest(x) if isinstance(problem, PeriodicProblem) else (problem, x)
 
 
 def repetition(problem: Problem, x: Array) -> float:
-    """Return how far any solution is from one of a part of its period; infinite without period."""
+    """Return `PeriodicProblem.repetition`; infinite for solutions without a period."""
     return problem.repetition(x) if isinstance(problem, PeriodicProblem) else np.inf
 
 
 class PeriodicOrbit(ProblemSolution):
-    """A periodic orbit, stable or not, found by Newton's method.
+    """A periodic orbit, stable or unstable, found by Newton's method.
 
-    A subclass owes what is abstract here. Instances are immutable.
+    A subclass must implement the abstract properties and methods. Instances are immutable.
     """
 
     def _caption(self) -> str:
@@ -158,17 +158,17 @@ class PeriodicOrbit(ProblemSolution):
     @property
     @abstractmethod
     def system(self) -> SmoothMap:
-        """What moves, with the parameters of this orbit."""
+        """The map of the orbit, with the parameters of this orbit."""
 
     @property
     @abstractmethod
     def label(self) -> str:
-        """Its kind, such as ``P(2)`` or ``P(1,3)``."""
+        """Label of the orbit, such as ``P(2)`` or ``P(1,3)``."""
 
     @property
     @abstractmethod
     def states(self) -> Array:
-        """Its states, (n, d), one after the other, read-only."""
+        """The states of the orbit, (n, d), in their order, read-only."""
 
     @property
     @abstractmethod
@@ -179,10 +179,10 @@ class PeriodicOrbit(ProblemSolution):
     def multipliers_error(self) -> Array:
         """Estimate of the error of each multiplier, (d,), read-only.
 
-        Four times the largest change in some probes, which disturb the unknowns by their errors and
-        the matrices whose product it is by theirs. Infinite where nothing is known, as where an
-        impact only grazes. Whether a multiplier lies inside the unit circle is certain where its
-        modulus is farther from one than that.
+        It is four times the largest change in a few trials that disturb the unknowns and the
+        factors of the product by their errors. It is infinite where it is not known, for example at
+        a grazing impact. A multiplier is certainly inside the unit circle, or certainly outside,
+        when its modulus differs from one by more than this error.
         """
         problem, x, none = self.problem(), self.unknowns, np.empty(0)
         try:
@@ -197,9 +197,9 @@ class PeriodicOrbit(ProblemSolution):
     def multipliers_resolved(self) -> Any:
         """Whether each multiplier, (d,) of bool, is larger than its error, or zero without error.
 
-        Of a multiplier that is not resolved no digit is known, and not its sign: only that its
-        modulus is at most the sum of its error and of the value given. Where that is below one the
-        multiplier is certainly inside the unit circle.
+        No digit of a multiplier that is not resolved is known, and not even its sign: its modulus
+        is at most the sum of value and error. Where this sum is below one the multiplier is
+        certainly inside the unit circle.
         """
         error = self.multipliers_error
         resolved = (error < abs(self.multipliers)) | (error == 0.0)
@@ -209,33 +209,33 @@ class PeriodicOrbit(ProblemSolution):
     @property
     @final
     def stable(self) -> bool:
-        """Whether all multipliers lie inside the unit circle, those not resolved among them."""
+        """Whether all multipliers lie inside the unit circle, including those not resolved."""
         return bool(np.all(abs(self.multipliers) < 1.0))
 
     @cached_property
     def isolated(self) -> bool:
-        """Whether no multiplier is 1 within its error: no other orbit of its period is beside it.
+        """Whether no multiplier is 1 within its error: no other orbit of this period is near.
 
-        Otherwise it is one of a family at the same parameters, as where nothing damps a mode in
-        resonance, or on the border where orbits meet, SN or BP: it cannot be told which.
+        Otherwise the orbit may belong to a continuous family at the same parameters, as for an
+        undamped mode in resonance, or to a bifurcation SN or BP.
         """
         return bool((abs(self.multipliers - 1.0) > self.multipliers_error).all())
 
     @property
     @abstractmethod
     def admissible(self) -> bool:
-        """Whether it is a motion of the system; see `WatchedProblem.admissible`."""
+        """Whether the orbit is a motion of the system; see `WatchedProblem.admissible`."""
 
     @property
     @abstractmethod
     def error(self) -> float:
-        """Estimate of the largest error of a coordinate of its states."""
+        """Estimate of the largest error of a coordinate of the states."""
 
     @abstractmethod
     def problem(self, *names: str) -> PeriodicProblem:
-        """Return the equations that it solves, with the named parameters free."""
+        """Return the equations of the orbit, with the named parameters free."""
 
     @property
     def observables(self) -> Sequence[str]:
-        """Names of what a diagram draws, the first by default: those of the system."""
+        """Names of the system's observables; diagrams draw the first by default."""
         return self.system.observables

@@ -1,4 +1,4 @@
-"""`find_orbits`: periodic orbits of a map from a search of a box."""
+"""`find_orbits`: search of a box for periodic orbits of a map."""
 
 from __future__ import annotations
 
@@ -25,45 +25,45 @@ if TYPE_CHECKING:
 
 _Orbit = TypeVar("_Orbit", bound="PeriodicOrbit")
 
-# States of orbits are looked for as far as this beside the box, in its widths.
+# Largest distance of an orbit's states from the box, in widths of the box.
 _BESIDE = 3.0
-# Cells have as many corners as 2^d: maps of more dimensions are searched from random guesses.
+# Most dimensions for a covering by cells, which have 2^d corners; others are searched from random
+# guesses.
 _COVERED = 3
-# Guesses in a box, the iterates of each among which close returns are looked for, and how many.
+# Number of random guesses; iterates of each; close returns of each that are tried for a period.
 _GUESSES, _ITERATES, _RETURNS = 20, 200, 5
-# Orbits whose states all agree to this part of their size are one: `periodic_orbit` takes two
-# states that agree so well for one.
+# Orbits whose states agree to this, relative to their size, are equal, as in `periodic_orbit`.
 _SAME = 1e-7
-# A halved covering says something about orbits once so many halvings found no more of them: the
-# first coverings are so coarse that Newton's method gets nowhere, twice in a row.
+# A period is resolved when this number of successive halvings found no more orbits, but not before
+# this level: from the coarsest coverings Newton's method seldom converges.
 _STILL, _LEAST_LEVEL = 2, 6
 _ROUNDING = 1e-14
 
 
 @final
 class OrbitSearch(Sequence[_Orbit]):
-    """What a search for periodic orbits found: a sequence of them, by rising periods.
+    """Result of a search for periodic orbits: a sequence of orbits by ascending periods.
 
-    From `find_orbits`, or from `find_orbits` of an impact oscillator: there the period is the
-    number n of impacts of P(n,m).
+    It is made by `find_orbits`, or by `find_orbits` of an impact oscillator, where the period is
+    the number n of impacts of P(n,m).
 
     Attributes
     ----------
     system : Map
     period : int
-        The largest period that was asked for.
+        The largest period of the search.
     resolved : int
-        The largest period up to which the search was carried through; zero for none. For a map of
-        one dimension: all laps of the iterates were searched. For two and three dimensions: halving
-        the cells twice more led to no more orbits. A search from random guesses, or from motions,
-        resolves nothing.
+        The largest period up to which the search was completed; zero for none. For a map of one
+        dimension: all laps of the iterates were searched. For two and three dimensions: two more
+        halvings of the cells found no more orbits. A search from random guesses, or from motions,
+        resolves no period.
     region : (d, 2) array
-        Least and greatest coordinates of the states that were looked at; NaN where there were none.
+        Least and greatest coordinates of the searched states; NaN where there were none.
     message : str
-        What was searched, how, and what stopped it.
+        Region, method and end of the search, in words.
     cost : Cost
-        Calls of the map and its derivative, or guesses, starts, impacts that were simulated and
-        returns that were tried; the steps of Newton's method come with each orbit.
+        Calls of the map and its derivative, or guesses, starts, simulated impacts and tried
+        returns; the steps of Newton's method are in the costs of the orbits.
     """
 
     def __init__(
@@ -89,14 +89,13 @@ class OrbitSearch(Sequence[_Orbit]):
     def error(self) -> Array:
         """Largest error of a coordinate of each orbit, (number of orbits,): `PeriodicOrbit.error`.
 
-        Orbits that were not found have no error here: `resolved` and `message` say how far the
-        search went.
+        It does not account for orbits that were not found; see `resolved` and `message`.
         """
         return np.array([orbit.error for orbit in self._orbits])
 
     @property
     def counts(self) -> dict[int, int]:
-        """How many orbits of each least period were found."""
+        """Number of orbits found of each least period."""
         counts = dict.fromkeys(range(1, self.period + 1), 0)
         for orbit in self._orbits:
             counts[len(orbit.states)] += 1
@@ -122,20 +121,19 @@ class OrbitSearch(Sequence[_Orbit]):
 def find_orbits(
     system: SmoothMap, period: int, box: Any, *, calls: int = 200_000
 ) -> OrbitSearch[MapOrbit]:
-    """Return the periodic orbits of a map, stable or not, that a search of a box finds.
+    """Return the periodic orbits of a map, stable or unstable, that a search of a box finds.
 
-    It looks for orbits of each period up to the one asked for that have a state in the box, and all
-    their states in the box or in what iterates reach from it, three widths of the box beside it at
-    most.
+    It searches for orbits of each period up to the given one that have a state in the box, and all
+    their states in the box or among its iterates, at most three widths of the box beside it.
 
-    A map of one dimension is searched lap by lap: where an iterate f^n falls, it has one periodic
-    point at most; where it rises, intervals are halved until the slope of f^n is on one side of
-    one, at both ends and in the middle. Turning points of the map are looked for on a grid of 1024
-    cells, halved further where the map is bent. So an orbit is missed only where two turning points
-    lie in one cell, or two orbits in one interval. Maps with an angle, and of two and three
-    dimensions, are searched by Newton's method from each cell of a covering of all that returns,
-    which is halved until no more orbits are found. For more dimensions Newton's method starts
-    from close returns among iterates of random guesses.
+    A map of one dimension is searched lap by lap: where an iterate f^n decreases, it has at most
+    one periodic point; where it increases, intervals are halved until the slopes of f^n at both
+    ends and in the middle are all above one or all below. Turning points of the map are located on
+    a grid of 1024 cells, refined where the map is curved. So an orbit can be missed only where two
+    turning points lie in one cell, or two orbits in one interval. Maps with an angle, and maps of
+    two and three dimensions, are searched by Newton's method from each cell of a covering of the
+    recurrent states, which is refined until no more orbits are found. In more dimensions Newton's
+    method starts from close returns among iterates of random guesses.
 
     Parameters
     ----------
@@ -145,18 +143,18 @@ def find_orbits(
     box : (d, 2) array_like
         Least and greatest value of each coordinate.
     calls : int
-        The budget: calls of the map and its derivative, those of Newton's method for the orbits
-        not counted.
+        Largest number of calls of the map and its derivative, without those of Newton's method for
+        the final orbits.
 
     Returns
     -------
     OrbitSearch
-        The orbits, and what was searched.
+        The orbits, and the extent of the search.
 
     Raises
     ------
     ValueError
-        When the box is none, or a number no positive integer.
+        When the box is not (d, 2) with low < high, or period or calls is not a positive integer.
 
     References
     ----------
@@ -194,12 +192,12 @@ def find_orbits(
 
 
 def checked_box(box: Any, dimension: int) -> Array:
-    """Return least and greatest coordinates, (d, 2).
+    """Return the box as an array (d, 2) of least and greatest coordinates.
 
     Raises
     ------
     ValueError
-        When they are not.
+        When the box is not finite, not (d, 2), or empty.
     """
     found = finite_array("box", box, (dimension, 2))
     for i in np.flatnonzero(~(found[:, 0] < found[:, 1]))[:1].tolist():
@@ -209,7 +207,7 @@ def checked_box(box: Any, dimension: int) -> Array:
 
 @final
 class _Found:
-    """Orbits that were found, each once."""
+    """The orbits found, without duplicates."""
 
     def __init__(self, system: SmoothMap, longest: int) -> None:
         self._system = system
@@ -221,7 +219,7 @@ class _Found:
         return len(self._orbits[period])
 
     def sorted(self) -> list[MapOrbit]:
-        """By their periods, and the first coordinate."""
+        """Return the orbits, sorted by period and least coordinates."""
         return [
             orbit
             for orbits in self._orbits
@@ -229,13 +227,13 @@ class _Found:
         ]
 
     def holds(self, states: Array) -> bool:
-        """Whether states, each the image of the one before it, are those of an orbit."""
+        """Whether successive iterates belong to a known orbit."""
         n = len(states)
         divisors = (k for k in range(1, n + 1) if n % k == 0)
         return any(self._same(orbit, states) for k in divisors for orbit in self._orbits[k])
 
     def add(self, states: Array) -> None:
-        """Take the orbit that Newton's method finds from all its states, if it is new."""
+        """Add the orbit that Newton's method finds from states (n, d), if it is new."""
         from dynkit.orbits.periodic_orbit import periodic_orbit
 
         if not np.isfinite(states).all():
@@ -244,7 +242,7 @@ class _Found:
             orbit = periodic_orbit(self._system, states)
             small = abs(orbit.states) <= _ROUNDING * abs(states).max()
             if small.any():
-                # numbers that have no digits but rounding are zero
+                # try zero for coordinates that are below rounding
                 orbit = periodic_orbit(self._system, np.where(small, 0.0, orbit.states))
         except (NoConvergence, NoSolution):
             return
@@ -330,7 +328,7 @@ def _by_returns(calls: MapCalls, found: _Found, box: Array) -> tuple[int, Array,
 
 
 def _iterates(system: SmoothMap, state: Array, period: int) -> Array:
-    """The states of an orbit from one of them on, (n, d); all NaN where the motion ends."""
+    """Return `period` states from a state on, (n, d); all NaN where the motion ends."""
     states = [state]
     try:
         for _ in range(period - 1):

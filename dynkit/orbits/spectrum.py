@@ -1,45 +1,47 @@
-"""Spectra: the numbers from which the stability of a solution follows."""
+"""Spectra: the numbers that determine the stability of a solution."""
 
 from enum import Enum
 from typing import Any, final
 
 import numpy as np
 
-# Relative to one, or to an eigenvalue's modulus: less beyond the border is rounding.
+# Distance beyond the stability border that counts as rounding, relative to one or to an
+# eigenvalue's modulus.
 _ROUNDING = 1e-9
-# What stands for infinite multipliers in products.
+# Finite number in place of an infinite multiplier in products.
 _HUGE = 1e150
 
 
 @final
 class Spectrum(Enum):
-    """What the numbers are, and so on which side of which border they are stable."""
+    """Kind of the numbers, which determines the border of stability."""
 
     MULTIPLIERS = "Floquet multipliers: stable inside the unit circle"
     EIGENVALUES = "eigenvalues: stable where their real parts are negative"
 
     @property
     def neutral(self) -> float:
-        """The number of a disturbance that neither grows nor decays, and does not oscillate."""
+        """The number of a disturbance that is constant: 1 or 0."""
         return 1.0 if self is Spectrum.MULTIPLIERS else 0.0
 
     def stable(self, values: Any) -> Any:
-        """Return which of the numbers belong to disturbances that decay."""
+        """Return whether the disturbance of each number decays."""
         if self is Spectrum.MULTIPLIERS:
             return abs(values) < 1.0
         return values.real < 0.0
 
     def inside(self, values: Any) -> Any:
-        """Return which of complex numbers are not beyond the border, but for rounding."""
+        """Return whether each complex number is not beyond the border, up to rounding."""
         if self is Spectrum.MULTIPLIERS:
             return abs(values) ** 2 <= 1.0 + _ROUNDING
         return values.real <= _ROUNDING * abs(values)
 
     def pairs_inside(self, real: Any) -> int:
-        """Return of how many pairs of real numbers the mean disturbance does not grow.
+        """Return the number of pairs of real numbers with a product <= 1, or a sum <= 0.
 
-        A complex pair that becomes two real numbers inside the border makes one of them, and a pair
-        outside none: products of multipliers are compared with one, sums of eigenvalues with zero.
+        The product of two multipliers is compared with one, the sum of two eigenvalues with zero.
+        So a complex pair inside the border that becomes two real numbers makes one such pair, and a
+        complex pair outside makes none.
         """
         upper = np.triu_indices(len(real), 1)
         if self is Spectrum.MULTIPLIERS:
@@ -49,12 +51,12 @@ class Spectrum(Enum):
         return int(np.count_nonzero((np.add.outer(real, real) <= _ROUNDING * sizes)[upper]))
 
     def from_border(self, values: Any) -> Any:
-        """Return how far numbers are from the border; eigenvalues relative to themselves."""
+        """Return distances of numbers to the border, for eigenvalues relative to their modulus."""
         if self is Spectrum.MULTIPLIERS:
             return abs(abs(values) - 1.0)
         return abs(values.real) / np.where(values == 0.0, 1.0, abs(values))
 
     def from_number(self, values: Any, critical: float) -> Any:
-        """Return how far numbers are from a critical one; eigenvalues relative to the largest."""
+        """Return distances to a critical number, for eigenvalues relative to the largest."""
         size = 1.0 if self is Spectrum.MULTIPLIERS else float(abs(values).max(initial=0.0)) or 1.0
         return abs(values - critical) / size

@@ -1,1 +1,1 @@
-"""Style of figures, and drawings that several results share."""
+"""Style of figures, and drawings shared by several results."""

@@ -1,4 +1,4 @@
-"""Figures for a page: new ones, their style in print, and how they are saved as PNG and SVG."""
+"""Figures for print: creation, style, and files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PRINT_STYLE: Mapping[str, Any] = {
 }
 """Matplotlib settings: type of 7 to 8 points at column width."""
 
-# dates would make the same figure another file
+# files without dates: the same figure gives the same file
 _METADATA = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 PICTURES = tuple(_METADATA)
 """Endings of the files that a figure is written to."""
@@ -53,10 +53,10 @@ DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0
 
 @contextmanager
 def print_style() -> Generator[None, None, None]:
-    """Give figures the type sizes and lines of `PRINT_STYLE`: a context, and a decorator.
+    """Apply `PRINT_STYLE` to figures, as a context or a decorator.
 
-    What a user has set, by ``matplotlib.rcParams`` or a style sheet, to something else than
-    matplotlib's default stays as it is; so does all else that is set within.
+    Settings in ``matplotlib.rcParams`` that differ from matplotlib's defaults are kept, and so are
+    other settings that are made inside the context.
 
     Examples
     --------
@@ -74,12 +74,12 @@ def print_style() -> Generator[None, None, None]:
     try:
         yield
     finally:
-        # not matplotlib's rc_context: what pyplot sets as it loads its backend must last
+        # matplotlib's rc_context would undo the settings that pyplot makes when it loads a backend
         now.update(before)
 
 
 def ink(lightness: float = 0.0) -> tuple[float, float, float]:
-    """Return the colour of text, mixed with as much of the axes' background; both are settings.
+    """Return the colour of text, mixed with this fraction of the axes' background colour.
 
     Examples
     --------
@@ -95,7 +95,7 @@ def ink(lightness: float = 0.0) -> tuple[float, float, float]:
 
 
 def circles(size: float, width: float) -> dict[str, Any]:
-    """Return the settings of open circles: their size, and the width of their line, in points."""
+    """Return the settings of open circles with a size and a line width in points."""
     return {
         "linestyle": "none",
         "marker": "o",
@@ -107,7 +107,7 @@ def circles(size: float, width: float) -> dict[str, Any]:
 
 
 def crosses(size: float, width: float) -> dict[str, Any]:
-    """Return the settings of small crosses, for what is no motion of a system, in points."""
+    """Return the settings of crosses with a size and a line width in points."""
     return {
         "linestyle": "none",
         "marker": "x",
@@ -120,15 +120,14 @@ def crosses(size: float, width: float) -> dict[str, Any]:
 def new_figure(
     width: float = COLUMN_WIDTH, height: float = 2.6, rows: int = 1
 ) -> tuple[Figure, list[Axes]]:
-    """Return a new figure that stands alone, and its axes, one under the other.
+    """Return a new figure that pyplot does not manage, and its axes, one below the other.
 
-    pyplot does not know it: no window is opened, no display is needed, and it is gone when nothing
-    refers to it any more.
+    It opens no window, needs no display, and is deleted with its last reference.
 
     Parameters
     ----------
     width, height : float
-        In inches; by default a journal's column is filled.
+        In inches; the default width is a journal's column.
     rows : int
         Number of axes.
 
@@ -146,14 +145,14 @@ def new_figure(
 
 
 def shown_figure(width: float = COLUMN_WIDTH, height: float = 2.6) -> Figure:
-    """Return a new figure that pyplot shows; sizes in inches."""
+    """Return a new figure managed by pyplot; sizes in inches."""
     from matplotlib import pyplot as plt
 
     return plt.figure(figsize=(width, height), layout="constrained")
 
 
 def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6) -> Axes:
-    """Return the axes, or those of a new figure that pyplot shows; sizes in inches."""
+    """Return the given axes, or those of a new figure managed by pyplot; sizes in inches."""
     if ax is not None:
         from matplotlib.axes import Axes
 
@@ -166,7 +165,7 @@ def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6
 
 
 def size_in_points(axes: Axes) -> tuple[float, float]:
-    """Return the width and the height of axes, laid out with all that they hold by now."""
+    """Return the width and the height of axes in points, after a layout of their content."""
     from matplotlib.figure import Figure
 
     figure = axes.get_figure(root=True)
@@ -177,15 +176,15 @@ def size_in_points(axes: Axes) -> tuple[float, float]:
 
 
 def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[Path, ...]:
-    """Save a figure as PNG and SVG; each file is the new one, or after any failure the old one.
+    """Save a figure as PNG and SVG. After a failure the old file remains.
 
     Parameters
     ----------
     figure : Figure
     stem : Path
-        Where to, without the ending.
+        Path of both files without the ending.
     resolution : float
-        Dots an inch, where it is made of dots.
+        Dots per inch of raster images.
 
     Returns
     -------
@@ -195,7 +194,7 @@ def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[
     Raises
     ------
     ValueError, OSError
-        When they cannot be written.
+        When a file cannot be written.
 
     Examples
     --------
@@ -220,12 +219,12 @@ def write_figure(name: str, path: Path, figure: Figure, resolution: float = 600.
     path : Path
     figure : Figure
     resolution : float
-        Dots an inch, where it is made of dots.
+        Dots per inch of raster images.
 
     Raises
     ------
     ValueError, OSError
-        When it cannot be written; the old file, if any, is there then.
+        When the file cannot be written; an old file is unchanged then.
     """
     form, metadata = path.suffix[1:], _METADATA[path.suffix]
     with print_style(), whole(name, path) as stream:

@@ -1,4 +1,4 @@
-"""Drawings that several results share: motions in time, clouds of points, diagrams."""
+"""Drawings shared by several results: time series, point clouds, diagrams."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ RELATIVE_VELOCITY = "relative velocity $u$"
 _QUARTERS = [0.5 * math.pi * i for i in range(5)]
 _QUARTER_NAMES = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
 
-# Points nearer to one another, in widths of the axes, look like one; fewer of them are drawn large.
+# Points closer than this fraction of the axes' width look like one; fewer than _FEW points are
+# drawn large.
 _SHARP, _FEW = 0.005, 50
 
 
 def displacement(coordinate: int) -> str:
-    """Return how a displacement is written on an axis; coordinates count from 0."""
+    """Return the axis title of a displacement; coordinates count from 0."""
     return f"displacement $x_{{{coordinate + 1}}}$"
 
 
@@ -43,7 +44,7 @@ def draw_motion(
     stops: Mapping[str, Array] | None = None,
     impacts: tuple[Array, Array] | None = None,
 ) -> Axes:
-    """Draw values, (k,), against time, stops dashed, (k,) each by name, and impacts as dots."""
+    """Draw values (k,) against time: stops, (k,) each by name, dashed, and impacts as dots."""
     axes = shown_axes(ax, height=1.8)
     axes.plot(times, values, color=ink(), linewidth=0.8, label=name)
     for label, stop in (stops or {}).items():
@@ -58,9 +59,9 @@ def draw_motion(
 
 @print_style()
 def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
-    """Draw points, (p, 2), large where few can be told apart, and name the axes.
+    """Draw points, (p, 2), and name the axes; few distinct points are drawn large.
 
-    A coordinate that is called `PHASE` goes once around.
+    The axis of a coordinate named `PHASE` runs from 0 to 2 pi.
     """
     axes = shown_axes(ax)
     size = 3.0 if _distinct(points) < _FEW else 1.2
@@ -74,7 +75,7 @@ def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
 
 
 def _distinct(points: Array) -> int:
-    """Number of points (p, 2) that a reader can tell apart."""
+    """Return the number of points (p, 2) that a reader can distinguish."""
     if not len(points):
         return 0
     widths = np.maximum(np.ptp(points, axis=0), _SHARP * abs(points).max(axis=0))
@@ -86,19 +87,19 @@ def _distinct(points: Array) -> int:
 def draw_diagram(
     ax: Axes | None, values: Array, numbers: Array, names: Sequence[str], size: float = 0.7
 ) -> Axes:
-    """Draw numbers, (k, n), against values, (k,), as dots of so many points, and name the axes."""
+    """Draw numbers (k, n) against values (k,) as dots of a size in points, and name the axes."""
     axes = shown_axes(ax)
     across, up = dots(values, numbers)
     axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
     axes.set(xlabel=names[0], ylabel=names[1])
     grid = np.unique(values)
-    if len(grid) > 1:  # half a step of room, for the dots at the ends
+    if len(grid) > 1:  # half a step of margin for the dots at the ends
         first, last = 0.5 * (grid[1] - grid[0]), 0.5 * (grid[-1] - grid[-2])
         axes.set_xlim(grid[0] - first, grid[-1] + last)
     return axes
 
 
 def dots(values: Array, numbers: Array) -> tuple[Array, Array]:
-    """Return places across and up, (p,) each, of numbers (k, n), without those that are NaN."""
+    """Return x and y, (p,) each, of the numbers (k, n) that are not NaN."""
     there = ~np.isnan(numbers.ravel())
     return np.repeat(values, numbers.shape[1])[there], numbers.ravel()[there]

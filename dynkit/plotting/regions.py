@@ -1,4 +1,4 @@
-"""Regions of a plane that are drawn by kind: told apart in colour, in grey, and by their names."""
+"""Regions of a plane, distinguished by colour, lightness and name."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from dynkit.plotting.figures import COLUMN_WIDTH, ink, shown_axes, size_in_point
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# In points: the type of names, and the width of a letter with its share of the margins.
+# In points: the font size of names, and the width of a letter with its share of the margins.
 _TYPE, _LETTER = 5.5, 3.7
 
 
 @final
 @dataclass(frozen=True)
 class Region:
-    """A kind of cells: its name, its colour (None: not filled), its hatching."""
+    """A kind of cells: its name, its colour (None leaves it blank), its hatching."""
 
     name: str
     colour: Any = None
@@ -30,7 +30,7 @@ class Region:
 
 
 def shades(count: int) -> list[tuple[float, float, float]]:
-    """Return colours of even steps in lightness, such that neighbours differ in grey too.
+    """Return colours in even steps of lightness, ordered so that neighbours differ in grey.
 
     Examples
     --------
@@ -53,17 +53,18 @@ def draw_regions(
     cells: NDArray[np.int64],
     regions: Sequence[Region],
 ) -> Axes:
-    """Draw cells (k1, k2) that hold numbers of regions, with a legend, and names where is room.
+    """Draw cells (k1, k2) of region numbers, with a legend, and names in regions with enough room.
 
     Parameters
     ----------
     ax : Axes or None
-        Where; a new figure otherwise.
+        Axes to draw into; None makes a new figure.
     axes_values : ((k1,), (k2,) arrays)
-        Where the cells' middles are, in any order.
+        Coordinates of the cells' centres, in any order.
     names : (str, str)
-        Of the axes.
+        Titles of the axes.
     cells : (k1, k2) array of int
+        Indices into `regions`.
     regions : sequence of Region
     """
     from matplotlib.colors import ListedColormap
@@ -144,7 +145,7 @@ def _write_name(
     where: NDArray[np.bool_],
     region: Region,
 ) -> None:
-    """Write a region's name where it fits in, level or upright, as deep inside as it does."""
+    """Write a region's name, level or upright, where it fits, far from the region's edges."""
     from scipy.ndimage import distance_transform_edt, minimum_filter
 
     pitch = size[1] / where.shape[0], size[0] / where.shape[1]

@@ -1,4 +1,4 @@
-"""Following sweeps: one parameter through many values, each starting where the last one ended."""
+"""Sweeps of one parameter, planes of two parameters, and basins of attraction."""
 
 from dynkit.sweeps.result import Sweep
 from dynkit.sweeps.sweeping import sweep

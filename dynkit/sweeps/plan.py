@@ -1,4 +1,4 @@
-"""What a sweep is to do, and its values as points of the engine."""
+"""The plan of a sweep, and its values as points of the engine."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ from dynkit.labels.label import OrbitKind, OrbitLabel
 KIND = "sweep"
 
 _MOST_RUNS = 16
-"""Runs in which a displaced motion may leave an orbit: it does so where the largest multiplier, per
-state, exceeds 1.0014 after the default 800 states."""
+"""Most runs in which a displaced motion may leave an orbit. With the default 800 states a run they
+suffice where the largest multiplier exceeds 1.0014 per state."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a sweep is to do, checked by `plan_of`.
+    """The arguments of a sweep, checked by `plan_of`.
 
     Parameters
     ----------
     system : Map or None
         None for a sweep that was loaded without its system.
     kind : str
-        The class of the system, as the user knows it.
+        Full name of the system's class.
     parameter : str
     values : (k,) array, read-only
     transient, keep : int
     observables : tuple of str
     start : array
-        The packed first state; empty for the system's own.
+        The packed start; empty for the default start of the system.
     follow : bool
-        Whether each value starts where the last ended, and not where the first does.
+        Whether each value starts from the last state of the value before it.
     """
 
     system: Map | None
@@ -70,7 +70,7 @@ class Plan:
 
     @property
     def names(self) -> tuple[str]:
-        """Names of the parameters, of which there is one."""
+        """Names of the parameters: one."""
         return (self.parameter,)
 
     def system_at(self, value: float) -> Map:
@@ -80,30 +80,29 @@ class Plan:
         return self.system.replace(**{self.parameter: value})
 
     def first_start(self) -> Any:
-        """Return the start of the first value; None for the system's own."""
+        """Return the start of the first value; None for the default start of the system."""
         if not len(self.start):
             return None
         return self.system_at(float(self.values[0])).unpack_state(self.start)
 
     def motion(self, system: Map, start: Any) -> Attractor:
-        """Simulate at the value that the system has."""
+        """Simulate a system of the sweep."""
         return system.attractor(start=start, transient=self.transient, keep=self.keep)
 
     def following(self, system: Map, start: Any) -> tuple[Attractor, bool]:
-        """Simulate, and leave an unstable orbit; say whether the state was displaced.
+        """Simulate and leave unstable orbits; return the motion, and whether it was displaced.
 
-        Only the kept states are looked at. Where they recur, and the multipliers do not prove that
-        the orbit attracts, the last of them is displaced and the motion simulated again from there,
-        until disturbances of this size have had the time to grow to that of the motion. Where the
-        multipliers prove nothing either way, and the displaced motion comes back or stays, the
-        orbit is not unstable: the motion that was not displaced is returned.
+        Only the kept states are examined. Where they recur, and the multipliers do not prove that
+        the orbit is stable, the last state is displaced and the motion simulated from there, until
+        disturbances of this size have had time to grow to the size of the motion. Where the
+        multipliers prove neither stability nor instability, and the displaced motion remains near
+        the orbit, the orbit is not unstable: the motion before the displacement is returned.
         """
         motion = self.motion(system, start)
         label = motion.label_within(self.keep)
         if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING) or label.stable:
             return motion, False
-        # The geometric mean of rounding, or the error of one iterate, and of the motion: as far
-        # above the one as below the other.
+        # the geometric mean of the relative error of one iterate and of the size of the motion
         size = math.sqrt(system.accuracy)
         away = system.displaced(motion, size)
         for _ in range(self._runs_to_leave(label, size)):
@@ -114,7 +113,7 @@ class Plan:
         return left, True
 
     def _runs_to_leave(self, label: OrbitLabel, size: float) -> int:
-        """Runs, one of transient and keep each, in which a disturbance grows to one."""
+        """Return the number of runs, of transient + keep states each, for growth to size one."""
         if label.stable is None:
             return 0
         states = (label.iterates or 1) * -math.log(size) / math.log(label.multiplier)
@@ -137,7 +136,7 @@ def plan_of(
     Raises
     ------
     ValueError
-        Naming the argument, the limit and the value.
+        When an argument is refused; the message names argument, limit and value.
     """
     checked_map(system, Map)
     system.value_of(parameter)
@@ -162,12 +161,12 @@ def plan_of(
 
 
 def packed_start(system: Map, start: object) -> Array:
-    """Return a start as numbers; none where it is the system's own.
+    """Return a start as numbers; an empty array for the default start of the system.
 
     Raises
     ------
     ValueError
-        When the system refuses it, or has none of its own.
+        When the system refuses the start, or has no default start.
     """
     if start is not None:
         return system.pack_state(start)
@@ -177,17 +176,17 @@ def packed_start(system: Map, start: object) -> Array:
 
 
 def start_of(packed: Array) -> str:
-    """Return what a store says of a start that `packed_start` gave."""
+    """Return the entry of a store for a packed start."""
     return "given" if len(packed) else "the system's own"
 
 
 def known_names(known: Sequence[str], asked: object) -> tuple[str, ...]:
-    """Return the names of the observables that were asked for, by default the first.
+    """Return the names of the observables to keep, by default the first.
 
     Raises
     ------
     ValueError
-        When there are none, or one is not known.
+        When no name is given, or one is not known.
     """
     if asked is None:
         return (known[0],)
@@ -200,7 +199,7 @@ def known_names(known: Sequence[str], asked: object) -> tuple[str, ...]:
 
 
 def _near(orbit: Attractor, other: Attractor, size: float) -> bool:
-    """Whether the last state of another motion is this near to an orbit, relative to its size."""
+    """Whether the last state of another motion is near an orbit, relative to the orbit's size."""
     gaps = orbit.system.difference(orbit.states, other.states[-1])
     nearest = float(np.linalg.norm(gaps, axis=1).min())
     return nearest <= size * (float(np.linalg.norm(orbit.states, axis=1).max()) or 1.0)
@@ -208,13 +207,13 @@ def _near(orbit: Attractor, other: Attractor, size: float) -> bool:
 
 @final
 class Values(Points):
-    """The values of a sweep; each follows the one before it, or none does."""
+    """The values of a sweep as points, chained when each follows the one before it."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
 
     def of(self, system: Map) -> Values:
-        """Return them as points of a system."""
+        """Return the points of a system."""
         return Values(replace(self.plan, system=system, kind=kind_of(system)))
 
     def __len__(self) -> int:
@@ -267,10 +266,10 @@ class Values(Points):
 @final
 @dataclass(eq=False)
 class _Simulation:
-    """The rows of some values; of the plan's values it holds the first, which gives the start.
+    """Simulation of some values to rows; its plan holds only the first value, for the start.
 
-    `last` is where the value before ended: what the engine gives as numbers need not be made a
-    state again, nor its system be made again.
+    `last` is the last state of the value before it, which need not be unpacked from the numbers of
+    the engine then.
     """
 
     plan: Plan
@@ -302,7 +301,7 @@ class _Simulation:
         note = None
         if plan.follow:
             self.last = value, motion.final
-            note = partial(_told, plan, value, motion)
+            note = partial(_note, plan, value, motion)
         cost = Cost(time.perf_counter() - began, work)
         return Rows(arrays, {"ending": endings}, cost, note)
 
@@ -315,8 +314,8 @@ class _Simulation:
         return self.plan.system_at(value).unpack_state(packed)
 
 
-def _told(plan: Plan, value: float, motion: Attractor) -> str:
-    """A value and its label, where the kept states tell: labels cost more than what they label."""
+def _note(plan: Plan, value: float, motion: Attractor) -> str:
+    """Return a value and its label from the kept states: a full label would cost too much."""
     label = motion.label_within(plan.keep)
-    told = "..." if label.kind is OrbitKind.UNSETTLED else str(label)
-    return f"{plan.parameter} {value:.6g}: {told}"
+    name = "..." if label.kind is OrbitKind.UNSETTLED else str(label)
+    return f"{plan.parameter} {value:.6g}: {name}"

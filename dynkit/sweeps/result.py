@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep(Swept):
-    """What a sweep found, made by `dynkit.sweep`.
+    """The motions at values of a parameter; made by `dynkit.sweep`.
 
-    It holds the observables that were asked for and one state per value. What more is asked for is
-    simulated again from these states, bit for bit the same motion. All arrays are read-only.
+    It holds the observables that were asked for and one state per value. `attractor`, `label` and
+    `error` simulate again from these states, bit for bit the same motion. Arrays are read-only.
 
     Parameters
     ----------
@@ -38,18 +38,18 @@ class Sweep(Swept):
     values : (k,) array
         Values of the parameter.
     transient, keep : int
-        States skipped, and states asked for, at each value.
+        Number of skipped states, and of states to keep, at each value.
     observables : tuple of str
-        Names of what was kept of a state.
+        Names of the kept observables.
     counts : (k,) array of int
-        States kept at each value: fewer than `keep` where the motion ended early.
+        Number of kept states at each value: fewer than `keep` where the motion ended early.
     displaced : (k,) array of bool
-        Where a state lay on an unstable orbit and was displaced to leave it; see `sweep`. None is
-        in sweeps of independent starts.
+        Whether the motion lay on an unstable orbit and was displaced to leave it; see `sweep`.
+        False throughout for independent starts.
     endings : tuple of str
         Why the simulation ended at each value.
     cost : Cost
-        Seconds of all workers, and counted work; labels are not in it.
+        Seconds of all workers, and counted work without that of labels.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class Sweep(Swept):
 
     @classmethod
     def _of(cls, points: Values, rows: Rows) -> "Sweep":
-        """Return what was found at all values."""
+        """Return the result from the rows of all values."""
         plan = points.plan
         for array in rows.arrays.values():
             array.setflags(write=False)
@@ -148,18 +148,18 @@ class Sweep(Swept):
     def observable(self, name: str) -> Array:
         """Return an observable at the kept states, (k, keep), read-only.
 
-        Where a motion ended early, row i is NaN from ``counts[i]`` on, and only there.
+        Row i is NaN from column ``counts[i]`` on, where the motion ended early, and only there.
 
         Raises
         ------
         ValueError
-            When it was not kept.
+            When the observable was not kept.
         """
         known = one_of("name", name, self.observables)
         return np.asarray(self._rows.arrays[f"observables/{known}"])
 
     def attractor(self, place: int) -> Attractor:
-        """Return the attractor at ``values[place]``: simulated again, the same bits.
+        """Simulate ``values[place]`` again and return its attractor, the same bits.
 
         Raises
         ------
@@ -177,7 +177,7 @@ class Sweep(Swept):
         return plan.motion(system, start)
 
     def label(self, place: int) -> OrbitLabel:
-        """Return the label at ``values[place]``: `attractor`'s, kept from then on.
+        """Return the label of the attractor at ``values[place]``; it is computed once.
 
         Raises
         ------
@@ -189,14 +189,14 @@ class Sweep(Swept):
         return self._labels[place]
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the first observable at the kept states against the parameter, and nothing more.
+        """Draw the first observable at the kept states against the parameter.
 
-        `dynkit.analysis.BifurcationDiagram` draws others, and the labels above.
+        `dynkit.analysis.BifurcationDiagram` draws other observables, and labels above them.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw into; by default those of a new figure of column width.
 
         Returns
         -------
@@ -211,8 +211,8 @@ class Sweep(Swept):
     def dataset(self) -> Dataset:
         """Return the observables as a dataset over the parameter and ``state``, the kept states.
 
-        Labels are in it once all were decided, and the `error`, which simulates, when it was asked
-        for before.
+        It contains the labels once all of them have been computed, and the `error` if it has been
+        read before, because both simulate.
         """
         over, names = self.parameter, []
         if len(self._labels) == len(self):
@@ -230,7 +230,7 @@ class Sweep(Swept):
             described(
                 "Sweep of a parameter",
                 cost=self.cost,
-                error="estimate of the largest error of the kept states, from where a value starts",
+                error="estimate of the largest error of the kept states for the start of a value",
                 system=self._points.plan.system,
                 swept=(over,),
                 transient=float(self.transient),
@@ -240,17 +240,16 @@ class Sweep(Swept):
 
     @property
     def labels(self) -> tuple[OrbitLabel, ...]:
-        """Labels of all values: milliseconds for each, tens of them where the motion is chaotic."""
+        """Labels of all values; each takes milliseconds, and about ten times more for chaos."""
         return tuple(self.label(place) for place in range(len(self)))
 
     @cached_property
     def error(self) -> Array:
-        """How wrong the kept states may be at each value, (k,): the error of each `attractor`.
+        """Estimated error of the kept states at each value, (k,): the error of each `attractor`.
 
-        It counts from the state from which that value starts, which stands for itself: the error
-        says how far from the exact motion from there on the states may be, in the attractor's
-        sense. A stable motion forgets what went before; in chaos the error is as large as the
-        attractor, single states have no meaning, and the distribution of many has.
+        It is the distance to the exact motion from the start of that value, which is taken as
+        exact: a stable motion loses all memory of its start. In chaos the error is as large as the
+        attractor, and only the distribution of many states has a meaning.
         """
         errors = np.array([self.attractor(place).error for place in range(len(self))])
         errors.setflags(write=False)

@@ -25,51 +25,50 @@ def sweep(
     store: str | os.PathLike[str] | None = None,
     progress: bool = True,
 ) -> Sweep:
-    """Simulate the motion at values of a parameter, each from where the one before it ended.
+    """Simulate the motion at values of a parameter, each from the last state of the one before it.
 
-    A state that lies on an orbit to rounding stays there where the orbit becomes unstable, however
-    long it is simulated, and a symmetric motion stays symmetric. A sweep that follows therefore
-    looks at the multipliers wherever the kept states recur, three periods of them at least. Where
-    these do not prove that the orbit attracts, the last state is displaced, by the square root of
-    the system's `accuracy` (1.5e-8 where that is rounding) relative to the motion: far above
-    rounding, far below the motion. It is then simulated again, as often (up to 16 times) as a
-    disturbance of that size needs to grow to the size of the motion. A motion that comes back, or
-    stays, where nothing proves that it is unstable, remains as it was. `Sweep.displaced` says where
-    states were displaced. Stable motions, however narrow their basins, are never displaced.
+    In a simulation, a state on an unstable orbit may stay there, and a symmetric motion stays
+    symmetric. Therefore a following sweep checks the multipliers wherever the kept states recur for
+    at least three periods. Where the multipliers do not prove that the orbit is stable, the last
+    state is displaced by the square root of the system's `accuracy` (1.5e-8 for rounding) relative
+    to the motion: far above rounding, and far below the motion. The motion is then simulated again,
+    for as many runs (at most 16) as a disturbance of that size needs to grow to the size of the
+    motion. Where instability is not proved and the displaced motion remains near the orbit, the
+    motion before the displacement is kept. `Sweep.displaced` marks displaced motions. Stable
+    motions, however narrow their basins, are never displaced.
 
     Parameters
     ----------
     system : Map
-        What is swept. Its own value of the parameter has no effect.
+        The swept system; its value of the parameter has no effect.
     parameter : str
         One of the system's ``parameters``.
     values : (k,) array_like
-        In the order to follow, which may go up and down.
+        Values of the parameter in the order of the sweep, ascending or not.
     transient : int
-        How many states to skip at each value.
+        Number of states to skip at each value.
     keep : int
-        How many states to keep at each value.
+        Number of states to keep at each value.
     observables : sequence of str, optional
-        What to keep of a state, nothing else is stored: among the system's ``observables``, by
-        default the first (``relative_velocity`` for impact oscillators). Those of a plain map are
-        the coordinates of its states, ``state[0]`` and so on.
+        Observables to keep, among the system's ``observables``; by default the first
+        (``relative_velocity`` for impact oscillators). Those of a plain map are the coordinates of
+        its states, ``state[0]`` and so on. Nothing else is stored.
     start : state, optional
-        Where the first value starts; by default where the system always does. A plain map needs
-        one.
+        Start of the first value; by default that of the system. A plain map needs one.
     follow : bool
-        Whether each value starts from the last state of the value before it; otherwise all start
-        like the first.
+        Whether each value starts from the last state of the value before it; otherwise all values
+        have the same start.
     executor : concurrent.futures.Executor, optional
-        Who simulates, in chunks, values that do not follow one another: processes, threads, Dask,
-        MPI. The result is the same bits by any executor with any number of workers, and by none.
+        Executor that simulates chunks of values, with ``follow=False`` only: processes, threads,
+        Dask, MPI. The result is the same bits with any executor and any number of workers, and
+        without one.
     store : path, optional
-        An HDF5 file that keeps what is finished. It is rewritten every second, or less often when
-        that takes long, and when the sweep ends or is interrupted. The same call resumes it, by
-        whatever executor, and gives (on the same machine) the same bits as one that was never
-        interrupted.
+        An HDF5 file that keeps finished values. It is rewritten every second, less often when
+        writing takes long, and when the sweep ends or is interrupted. The same call resumes it,
+        with any executor, and gives (on the same machine) the same bits as without interruption.
     progress : bool
-        Whether to show a bar on standard error, with the current parameter, and its label where
-        the kept states tell.
+        Whether to show a bar on standard error, with the current value, and its label where the
+        kept states determine it.
 
     Returns
     -------
@@ -78,14 +77,13 @@ def sweep(
     Raises
     ------
     ValueError
-        When an argument is refused, by name, before anything is simulated or written; among them a
-        store of another sweep, of another version, damaged, or in use. When a system refuses a
-        state or value only on the way: what was finished before is kept in the store.
+        When an argument is refused, before any simulation or writing; for example a store of
+        another sweep, of another version, damaged, or in use. When a system refuses a state or a
+        value during the run; the store keeps finished values.
     dynkit.WorkerLost
-        When a worker died and its executor does not start another: what was finished before is kept
-        in the store.
+        When a worker died and its executor does not replace it; the store keeps finished values.
     OSError
-        When the store cannot be written any more, on the way.
+        When the store becomes impossible to write during the run.
 
     Examples
     --------
@@ -109,8 +107,8 @@ def sweep(
     )
     if plan.follow and executor is not None:
         raise ValueError(
-            "executor must be None when each value starts where the last one ended "
-            f"(follow=False starts all by themselves); got {executor!r}"
+            "executor must be None when each value starts from the last state of the one before "
+            f"it (follow=False makes them independent); got {executor!r}"
         )
     points = Values(plan)
     return Sweep._of(points, collect(points, executor=executor, store=store, progress=progress))

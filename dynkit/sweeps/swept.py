@@ -1,4 +1,4 @@
-"""What results of points have in common: what was asked for, and stores."""
+"""Base class of results at points of the engine, with their stores."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from dynkit.engine.points import Rows
 
 
 class Swept(Result):
-    """What was found at points of the engine that were asked for by a plan.
+    """A result at points of the engine, with a plan.
 
-    A subclass must give
+    A subclass must implement:
 
-    1. `_kind`, what its store holds, and `_words`, what messages call it and its points;
-    2. `_points_in`, the points of a store, with a plan that has no system;
+    1. `_kind`, the kind of its store, and `_words`, the names of the result and of its points in
+       messages;
+    2. `_points_in`, the points of a store, with a plan without a system;
     3. `_of`, the result of points and rows.
 
-    Points have their `plan`, and ``of(system)`` makes those of a system.
+    The points have a `plan`, and ``of(system)`` returns the points of a system.
     """
 
     _kind: ClassVar[str]
@@ -34,7 +35,7 @@ class Swept(Result):
     @classmethod
     @abstractmethod
     def _of(cls, points: Any, rows: Rows) -> Self:
-        """Return what was found at all points."""
+        """Return the result from the rows of all points."""
 
     @classmethod
     @abstractmethod
@@ -42,19 +43,19 @@ class Swept(Result):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Self:
-        """Open the store of a finished run; nothing is written, and nothing simulated.
+        """Read the result of a finished run from a store, without writing or simulating.
 
         Parameters
         ----------
         path : path
         system : Map, optional
-            The system that was simulated, at any values of the parameters; needed for whatever
-            simulates again, such as `attractor`.
+            The system that was simulated, at any values of the parameters; methods that simulate
+            again, such as `attractor`, need it.
 
         Raises
         ------
         ValueError
-            When the file is missing, damaged or no store of such a result, when the run is not
+            When the file is missing, damaged or not a store of such a result, when the run is not
             finished, or was made with another system.
         """
         file = store.place(path)
@@ -80,11 +81,11 @@ class Swept(Result):
         return cls._of(points, found.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store, as ``store=`` does: `load` reads it, the same call finds it done.
+        """Write the result to a store, as ``store=`` does; `load` reads it.
 
         Raises
         ------
         ValueError
-            When it cannot be written there, or the result was loaded without its system.
+            When the file cannot be written, or the result was loaded without its system.
         """
         save_rows(path, self._points, self._rows)

@@ -1,15 +1,15 @@
-"""Conformance checks: whether a subclass keeps the contract of its base class.
+"""Conformance checks of subclasses against the contracts of their base classes.
 
-Each check is a function that asserts one property and raises AssertionError, which names it. They
-stand in tuples, for pytest::
+Each check is a function that asserts one property; its AssertionError names the property. For
+pytest the checks are in tuples::
 
     @pytest.mark.parametrize("check", map_checks, ids=check_name)
     def test_my_map_conforms(check):
         check(MyMap(), states)
 
-or run at once: ``check_map(MyMap(), states)``. States are the rows of an array, some five of them,
-where the system is smooth. Derivatives are compared with differences, within the error that these
-estimate of themselves; states of flows, which may be integrated, within 1e-7, relative.
+``check_map(MyMap(), states)`` runs all of them. The rows of `states` are about five states at which
+the system is smooth. Derivatives are compared with differences within the estimated error of the
+differences; states of flows, which may be integrated, within a relative 1e-7.
 """
 
 from dynkit.core.differences import numerical_derivative

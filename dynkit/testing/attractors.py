@@ -1,4 +1,4 @@
-"""Whether an attractor keeps the contract of `Attractor`."""
+"""Checks of attractors against the contract of `Attractor`."""
 
 from collections.abc import Callable
 from typing import TypeAlias
@@ -14,7 +14,7 @@ AttractorCheck: TypeAlias = Callable[[MakeAttractor], None]
 
 
 def attractor_states_have_the_shape(make: MakeAttractor) -> None:
-    """As many states are kept, and skipped, as were asked for; they are finite and read-only."""
+    """The numbers of kept and skipped states are as requested; states are finite and read-only."""
     attractor = make(7, 20)
     require_shape("the states", attractor.states, (20, attractor.system.dimension))
     require(attractor.transient == 7, "the transient is kept", f"got {attractor.transient}")
@@ -46,10 +46,10 @@ def time_series_does_not_depend_on_company(make: MakeAttractor) -> None:
 
 
 def attractor_has_sections(make: MakeAttractor) -> None:
-    """Where a plane divides the states, the points on the section are finite and (k, d)."""
+    """The points on a section through the middle of the states are finite and (k, d)."""
     attractor = make(7, 100)
     d = attractor.system.dimension
-    if d > 1:  # a point divides a line, but has no coordinates
+    if d > 1:  # on a line the section is a point, without coordinates
         middle = float(attractor.states[:, 0].mean())
         points = attractor.section(Hyperplane(np.eye(d)[0], middle))
         require_shape("the section", points, (len(points), d))
@@ -73,12 +73,12 @@ attractor_checks: tuple[AttractorCheck, ...] = (
 
 
 def check_attractor(make: MakeAttractor) -> None:
-    """Run an attractor through every one of `attractor_checks`.
+    """Run all `attractor_checks` on an attractor.
 
     Parameters
     ----------
     make : callable
-        Makes the attractor of one and the same motion: ``make(transient, states)``.
+        Function ``make(transient, states)`` that returns the attractor of one motion.
     """
     for check in attractor_checks:
         check(make)

@@ -1,4 +1,4 @@
-"""Whether a flow keeps the contract of `Flow`."""
+"""Checks of flows against the contract of `Flow`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -35,7 +35,7 @@ def flow_results_have_the_shape(flow: Flow, states: Array) -> None:
 
 
 def flow_is_pure(flow: Flow, states: Array) -> None:
-    """The same state gives the same bits, and stays as it was."""
+    """Calls with the same state return the same bits and leave the state unchanged."""
     for name, function in _functions(flow):
         require_pure(name, function, states)
 
@@ -47,7 +47,7 @@ def flow_refuses_bad_states(flow: Flow, states: Array) -> None:
 
 
 def advance_composes(flow: Flow, states: Array) -> None:
-    """To advance by nothing changes nothing; to advance twice is to advance by the sum."""
+    """Advance by zero changes nothing; two advances are one advance by the sum."""
     for state in states:
         require_close("advance by zero", flow.advance(state, 0.0), state, FLOW_ACCURACY)
         twice = flow.advance(flow.advance(state, _DURATION), 0.7 * _DURATION)
@@ -110,7 +110,7 @@ flow_checks: tuple[FlowCheck, ...] = (
 
 
 def check_flow(flow: Flow, states: Array) -> None:
-    """Run a flow through every one of `flow_checks`, at states (k, d)."""
+    """Run all `flow_checks` on a flow, at states (k, d)."""
     for check in flow_checks:
         check(flow, states)
 

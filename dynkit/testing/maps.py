@@ -1,4 +1,4 @@
-"""Whether a map keeps the contract of `Map`."""
+"""Checks of maps against the contract of `Map`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -53,7 +53,7 @@ def jacobian_is_the_product_of_its_factors(system: Map, states: Array) -> None:
 
 
 def map_is_pure(system: Map, states: Array) -> None:
-    """The same state gives the same bits, and stays as it was."""
+    """Calls with the same state return the same bits and leave the state unchanged."""
     require_pure("the call", system, states)
     require_pure("the jacobian", system.jacobian, states)
 
@@ -80,7 +80,7 @@ def jacobian_is_the_derivative(system: Map, states: Array) -> None:
 def parameter_derivatives_are_right(system: Map, states: Array) -> None:
     """The derivatives by the parameters equal differences of the call.
 
-    They are compared inside of the range of a parameter that is at an end of it.
+    A parameter at an end of its range is compared at a value inside the range.
     """
     for name in system.parameters:
         at = inside_its_range(system, name, partial(_next_state, states[0], name))
@@ -122,7 +122,7 @@ def difference_is_antisymmetric(system: Map, states: Array) -> None:
 
 
 def replace_changes_what_is_named(system: Map, states: Array) -> None:
-    """`replace` gives the same map for the same values, and refuses names it does not know."""
+    """`replace` with the same values returns the same map, and refuses unknown names."""
     before = dict(system.parameters)
     for name, value in before.items():
         same = system.replace(**{name: value})
@@ -154,7 +154,7 @@ map_checks: tuple[MapCheck, ...] = (
 
 
 def check_map(system: Map, states: Array) -> None:
-    """Run a map through every one of `map_checks`, at states (k, d)."""
+    """Run all `map_checks` on a map, at states (k, d)."""
     for check in map_checks:
         check(system, states)
 

@@ -1,4 +1,4 @@
-"""Whether the crossings of a Poincare map are what its flow promises."""
+"""Checks of the crossings of a Poincare map against the contract of its flow."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +16,7 @@ PoincareMapCheck: TypeAlias = Callable[[PoincareMap, Array], None]
 
 
 def crossing_lands_on_the_section(system: PoincareMap, states: Array) -> None:
-    """Where the flow crosses, the section's value is zero."""
+    """The section's value is zero at a crossing."""
     for state in states:
         hit = system.crossing(state).state
         reach = float(np.linalg.norm(system.section.gradient(hit)) * (1.0 + np.linalg.norm(hit)))
@@ -25,7 +25,7 @@ def crossing_lands_on_the_section(system: PoincareMap, states: Array) -> None:
 
 
 def crossing_goes_in_the_direction(system: PoincareMap, states: Array) -> None:
-    """Where the flow crosses, it raises the section's value, or lowers it, as the section says."""
+    """At a crossing the section's value changes in the section's direction."""
     for state in states:
         hit = system.crossing(state).state
         rate = float(system.section.gradient(hit) @ system.flow.velocity(hit))
@@ -52,7 +52,7 @@ def crossing_is_the_first(system: PoincareMap, states: Array) -> None:
         times = np.linspace(0.0, system.return_time(state), 200)[1:-1]
         values = []
         for duration in np.diff(times, prepend=0.0):
-            # from sample to sample: that twice advanced is once advanced is in the flow's contract
+            # from sample to sample: `advance_composes` checks that two advances equal one
             here = system.flow.advance(here, duration)
             values.append(system.section.value(here))
         side = system.section.direction * np.array(values) > 0.0
@@ -61,7 +61,7 @@ def crossing_is_the_first(system: PoincareMap, states: Array) -> None:
 
 
 def time_limit_is_kept(system: PoincareMap, states: Array) -> None:
-    """With half the return time as time limit, `NoCrossing` is raised."""
+    """A time limit of half the return time raises `NoCrossing`."""
     for state in states:
         try:
             replace(system, time_limit=0.5 * system.return_time(state))(state)
@@ -80,6 +80,6 @@ poincare_map_checks: tuple[PoincareMapCheck, ...] = (
 
 
 def check_poincare_map(system: PoincareMap, states: Array) -> None:
-    """Run a Poincare map through `poincare_map_checks` and `map_checks`, at states (k, d - 1)."""
+    """Run `poincare_map_checks` and `map_checks` on a Poincare map, at states (k, d - 1)."""
     for check in (*poincare_map_checks, *map_checks):
         check(system, states)

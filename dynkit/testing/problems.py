@@ -1,4 +1,4 @@
-"""Whether a continuation problem keeps the contracts of `Problem`, periodicity and events."""
+"""Checks of problems against the contracts of `Problem` and its subclasses."""
 
 from collections.abc import Callable
 from typing import TypeAlias
@@ -24,11 +24,11 @@ from dynkit.testing.requirements import (
 ProblemCheck: TypeAlias = Callable[[Problem, Array, Array], None]
 
 _ROUNDING = 2.0**-52
-# A residual above it is no solution, as `continue_orbit` has it.
+# Largest residual of a solution, as for `continue_orbit`.
 _SOLVED = 1e-8
-# Of a value of the spectrum, to tell how the pencil depends on it.
+# Relative step of a value of the spectrum, for the derivative of the pencil.
 _STEP = 1e-6
-# Nearer than this to an orbit of a part of its period an orbit is that one.
+# Largest distance of an orbit from a repetition of a shorter orbit.
 _REPEATED = 1e-7
 
 
@@ -46,13 +46,13 @@ def equations_have_the_shape(problem: Problem, x: Array, p: Array) -> None:
 
 
 def equations_are_pure(problem: Problem, x: Array, p: Array) -> None:
-    """The same unknowns give the same bits, and stay as they were."""
+    """Calls with the same unknowns return the same bits and leave the unknowns unchanged."""
     require_pure("the residual", lambda y: problem.residual(y, p), x[None])
     require_pure("the scale", problem.scale, x[None])
 
 
 def linearization_is_the_derivative(problem: Problem, x: Array, p: Array) -> None:
-    """The linearization equals differences of the residual, within their and its own error."""
+    """The linearization equals differences of the residual, within the errors of both."""
     off = np.max(problem.linearization_error(x, p))
     require_derivative(
         "the linearization",
@@ -75,7 +75,7 @@ def parameter_derivative_is_the_derivative(problem: Problem, x: Array, p: Array)
 
 
 def free_changes_the_names_only(problem: Problem, x: Array, p: Array) -> None:
-    """`free` with its own names gives the same equations, with others their values."""
+    """`free` with the same names returns the same equations, and with other names their values."""
     again = problem.free(*problem.names)
     require(again.names == problem.names, "free gives the names", f"got {again.names}")
     require(same_bits(again.values, problem.values), "free keeps the values", f"got {again.values}")
@@ -92,7 +92,7 @@ def free_changes_the_names_only(problem: Problem, x: Array, p: Array) -> None:
 
 
 def solution_gives_back_its_equations(problem: Problem, x: Array, p: Array) -> None:
-    """A solution has the unknowns and parameters that it was made of, and solves its problem."""
+    """A solution has the given unknowns and parameters, and solves its problem."""
     made = problem.solution(x, p, (1.0, 1e-16))
     require(same_bits(made.unknowns, x), "a solution keeps its unknowns", f"got {made.unknowns}")
     require(made.residual == 1e-16, "a solution keeps its history", f"got {made.history}")
@@ -110,10 +110,10 @@ def same_solutions_are_not_apart(problem: Problem, x: Array, p: Array) -> None:
 
 
 def pencil_is_singular_at_the_spectrum(problem: Problem, x: Array, p: Array) -> None:
-    """D of the neutral value is the linearization, D of each value of the spectrum is singular.
+    """D(neutral value) is the linearization, and D is singular at each value of the spectrum.
 
-    Its smallest singular value is no larger than the change of D within the error of the value.
-    Multipliers that are exactly zero are so by their nature, and left out.
+    Its smallest singular value is at most the change of D within the error of the value.
+    Multipliers that are exactly zero are left out.
     """
     scale = problem.scale(x)
     neutral = np.asarray(problem.pencil(x, p, problem.stability.neutral)) * scale
@@ -141,7 +141,7 @@ def pencil_is_singular_at_the_spectrum(problem: Problem, x: Array, p: Array) -> 
 
 
 def doubled_solution_solves(problem: Problem, x: Array, p: Array) -> None:
-    """The solution run through twice solves the doubled problem, whose derivative has D(-1)."""
+    """Two periods of a solution solve the doubled problem, whose derivative contains D(-1)."""
     if not isinstance(problem, PeriodicProblem):
         return
     disturbance = problem.scale(x) * np.linspace(1.0, 2.0, len(x))
@@ -165,7 +165,7 @@ def doubled_solution_solves(problem: Problem, x: Array, p: Array) -> None:
 
 
 def events_have_conditions(problem: Problem, x: Array, p: Array) -> None:
-    """Events are always as many; each that is finite has a condition of as many equations."""
+    """The number of events is constant; a finite one has a condition of the right size."""
     if not isinstance(problem, WatchedProblem):
         return
     events = problem.events(x, p)
@@ -190,7 +190,7 @@ def events_have_conditions(problem: Problem, x: Array, p: Array) -> None:
 
 
 def _residual(problem: Problem, x: Array, p: Array) -> Array:
-    """The residual; where it is not defined differences take other steps."""
+    """Return the residual; `Refused` where it is not defined, so that differences skip the step."""
     try:
         return problem.residual(x, p)
     except NoSolution as refusal:
@@ -212,16 +212,16 @@ problem_checks: tuple[ProblemCheck, ...] = (
 
 
 def check_problem(problem: Problem, x: Array, p: Array) -> None:
-    """Run a continuation problem through every one of `problem_checks`, at a solution.
+    """Run all `problem_checks` on a continuation problem, at a solution.
 
     Parameters
     ----------
     problem : Problem
-        With one free parameter at least.
+        A problem with at least one free parameter.
     x : (m,) array
         Unknowns that solve the equations.
     p : (k,) array
-        Values of the free parameters there, inside of their ranges.
+        Values of the free parameters at the solution, inside their ranges.
     """
     for check in problem_checks:
         check(problem, x, p)

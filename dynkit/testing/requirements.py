@@ -1,4 +1,4 @@
-"""What checks are made of: each requirement raises AssertionError, which names it."""
+"""Requirements used by the checks: each raises an AssertionError that names it."""
 
 from collections.abc import Callable
 from typing import TypeAlias, TypeVar
@@ -23,7 +23,7 @@ def check_name(check: Callable[..., None]) -> str:
 
 
 def require(condition: bool, what: str, detail: str) -> None:
-    """Raise AssertionError, which says what was required and what was found."""
+    """Raise AssertionError with the requirement and the finding, unless the condition holds."""
     if not condition:
         raise AssertionError(f"{what}: {detail}")
 
@@ -34,7 +34,7 @@ def same_bits(a: Array, b: Array) -> bool:
 
 
 def require_shape(name: str, array: Array, shape: tuple[int, ...]) -> None:
-    """Floats, finite, and of this shape."""
+    """Require finite floats of this shape."""
     found = np.asarray(array)
     require(found.shape == shape, f"{name} has shape {shape}", f"got {found.shape}")
     require(found.dtype == np.float64, f"{name} holds floats", f"got {found.dtype}")
@@ -42,14 +42,14 @@ def require_shape(name: str, array: Array, shape: tuple[int, ...]) -> None:
 
 
 def require_close(name: str, found: Array, expected: Array, accuracy: float) -> None:
-    """Equal within the accuracy, which is relative to one plus the largest expected entry."""
+    """Require equality within the accuracy, relative to one plus the largest expected entry."""
     off = float(np.abs(found - expected).max(initial=0.0))
     allowed = accuracy * (1.0 + float(np.abs(expected).max(initial=0.0)))
     require(off <= allowed, name, f"got {found}, which is {off} away from {expected}")
 
 
 def require_pure(name: str, function: VectorFunction, arguments: Array) -> None:
-    """The same bits at every call, in a new array, with the argument as it was."""
+    """Require the same bits at every call, in a new array, and unchanged arguments."""
     for argument in arguments:
         given = argument.copy()
         first = function(given)
@@ -62,7 +62,7 @@ def require_pure(name: str, function: VectorFunction, arguments: Array) -> None:
 
 
 def require_refusal(name: str, function: VectorFunction, good: Array) -> None:
-    """NaN, infinity and a wrong shape raise ValueError."""
+    """Require ValueError for NaN, infinity and a wrong shape."""
     for wrong in (np.nan, np.inf):
         bad = good.copy()
         bad[-1] = wrong
@@ -76,7 +76,7 @@ def _refused(function: VectorFunction, argument: Array) -> bool:
         function(argument)
     except ValueError:
         return True
-    except Exception:  # of whatever kind: it is not the one that was promised
+    except Exception:  # of any other kind: the contract requires ValueError
         return False
     return False
 
@@ -90,7 +90,7 @@ def require_derivative(
     difference: Callable[[Array, Array], Array] = np.subtract,
     accuracy: float = 2.0**-52,
 ) -> None:
-    """Equal to differences, within twenty times the error that these estimate."""
+    """Require equality to differences, within twenty times the estimated error of these."""
     lost = f"{name} can be compared", f"differences do not converge at {point}"
     try:
         found, error = numerical_derivative(
@@ -114,9 +114,10 @@ def require_derivative(
 def inside_its_range(
     system: _Family, name: str, function: Callable[[_Family, Array], Array]
 ) -> _Family | None:
-    """Return the system with a parameter inside of its range, so that differences can be taken.
+    """Return the system with a parameter inside its range, where differences can be computed.
 
-    It is itself where that is so, and None where the parameter is infinite: left out of the system.
+    The value is unchanged if it is inside already. The result is None for an infinite parameter,
+    which means that the system lacks it.
     """
     value = system.parameters[name]
     if not np.isfinite(value):

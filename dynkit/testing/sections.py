@@ -1,4 +1,4 @@
-"""Whether a section keeps the contract of `PoincareSection`."""
+"""Checks of sections against the contract of `PoincareSection`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -39,14 +39,14 @@ def lift_lands_on_the_section(section: PoincareSection, points: Array) -> None:
 
 
 def reduce_inverts_lift(section: PoincareSection, points: Array) -> None:
-    """`reduce` gives lifted points back."""
+    """`reduce` is the inverse of `lift`."""
     for point in points:
         gap = section.difference(section.reduce(section.lift(point)), point)
         require_close("reduce after lift", point + gap, point, 1e-12)
 
 
 def section_is_pure(section: PoincareSection, points: Array) -> None:
-    """The same state gives the same bits, and stays as it was."""
+    """Calls with the same state return the same bits and leave the state unchanged."""
     states = np.array([section.lift(point) for point in points])
     for name, function, on_points in _functions(section):
         require_pure(name, function, points if on_points else states)
@@ -63,7 +63,7 @@ def section_derivatives_are_right(section: PoincareSection, points: Array) -> No
     for point in points:
         state = section.lift(point)
         gradient = section.gradient(state)
-        # a value near zero is rounded as its terms are: shifted, so that differences know
+        # the rounding of a value near zero is that of its terms: shift the value to their size
         shift = float(np.linalg.norm(gradient) * (1.0 + np.linalg.norm(state)))
         value = partial(_shifted_value, section, shift)
         require_derivative("the gradient", gradient[None], value, state)
@@ -90,7 +90,7 @@ section_checks: tuple[SectionCheck, ...] = (
 
 
 def check_section(section: PoincareSection, points: Array) -> None:
-    """Run a section through every one of `section_checks`, at reduced points (k, d - 1)."""
+    """Run all `section_checks` on a section, at reduced points (k, d - 1)."""
     for check in section_checks:
         check(section, points)
 

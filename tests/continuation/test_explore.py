@@ -380,7 +380,7 @@ def test_grazing_leads_to_orbits_of_one_impact_more(chain: Network) -> None:
         ({"values": 0}, "values must be a positive integer; got 0"),
         ({"branches": 0}, "branches must be a positive integer; got 0"),
         ({"points": -1}, "points must be a positive integer; got -1"),
-        ({"box": None}, "box must be given, or seeds, for a system that offers no orbits; got"),
+        ({"box": None}, "box or seeds must be given for a system without find_orbits; got"),
         ({"box": [(1.0, 0.0)]}, "box.0. must be .low, high. with low < high; got .1.0, 0.0."),
         ({"box": [0.0, 1.0]}, "box must have shape .1, 2.; got shape .2,."),
         ({"seeds": []}, "box must not be given beside seeds"),

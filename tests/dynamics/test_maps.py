@@ -89,5 +89,7 @@ def test_a_map_without_parameters_refuses_every_name() -> None:
 
 
 def test_parameters_without_a_replace_of_their_own_are_an_error_of_the_subclass() -> None:
-    with pytest.raises(TypeError, match="ForgetfulShift has parameters, but no `replace`"):
+    with pytest.raises(
+        TypeError, match="ForgetfulShift has parameters but does not define `replace`"
+    ):
         ForgetfulShift().replace(size=2.0)

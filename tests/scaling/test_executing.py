@@ -112,7 +112,7 @@ def test_what_is_no_executor_is_refused(executor: Any) -> None:
 
 
 def test_values_that_follow_one_another_take_no_executor() -> None:
-    with ThreadPoolExecutor(1) as executor, pytest.raises(ValueError, match="follow=False starts"):
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ValueError, match="follow=False makes"):
         sweep(Henon(), "a", [0.2], start=START, executor=executor, **SHORT)
 
 

@@ -1,4 +1,4 @@
-"""Basins of attraction: which start leads to which attractor."""
+"""Basins of attraction: the attractor of each start."""
 
 from dynkit.sweeps.basins.basin import Basin
 from dynkit.sweeps.basins.finding import basins

@@ -10,25 +10,25 @@ from dynkit.labels.label import OrbitLabel
 @final
 @dataclass(frozen=True, eq=False)
 class Basin:
-    """One attractor, and the part of the starts that lead to it.
+    """An attractor, and the fraction of the starts that lead to it.
 
     Parameters
     ----------
     number : int
-        As in `Basins.numbers`.
+        Number of the attractor in `Basins.numbers`.
     label : OrbitLabel
-        Of the first start that leads there.
+        Label of the motion from the first start in the basin.
     ending : str
-        Why that simulation ended: for a motion at rest, what became of it.
+        Why the simulation of that start ended; for a motion at rest, the kind of rest.
     states : (n, d) array
-        The states of the orbit, in their order, read-only; some of them for chaos and
-        quasi-periodic motions, none at rest.
+        The states of the orbit, in their order, read-only. Chaotic and quasi-periodic motions have
+        a sample of their states, motions at rest have none.
     start : tuple of int
-        Place of the first start that leads there.
+        Index of the first start in the basin.
     count : int
-        How many starts do.
+        Number of starts in the basin.
     fraction, error : float
-        The part of all starts, and its standard error for starts that were drawn at random.
+        The fraction of all starts, and its standard error if the starts were drawn at random.
     """
 
     number: int

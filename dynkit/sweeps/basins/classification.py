@@ -1,4 +1,4 @@
-"""Where single starts lead: label, a state of the orbit, and how far it is from being settled."""
+"""Simulation of single starts: label, a state of the orbit, and its distance from settling."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ OTHER_ENDS = {
     NO_STATE: "no state of the system",
     NO_MOTION: "cannot be followed",
 }
-"""What a start may come to instead of an attractor, by number."""
+"""Outcomes of starts that lead to no attractor, by number."""
 
 SETTLED = 1e-10
-"""A periodic motion has settled when it recurs this well, relative to starts and states."""
+"""Largest recurrence of a settled periodic motion, relative to starts and states."""
 
-# States that a motion may take to settle after it was labelled.
+# Most states in which a labelled motion may settle.
 _BUDGET = 20_000
-# A multiplier nearer to one is not told from it.
+# Largest rate of decay that is distinguished from one, and relative rounding of a recurrence.
 _SLOWEST, _ROUNDING = 0.9999, 1e-13
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What is found at starts, (n, s); small and picklable.
+    """Simulation of starts, (n, s), to rows of the engine; small and picklable.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Look:
     scale : float
         The largest number of all starts.
     sizes : (int, int)
-        How many numbers a section state has, and a packed state.
+        Number of coordinates of a section state, and length of a packed state.
     """
 
     system: Map
@@ -62,7 +62,7 @@ class Look:
 
     @property
     def entries(self) -> dict[str, str]:
-        """What a store says of it."""
+        """Entries of a store that identify it."""
         return {"transient": str(self.transient), "keep": str(self.keep)}
 
     def motion(self, start: Array) -> Attractor:
@@ -72,8 +72,8 @@ class Look:
     def _moved(self, state: Any, transient: int) -> Attractor:
         """Simulate from a state.
 
-        Beside an unstable orbit a motion leaves the orbit, if slowly. A motion that is still
-        there after so many more states as a motion may take to settle lies on the orbit.
+        A motion beside an unstable orbit leaves it, but slowly. A motion that is still there after
+        `_BUDGET` more states lies on the orbit.
         """
         motion = self.system.attractor(start=state, transient=transient, keep=self.keep)
         if motion.label.stable is not False:
@@ -81,20 +81,20 @@ class Look:
         return self.system.attractor(start=motion.final, transient=_BUDGET, keep=self.keep)
 
     def states_after(self, state: Any, count: int) -> tuple[Array, Any]:
-        """Return the states after one of the system, (count, d), and the last of them.
+        """Return the next states, (count, d), after a state, and the start after the last.
 
-        Fewer when the motion comes to rest.
+        There are fewer when the motion comes to rest.
         """
         motion = self.system.attractor(start=state, transient=1, keep=count)
         return motion.states, motion.final
 
     def __call__(self, starts: Array) -> Rows:
-        """Return what is found at some starts."""
+        """Return the rows of some starts."""
         began = time.perf_counter()
         return self._rows([self._seen(start) for start in starts], began)
 
     def rows_from(self, states: Sequence[Any]) -> Rows:
-        """Return what is found when nothing is skipped after some states."""
+        """Return the rows of some states, without a transient."""
         began = time.perf_counter()
         return self._rows([self._followed(state, 0) for state in states], began)
 
@@ -139,7 +139,7 @@ class Look:
         return self._followed(state, self.transient)
 
     def _followed(self, state: Any, transient: int) -> Attractor | int:
-        """The motion from a state, labelled, or the number of what it comes to instead."""
+        """Return the labelled motion from a state, or the number in `OTHER_ENDS` of its outcome."""
         try:
             motion = self._moved(state, transient)
             _ = motion.label
@@ -152,14 +152,21 @@ class Look:
         return motion
 
     def _settled(self, motion: Attractor, label: OrbitLabel) -> tuple[Array, Any, float]:
-        """A state of a periodic motion once it has settled, the last one, and what is still to go.
+        """Simulate a periodic motion until it has settled.
 
-        What is still to go is told from how much better it recurs from one time to the next.
+        Returns
+        -------
+        state : (d,) array
+            The settled state of the largest norm.
+        final
+            The start after the last state.
+        rest : float
+            Distance to the orbit, estimated from the decrease of the recurrence.
         """
         difference, window = self.system.difference, orbit_size(label)
         states, final, seen = motion.states, motion.final, 0
         later = label.simulated - len(states)
-        if later > 0:  # the label is of states after those kept, which may lie beside another orbit
+        if later > 0:  # the label describes later states; kept ones may lie beside another orbit
             (_, final), states = self.states_after(final, later), states[:0]
         while True:
             if len(states) < 3 * window:
@@ -180,17 +187,17 @@ class Look:
 
 
 def _farthest(states: Array) -> Array:
-    """Of the states of a window the one of the largest norm: it is in no chatter."""
+    """Return the state of a window with the largest norm: it is not part of a chatter."""
     return np.asarray(states[np.argmax(np.linalg.norm(states, axis=1))])
 
 
 def orbit_size(label: OrbitLabel) -> int:
-    """How many states in a row hold all states of a periodic orbit."""
+    """Return the number of successive states that include all states of a periodic orbit."""
     return label.iterates or label.simulated
 
 
 def look_at(system: Map, rows: Array, transient: int, keep: int) -> Look:
-    """Return how motions from starts (n, s) are looked at; ValueError when none is a state."""
+    """Return the simulation of starts (n, s); ValueError when none of them is a state."""
     size = float(abs(rows).max()) or 1.0
     return Look(system, transient, keep, size, (system.dimension, _packed_size(system, rows)))
 
@@ -206,7 +213,7 @@ def _packed_size(system: Map, rows: Array) -> int:
 
 @final
 class Starts(Points):
-    """All starts, (n, s)."""
+    """All starts, (n, s), as points of the engine."""
 
     def __init__(self, look: Look, starts: Array) -> None:
         self._look = look

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def _others() -> dict[int, Region]:
-    """Regions of the starts that no basin holds, in the colours that are set now."""
+    """Return the regions of starts in no basin, in the current colours of matplotlib."""
     return {
         UNSETTLED: Region("unsettled", None, "xxxx"),
         RUNS_AWAY: Region("runs away", None),
@@ -32,7 +32,7 @@ def _others() -> dict[int, Region]:
 def draw_basins(
     basins: Sequence[Basin], starts: Array, numbers: NDArray[np.int64], ax: Axes | None
 ) -> Axes:
-    """Draw basins of starts as `Basins.plot` says."""
+    """Draw basins of starts; see `Basins.plot`."""
     if numbers.ndim == 1:
         return _draw_fractions(basins, numbers, ax)
     names = [f"{basin.number}: {basin.label}" for basin in basins]
@@ -55,7 +55,10 @@ def draw_basins(
 
 
 def _axis(starts: Array, axis: int) -> tuple[int, Array]:
-    """The coordinate that changes along this axis only, and its values; else the axis itself."""
+    """Return the coordinate that changes along this axis only, and its values.
+
+    Without such a coordinate, return -1 and the indices along the axis.
+    """
     other = np.moveaxis(starts, axis, 0)
     for coordinate in range(starts.shape[-1]):
         values = other[:, 0, coordinate]

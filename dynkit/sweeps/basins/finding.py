@@ -1,4 +1,4 @@
-"""`basins`: which start leads to which attractor."""
+"""`basins`: the attractor of each start."""
 
 from __future__ import annotations
 
@@ -32,40 +32,41 @@ def basins(
     store: str | os.PathLike[str] | None = None,
     progress: bool = True,
 ) -> Basins:
-    """Find out which start leads to which attractor.
+    """Find the attractor of each start, and the basins of the attractors.
 
-    Periodic motions are followed until they recur to 1e-10, relative to the largest number of the
+    Periodic motions are simulated until they recur to 1e-10, relative to the largest number of the
     starts and of the states. Two of them have the same attractor when a state of one lies on the
-    orbit of the other, to 1e-8 and what either may still have to go: so two orbits of one label are
-    told apart, and one orbit is itself wherever along it a motion arrives. One that may still have
-    to go more than 1e-4 is unsettled.
+    orbit of the other, within 1e-8 plus the estimated distances of both from their orbits. So
+    different orbits with the same label are separate attractors, and all motions on one orbit have
+    the same attractor. A motion further than 1e-4 from its orbit is unsettled.
 
     Chaotic motions have the same attractor when the median distance of 64 states of one to the
-    nearest of 2000 states of the other is less than three times that of 512 states of the other
-    itself. Attractors that lie that near to one another are not told apart. Chaos that dies out
-    within these 2512 states is what it comes to then. Quasi-periodic motions are compared in the
-    same way, once they have settled as far as their labels looked.
+    nearest of 2000 states of the other is less than three times that of 512 further states of the
+    other. Attractors that are closer than this are not separated. Where chaos ends within these
+    2512 states, the later motion decides. Quasi-periodic motions are compared in the same way,
+    after as many states as their labels examined.
 
-    Motions at rest are told apart by why they ended.
+    Motions at rest are separated by the reasons of their endings.
 
-    A start on an unstable orbit stays there, and is its own basin: the label says ``unstable``. A
-    start beside an unstable orbit leaves it: the motion is followed for 20,000 states more.
+    A start on an unstable orbit stays there and is a basin of its own, whose label says
+    ``unstable``. Motions beside an unstable orbit are simulated for 20,000 more states, in which
+    they leave it.
 
     Parameters
     ----------
     system : Map
         An impact oscillator, or a map such as a Poincare map.
     starts : (k1, k2, s) or (k, s) array_like
-        Numbers that make a state: the coordinates of a map, s = d; of an impact oscillator its N
+        Numbers of the starts: for a map its coordinates, s = d; for an impact oscillator its N
         positions, N velocities and the phase of the table, s = 2N + 1.
     transient, keep : int
-        How many states to skip and to keep, before a motion is labelled.
+        Number of states to skip and to keep, before a motion is labelled.
     executor : concurrent.futures.Executor, optional
-        Who simulates, in chunks: processes, threads, Dask, MPI. The result is the same bits by any
-        executor with any number of workers, and by none.
+        Executor that simulates chunks: processes, threads, Dask, MPI. The result is the same bits
+        with any executor and any number of workers, and without one.
     store : path, optional
-        An HDF5 file that keeps where the starts led, as for `dynkit.sweep`: the same call resumes
-        it, by whatever executor.
+        An HDF5 file that keeps finished starts, as for `dynkit.sweep`: the same call resumes it,
+        with any executor.
     progress : bool
         Whether to show a bar on standard error.
 
@@ -76,13 +77,12 @@ def basins(
     Raises
     ------
     ValueError
-        When an argument is refused, by name, before anything is simulated or written; among them a
-        store of other starts, of another version, damaged, or in use. When no start is a state.
+        When an argument is refused, before any simulation or writing; for example a store of other
+        starts, of another version, damaged, or in use. When no start is a state.
     dynkit.WorkerLost
-        When a worker died and its executor does not start another: what was finished before is kept
-        in the store.
+        When a worker died and its executor does not replace it; the store keeps finished starts.
     OSError
-        When the store cannot be written any more, on the way.
+        When the store becomes impossible to write during the run.
 
     Examples
     --------

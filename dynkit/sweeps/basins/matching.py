@@ -1,4 +1,4 @@
-"""Which starts share an attractor: orbits by a state, chaos and curves by how near many come."""
+"""Comparison of motions: orbits by a state, chaos and closed curves by distances of many states."""
 
 from __future__ import annotations
 
@@ -21,20 +21,22 @@ from dynkit.sweeps.basins.classification import UNSETTLED, Look, orbit_size
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# Orbits are the same when a state of one is this near to the other, relative to starts and states,
-# and what each may still move; orbits that may still move more than that are not told.
+# Orbits are equal when a state of one is within _NEAR of the other, relative to starts and states,
+# plus _ERRORS times the distances of both motions from their orbits. A motion further than _MOST
+# from its orbit is unsettled.
 _NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
 
-# Of chaos, and of curves: states that stand for the attractor, and that are held against them.
+# States of a chaotic or quasi-periodic attractor; further states that give the scale of distances;
+# states of another motion to compare.
 _REFERENCE, _OWN, _SAMPLE = 2000, 512, 64
-# The median distance to the nearest of them may be so many times that of the attractor's own.
+# Largest median distance of another motion on the same attractor, relative to that scale.
 _FACTOR = 3.0
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Found:
-    """An attractor: the place of the first start that leads there, and states, (n, d)."""
+    """An attractor: the index of the first start that leads there, and states, (n, d)."""
 
     place: int
     label: OrbitLabel
@@ -45,7 +47,7 @@ class Found:
 def told_apart(
     look: Look, rows: Rows, shape: tuple[int, ...], executor: Executor | None
 ) -> tuple[NDArray[np.int64], tuple[Basin, ...]]:
-    """Return the number of each start's attractor, and the basins, in the order of the starts.
+    """Return the number of each start's attractor, and the basins in the order of the starts.
 
     Numbers below zero are those of `dynkit.sweeps.basins.classification.OTHER_ENDS`.
     """
@@ -91,7 +93,7 @@ def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:
         orbit, _ = look.states_after(start, orbit_size(label))
         size = max(float(np.linalg.norm(orbit, axis=1).max()), look.scale)
         if not rests[first] <= _MOST * size:
-            left = left[1:]  # it is still on its way, and stays unsettled
+            left = left[1:]  # too far from its orbit: unsettled
             continue
         allowed = _NEAR * size + _ERRORS * (rests[left] + rests[first])
         same = _nearest(look, orbit, states[left]) <= np.minimum(allowed, _MOST * size)
@@ -101,7 +103,7 @@ def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:
 
 
 def _nearest(look: Look, reference: Array, states: Array) -> Array:
-    """Distance of each state (k, d) to the nearest of the reference, (k,)."""
+    """Return the distance (k,) of each state (k, d) to the nearest of the reference (n, d)."""
     difference = look.system.difference
     return np.array(
         [np.linalg.norm(difference(reference, state), axis=1).min() for state in states]
@@ -111,7 +113,7 @@ def _nearest(look: Look, reference: Array, states: Array) -> Array:
 def _filled(
     kind: OrbitKind, look: Look, rows: Rows, executor: Executor | None
 ) -> tuple[list[_Group], Rows]:
-    """The attractors of a kind that fills sets; and the rows, with what others came to."""
+    """Return the attractors of a kind that fills sets, and the rows updated by later motions."""
     finals, groups, ended = rows.arrays["final"], [], {}
     left = _places(rows, kind)
     while len(left):
@@ -146,7 +148,7 @@ def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
 
 
 def _medians(look: Look, reference: Array, finals: Array, executor: Executor | None) -> Array:
-    """Median distance to an attractor's states of what follows packed states (k, p), (k,)."""
+    """Return the median distances (k,) of motions from packed states (k, p) to an attractor."""
     tasks = [finals[slice(*chunk)] for chunk in chunks_of(len(finals))]
     return np.concatenate(all_finished(_Compared(look, reference), tasks, executor))
 
@@ -154,7 +156,7 @@ def _medians(look: Look, reference: Array, finals: Array, executor: Executor | N
 @final
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """The median distance to an attractor's states of the states that follow some states."""
+    """Function from packed states (k, p) to median distances of their motions to an attractor."""
 
     look: Look
     reference: Array

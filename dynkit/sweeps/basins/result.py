@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class Basins(Saved):
-    """Which start leads to which attractor, made by `dynkit.basins`.
+    """The attractor of each start, and the basins of attraction; made by `dynkit.basins`.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ class Basins(Saved):
         The starts, read-only.
     numbers : (k1, k2) or (k,) array of int
         The number of each start's attractor, read-only. Attractors are numbered in the order of the
-        first starts that lead to them. Numbers below zero stand for no attractor: -1 unsettled, -2
-        runs away, -3 comes to no next crossing, -4 no state of the system (such as one beyond the
+        first starts that lead to them. A negative number means no attractor: -1 unsettled, -2 runs
+        away, -3 comes to no next crossing, -4 no state of the system (such as a position beyond the
         table), -5 cannot be followed.
     basins : tuple of Basin
-        The attractors that were found, by their numbers.
+        The attractors, by their numbers.
     cost : Cost
-        Seconds of all workers, and counted work; what labels count is not in it.
+        Seconds of all workers, and counted work without that of labels.
 
     Examples
     --------
@@ -69,7 +69,7 @@ class Basins(Saved):
 
     @property
     def error(self) -> Array:
-        """Standard errors of the basins' fractions, (number of basins,), of starts at random."""
+        """Standard errors of the fractions, (number of basins,), if the starts are random."""
         return np.array([basin.error for basin in self.basins])
 
     def __len__(self) -> int:
@@ -98,7 +98,12 @@ class Basins(Saved):
         return [table("Attractors", rows, heads)] if rows else []
 
     def outcome(self, *place: int) -> str:
-        """Return what became of one start, in words.
+        """Return the outcome of one start in words: the label of its attractor, or why it has none.
+
+        Parameters
+        ----------
+        place : int
+            Indices of the start: two, or one for starts in a row.
 
         Raises
         ------
@@ -109,7 +114,12 @@ class Basins(Saved):
         return OTHER_ENDS[number] if number < 0 else str(self.basins[number].label)
 
     def attractor(self, *place: int) -> Attractor:
-        """Return the attractor of one start: simulated again, the same bits.
+        """Simulate one start again and return its attractor, the same bits.
+
+        Parameters
+        ----------
+        place : int
+            Indices of the start: two, or one for starts in a row.
 
         Raises
         ------
@@ -123,25 +133,25 @@ class Basins(Saved):
         return self._look.motion(self.starts[self._place(place)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the basins over the starts, and return the axes.
+        """Draw the basins, and return the axes.
 
-        Of starts in two directions, (k1, k2, s), the basins as regions, and the attractors of
-        two-dimensional maps; of starts in a row, (k, s), the fractions with their standard errors.
+        A grid of starts, (k1, k2, s), is drawn as regions, with the attractors of two-dimensional
+        maps. For a row of starts, (k, s), the fractions are drawn with their standard errors.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where; a new figure of column width otherwise.
+            Axes to draw into; by default those of a new figure of column width.
         """
         from dynkit.sweeps.basins.drawing import draw_basins
 
         return draw_basins(self.basins, self.starts, self.numbers, ax)
 
     def dataset(self) -> Dataset:
-        """Return the number of each start's attractor, and what the attractors are, as a dataset.
+        """Return the numbers of the starts' attractors, and the attractors, as a dataset.
 
-        Dimensions are ``start``, or ``row`` and ``column`` of starts in two directions,
-        ``coordinate`` of the starts, and ``attractor``.
+        Dimensions are ``start``, or ``row`` and ``column`` for a grid of starts, ``coordinate`` of
+        the starts, and ``attractor``.
         """
         over = ("row", "column") if self.numbers.ndim == 2 else ("start",)
         meanings: dict[str, Any] = {f"number_{i}": text for i, text in OTHER_ENDS.items()}
@@ -165,12 +175,12 @@ class Basins(Saved):
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a store (HDF5); the file is the new one, or after any failure the old one.
+        """Write the basins to a store (HDF5). After a failure the old file remains.
 
         Raises
         ------
         ValueError
-            When it cannot be written there, or the basins were loaded without their system.
+            When the file cannot be written, or the basins were loaded without their system.
         """
         if self._look is None:
             raise ValueError("system must be given to Basins.load to store them again; got None")
@@ -178,9 +188,9 @@ class Basins(Saved):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Basins:
-        """Read it from a store that `save` wrote: the same bits.
+        """Read basins from a store that `save` wrote: the same bits.
 
-        What ``basins(store=...)`` keeps are single starts: the same call goes on from there.
+        A store of ``basins(store=...)`` holds finished starts instead: repeat the call to use it.
 
         Parameters
         ----------
@@ -191,7 +201,7 @@ class Basins(Saved):
         Raises
         ------
         ValueError
-            When the file is missing, damaged or no store of basins, or was made with another
+            When the file is missing, damaged or not a store of basins, or was made with another
             system.
         """
         found, file, archive = read_result(path, cls)

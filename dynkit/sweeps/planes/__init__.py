@@ -1,4 +1,4 @@
-"""Maps of two parameters: what kind of motion there is at each pair of values."""
+"""Maps of two parameters: the kind of motion at each pair of values."""
 
 from dynkit.sweeps.planes.mapping import parameter_map
 from dynkit.sweeps.planes.result import ParameterMap

@@ -16,7 +16,7 @@ from dynkit.plotting.regions import Region, draw_regions, shades
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# So many labels of periodic motions have a colour of their own.
+# Most labels of periodic motions with separate colours.
 _MOST = 11
 
 
@@ -26,7 +26,7 @@ def draw_map(
     where_is: Callable[[OrbitKind], NDArray[np.bool_]],
     ax: Axes | None,
 ) -> Axes:
-    """Draw the kinds of motion as `ParameterMap.plot` says."""
+    """Draw the kinds of motion; see `ParameterMap.plot`."""
     cells = np.zeros(names.shape, dtype=np.int64)
     periodic = where_is(OrbitKind.PERIODIC)
     labels, counts = np.unique(names[periodic], return_counts=True)
@@ -53,7 +53,7 @@ def draw_map(
 
 
 def _numbers(name: str) -> tuple[list[int], int, str]:
-    """Order of labels: periods of the forcing, iterates; the unstable after the stable orbit."""
+    """Return the sorting key of a label: periods of the forcing, iterates, stability."""
     numbers, _, stability = name.removeprefix("P(").partition(")")
     iterates, *periods = (int(part) for part in numbers.split(","))
     return periods, iterates, stability

@@ -31,46 +31,45 @@ def parameter_map(
     Parameters
     ----------
     system : Map
-        Its own values of the two parameters have no effect.
+        The swept system; its values of the two parameters have no effect.
     values : mapping of str to array_like
         The values of two of the system's ``parameters``, (k1,) and (k2,), in any order.
     transient : int
-        How many states to skip at each pair.
+        Number of states to skip at each pair.
     keep : int
-        How many states to keep at each pair.
+        Number of states to keep at each pair.
     observables : sequence of str, optional
-        Of which the largest value is kept: among the system's ``observables``, by default the
-        first (``relative_velocity`` for impact oscillators).
+        Observables whose largest values are kept, among the system's ``observables``; by default
+        the first (``relative_velocity`` for impact oscillators).
     exponents : int
-        Over how many states more to average the largest Lyapunov exponent; 0 for not at all.
+        Number of further states for the largest Lyapunov exponent; 0 for no exponents.
     start : state, optional
-        Where all pairs start; by default where the system always does. A plain map needs one.
+        Start at all pairs; by default that of the system. A plain map needs one.
     executor : concurrent.futures.Executor, optional
-        Who simulates, in chunks: processes, threads, Dask, MPI. The result is the same bits by any
-        executor with any number of workers, and by none.
+        Executor that simulates chunks: processes, threads, Dask, MPI. The result is the same bits
+        with any executor and any number of workers, and without one.
     store : path, optional
-        An HDF5 file that keeps what is finished. As for `dynkit.sweep` the same call resumes it, by
-        whatever executor.
+        An HDF5 file that keeps finished pairs. As for `dynkit.sweep` the same call resumes it, with
+        any executor.
     progress : bool
         Whether to show a bar on standard error.
 
     Returns
     -------
     ParameterMap
-        A pair without a motion, such as one that runs away, is labelled ``no motion``; one that
-        the system refuses, or at which it refuses the start, ``refused``. `ParameterMap.endings`
-        holds the message.
+        A pair without a motion, such as a diverging one, is labelled ``no motion``; a pair that the
+        system refuses, or at which it refuses the start, ``refused``. `ParameterMap.endings` holds
+        the message.
 
     Raises
     ------
     ValueError
-        When an argument is refused, by name, before anything is simulated or written; among them a
-        store of another map, of another version, damaged, or in use.
+        When an argument is refused, before any simulation or writing; for example a store of
+        another map, of another version, damaged, or in use.
     dynkit.WorkerLost
-        When a worker died and its executor does not start another: what was finished before is kept
-        in the store.
+        When a worker died and its executor does not replace it; the store keeps finished pairs.
     OSError
-        When the store cannot be written any more, on the way.
+        When the store becomes impossible to write during the run.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a map of two parameters is to do, and the rows of some of its points."""
+"""The plan of a map of two parameters, and its pairs as points of the engine."""
 
 from __future__ import annotations
 
@@ -32,30 +32,30 @@ KIND = "map of two parameters"
 NO_MOTION, REFUSED = -1, -2
 
 OTHER_ENDS = {NO_MOTION: "no motion", REFUSED: "refused"}
-"""What a pair may have instead of a motion, by number: refused is a pair, or a start at it."""
+"""Outcomes of pairs without a motion, by number; refused is the pair, or the start at it."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a map of two parameters is to do, checked by `plan_of`; small and picklable.
+    """The arguments of a map of two parameters, checked by `plan_of`; small and picklable.
 
     Parameters
     ----------
     system : Map or None
         None for a map that was loaded without its system.
     kind : str
-        The class of the system, as the user knows it.
+        Full name of the system's class.
     names : (str, str)
         The parameters.
     transient, keep : int
     observables : tuple of str
     exponents : int
-        Over how many states the largest Lyapunov exponent is averaged; 0 for not at all.
+        Number of states for the largest Lyapunov exponent; 0 for no exponents.
     start : array
-        The packed state that all points start from; empty for the system's own.
+        The packed start of all points; empty for the default start of the system.
     origin : (float, float)
-        The values at which it was packed.
+        The pair of values at which the start was packed.
     """
 
     system: Map | None
@@ -87,7 +87,7 @@ class Plan:
         return system.attractor(start=start, transient=self.transient, keep=self.keep)
 
     def __call__(self, pairs: Array) -> Rows:
-        """Return what is found at pairs of values, (n, 2)."""
+        """Return the rows of pairs of values, (n, 2)."""
         n, began = len(pairs), time.perf_counter()
         labels = empty_columns(n, NO_MOTION)
         largest = np.full((n, len(self.observables)), np.nan)
@@ -117,10 +117,10 @@ class Plan:
 
 
 def largest_exponent(attractor: Attractor, count: int) -> float:
-    """Return the largest Lyapunov exponent per state, from the states after those kept.
+    """Return the largest Lyapunov exponent per state, from `count` states after the kept ones.
 
-    A quarter as many again come first, in which the direction that grows is found. NaN where the
-    motion ends.
+    In `count` / 4 states before them the disturbance turns into the growing direction. NaN where
+    the motion ends.
     """
     states = attractor.states
     if not len(states):
@@ -147,7 +147,7 @@ def plan_of(
     Raises
     ------
     ValueError
-        Naming the argument, the limit and the value.
+        When an argument is refused; the message names argument, limit and value.
     """
     family = checked_map(system, Map)
     if not isinstance(values, Mapping) or len(values) != 2:
@@ -189,7 +189,7 @@ def plan_of(
 
 
 def _places_of(family: Map, one: tuple[str, float, int], other: tuple[str, float]) -> str:
-    """Which of two values the system refuses; both where it refuses neither alone."""
+    """Return the name of the value that the system refuses; of both if it refuses neither alone."""
     name, value, place = one
     own, beside = f"values[{name!r}][{place}]", f"values[{other[0]!r}][0]"
     for changes, at in (({name: value}, own), (dict([other]), beside)):
@@ -210,14 +210,14 @@ def _axis(name: str, values: Any) -> Array:
 
 @final
 class Grid(Points):
-    """All pairs of values, the second changing fastest."""
+    """All pairs of values as points; the second value changes fastest."""
 
     def __init__(self, plan: Plan, values: tuple[Array, Array]) -> None:
         self.plan = plan
         self.values = values
 
     def of(self, system: Map) -> Grid:
-        """Return them as points of a system."""
+        """Return the points of a system."""
         return Grid(replace(self.plan, system=system, kind=kind_of(system)), self.values)
 
     def __len__(self) -> int:

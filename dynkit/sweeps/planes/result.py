@@ -45,15 +45,15 @@ class ParameterMap(Swept):
     values : mapping of str to array
         Values of the two parameters by name, (k1,) and (k2,).
     transient, keep : int
-        How many states were skipped, and kept, at each pair.
+        Number of skipped and of kept states at each pair.
     observables : tuple of str
-        Names of the observables of which the largest values were kept.
+        Names of the observables whose largest values were kept.
     iterates, periods : (k1, k2) array of int
-        The n and m of P(n,m); n of a map's P(n), and m of P(inf,m), alone. 0 where there is none.
+        The n and m of P(n,m); 0 where there is none, as for m of P(n) and n of P(inf,m).
     endings : (k1, k2) array of str
         Why each simulation ended.
     cost : Cost
-        Seconds of all workers, and counted work; what labels count is not in it.
+        Seconds of all workers, and counted work without that of labels.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class ParameterMap(Swept):
 
     @classmethod
     def _of(cls, points: Grid, rows: Rows) -> ParameterMap:
-        """Return what was found at all pairs of values."""
+        """Return the result from the rows of all pairs."""
         plan, shape = points.plan, tuple(map(len, points.values))
         endings = np.array(rows.texts["ending"]).reshape(shape)
         for array in (*points.values, *rows.arrays.values(), endings):
@@ -135,18 +135,16 @@ class ParameterMap(Swept):
         return self.iterates.shape
 
     def where(self, kind: OrbitKind) -> NDArray[np.bool_]:
-        """Return where the motion is of a kind, (k1, k2)."""
+        """Return whether the motion at each pair is of a kind, (k1, k2)."""
         return np.asarray(self._rows.arrays["kind"] == KINDS.index(kind)).reshape(self._shape)
 
     @cached_property
     def names(self) -> NDArray[np.str_]:
         """The labels in words, (k1, k2): P(1,3), chaotic, ``no motion`` or ``refused``.
 
-        Quasi-periodic motions have one name; their rotation numbers are in each `label`.
-
-        ``P(1,3) unstable`` is a state that lies on an unstable orbit, and stays there: it shows no
-        attractor of the pair, and another start does. See `OrbitLabel.stable`.
-        Why there is no motion, or what was refused, is in `endings`.
+        Quasi-periodic motions have one name; `label` has their rotation numbers. ``P(1,3)
+        unstable`` means that the motion stays on an unstable orbit and is not an attractor; see
+        `OrbitLabel.stable`. `endings` says why there is no motion, or what was refused.
         """
         arrays = self._rows.arrays
         texts = [
@@ -158,17 +156,17 @@ class ParameterMap(Swept):
         return found
 
     def largest(self, name: str | None = None) -> Array:
-        """Return the largest kept value of an observable, (k1, k2): NaN where there is none.
+        """Return the largest kept value of an observable, (k1, k2); NaN where there is none.
 
         Parameters
         ----------
         name : str, optional
-            One of `observables`; the first otherwise.
+            One of `observables`; by default the first.
 
         Raises
         ------
         ValueError
-            When it was not kept.
+            When the observable was not kept.
         """
         asked = self.observables[0] if name is None else name
         one_of("name", asked, self.observables)
@@ -182,7 +180,7 @@ class ParameterMap(Swept):
         Raises
         ------
         ValueError
-            When none were asked for.
+            When the map was made without exponents.
         """
         if not self._points.plan.exponents:
             raise ValueError("exponents must be asked for when the map is made; got 0")
@@ -191,7 +189,7 @@ class ParameterMap(Swept):
 
     @cached_property
     def error(self) -> Array:
-        """How wrong the labels may be, (k1, k2), in the sense of their kinds: `OrbitLabel.error`.
+        """Uncertainty of the labels, (k1, k2): the `OrbitLabel.error` of each.
 
         NaN where there is no motion. The error of the states is that of each `attractor`.
         """
@@ -251,7 +249,7 @@ class ParameterMap(Swept):
         return dataclasses.replace(label, count_harmonics=harmonics, count_events=events)
 
     def attractor(self, i: int, j: int) -> Attractor:
-        """Return the attractor at one pair: simulated again, the same bits.
+        """Simulate one pair again and return its attractor, the same bits.
 
         Raises
         ------
@@ -267,21 +265,21 @@ class ParameterMap(Swept):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the kinds of motion over the plane of the two parameters, and return the axes.
 
-        The commonest labels have colours, of which neighbours differ in grey too, and their names
-        stand in their regions where there is room. Chaos is black; sticking and quasi-periodic
-        motions are hatched.
+        The most frequent labels have colours that also differ in grey, and their names are written
+        in regions with enough room. Chaos is black; sticking and quasi-periodic motions are
+        hatched.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where; a new figure of column width otherwise.
+            Axes to draw into; by default those of a new figure of column width.
         """
         from dynkit.sweeps.planes.drawing import draw_map
 
         return draw_map(self.values, self.names, self.where, ax)
 
     def dataset(self) -> Dataset:
-        """Return what was found as a dataset over the two parameters."""
+        """Return labels and observables as a dataset over the two parameters."""
         over = self.parameters
         found = {f"largest_{name}": (over, self.largest(name)) for name in self.observables}
         if self._points.plan.exponents:
@@ -299,7 +297,7 @@ class ParameterMap(Swept):
             described(
                 "Kinds of motion over two parameters",
                 cost=self.cost,
-                error="how wrong the label may be, in the sense of its kind: OrbitLabel.error",
+                error="uncertainty of the label, OrbitLabel.error; its meaning depends on the kind",
                 system=self._points.plan.system,
                 swept=over,
                 transient=float(self.transient),
