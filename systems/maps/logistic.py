@@ -67,7 +67,7 @@ class DelayedLogistic(SymbolicMap):
     --------
     >>> from dynkit import MapAttractor
     >>> print(MapAttractor(DelayedLogistic(2.05), [0.5, 0.5], 1000, 1000).label)
-    quasi-periodic
+    quasi-periodic, rotation number 0.161772
     """
 
     rate: float

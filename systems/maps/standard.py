@@ -36,8 +36,8 @@ class StandardMap(SymbolicMap):
     >>> StandardMap(k=0.5)([np.pi / 2, 1.0]).round(6)
     array([3.070796, 1.5     ])
     >>> StandardMap(k=0.5).jacobian([np.pi, 0.0])  # its determinant is 1
-    array([[0.5, 1. ],
-           [-0.5, 1. ]])
+    array([[ 0.5,  1. ],
+           [-0.5,  1. ]])
     """
 
     angles: ClassVar = ("theta",)

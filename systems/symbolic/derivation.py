@@ -102,7 +102,7 @@ def expressions_of(
     taken = {symbol.name for symbol in coordinates} & set(parameters)
     if taken:
         raise TypeError(
-            f"{_called(function)} must not call a coordinate {min(taken)!r}: a field is"
+            f"{_called(function)} must not name a coordinate as a field; got {min(taken)}"
         )
     symbols = tuple(Symbol(name, real=True) for name in parameters)
     subject: Any = object.__new__(kind)

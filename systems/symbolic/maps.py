@@ -75,9 +75,13 @@ class CompiledMap(Map):
         """Return what was given; machine code is made anew where it arrives."""
         return {name: value for name, value in vars(self).items() if name not in _MADE}
 
-    @abstractmethod
-    def next_state(self, *coordinates: Any, **parameters: Any) -> tuple[Any, ...]:
-        """Return the next values of the coordinates, as a tuple."""
+    if TYPE_CHECKING:
+        next_state: Any  # any arguments, of a method or a static one
+    else:
+
+        @abstractmethod
+        def next_state(self, *coordinates: Any) -> tuple[Any, ...]:
+            """Return the next values of the coordinates, as a tuple."""
 
     @cached_property
     def dimension(self) -> int:
