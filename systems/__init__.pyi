@@ -1,8 +1,13 @@
 # Public names and the modules that define them, for type checkers and for lazy_loader.
+from .flows.brusselator import Brusselator as Brusselator
+from .flows.chua import Chua as Chua
+from .flows.double_pendulum import DoublePendulum as DoublePendulum
 from .flows.duffing import Duffing as Duffing
+from .flows.henon_heiles import HenonHeiles as HenonHeiles
 from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
+from .flows.van_der_pol import VanDerPol as VanDerPol
 from .impact.elements.element import (
     Element as Element,
     HardStop as HardStop,
@@ -23,5 +28,10 @@ from .impact.records.record import ImpactRecord as ImpactRecord
 from .impact.simulation.state import ImpactState as ImpactState
 from .maps.henon import Henon as Henon
 from .maps.high_bounce import HighBounce as HighBounce
-from .maps.logistic import Logistic as Logistic
+from .maps.ikeda import Ikeda as Ikeda
+from .maps.logistic import DelayedLogistic as DelayedLogistic, Logistic as Logistic
+from .maps.standard import StandardMap as StandardMap
+from .maps.towel import FoldedTowel as FoldedTowel
 from .structure.lagrangian import LagrangianStructure as LagrangianStructure
+from .symbolic.flows import SymbolicFlow as SymbolicFlow
+from .symbolic.maps import CompiledMap as CompiledMap, SymbolicMap as SymbolicMap
