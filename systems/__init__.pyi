@@ -14,6 +14,11 @@ from .impact.elements import (
     Watch as Watch,
 )
 from .impact.friction import DryFriction as DryFriction
+from .impact.laws import (
+    ImpactLaw as ImpactLaw,
+    PlasticBelow as PlasticBelow,
+    ViscoelasticSpheres as ViscoelasticSpheres,
+)
 from .impact.matrices import MatrixOscillator as MatrixOscillator
 from .impact.orbits.orbit import ImpactOrbit as ImpactOrbit
 from .impact.oscillator import ImpactOscillator as ImpactOscillator
