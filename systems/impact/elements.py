@@ -379,7 +379,7 @@ def numbers_in(name: str, value: object) -> dict[str, float]:
 
 
 def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The given fields, where numbers of the law in one of them, ``name.number``, become the law."""
+    """The given fields, with those that are numbers of a law, ``name.number``, made that law."""
     start = f"{name}."
     own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
     if not own:

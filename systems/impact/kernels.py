@@ -285,7 +285,7 @@ def run(
                 own[ORDER] = order
                 if sticks:
                     if u > 0.0:
-                        # Largest change of a position or velocity by what is left out, to first order.
+                        # Largest change of a position or velocity, to first order.
                         clock[CHATTER_ERROR] += tables.coupling[k] * lost
                         if noise is not None:
                             perturb_cut(tables.excursion[k], lost, y, clock)

@@ -48,7 +48,9 @@ that is not known."""
 BOUNCES, LEADING = 1 << 20, 1024
 """Bounces that are summed up at most, and after which sums go on by their asymptotic series."""
 
-NEGLIGIBLE = 2.0**-56
+NEGLIGIBLE, _LARGEST = 2.0**-56, 0.01
+"""Velocities less than this part of the first count no more; and the largest x of `_leading`, whose
+error is x^3 of it: larger after so many bounces where the exponent is less than 0.1."""
 
 
 @kernel()
@@ -105,8 +107,8 @@ def bounce_sums(
     """Sums of v/u and its cube over the bounces that leave at v, from u on; the largest r in them.
 
     Friction makes each of them arrive `slowed` times as fast as it left. Infinite where they have
-    no end, or none that is known. With x = C v^p the sums of a law 1 - x go on, from v on, as v s(x)
-    where s(x) = 1 + (1 - x) s(x (1 - x)^p): s = 1/((1 - p) x) - p/2 - p x/6 + O(x^2).
+    no end, or none that is known. With x = C v^p the sums of a law 1 - x go on, from v on, as v
+    s(x) where s(x) = 1 + (1 - x) s(x (1 - x)^p): s = 1/((1 - p) x) - p/2 - p x/6 + O(x^2).
     """
     powers = tail[LIMIT] * slowed >= 1.0
     if powers and (tail[SCALE] <= 0.0 or tail[EXPONENT] >= 1.0):
@@ -137,7 +139,7 @@ def _leading(tail: Array, v: float) -> tuple[float, float]:
     """The sums of `bounce_sums` by their asymptotic series, from the velocity v on, over v."""
     c, p = tail[SCALE], tail[EXPONENT]
     x = c * v**p
-    if x > 0.1:
+    if x > _LARGEST:
         return math.inf, math.inf
     by_next = 1.0 + tail[NEXT_EXPONENT] - 2.0 * p
     series = 1.0 / ((1.0 - p) * x) - p / 2.0 - p * x / 6.0
@@ -146,9 +148,7 @@ def _leading(tail: Array, v: float) -> tuple[float, float]:
 
 
 @kernel(entry=True)
-def sum_all(
-    program: Array, tail: Array, velocities: Array, registers: Array, found: Array
-) -> None:
+def sum_all(program: Array, tail: Array, velocities: Array, registers: Array, found: Array) -> None:
     """The first of `bounce_sums` of velocities (n,); found (n,) is modified in place."""
     for i in range(velocities.shape[0]):
         found[i] = bounce_sums(program, tail, 1.0, velocities[i], registers)[0]

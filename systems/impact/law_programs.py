@@ -136,7 +136,7 @@ class _Writer:
 
 
 def tail_of(expression: Any, velocity: sympy.Symbol) -> tuple[float, float, float, float, float]:
-    """Of a law with r(0+) = 1 what `ImpactLaw.tail` says: its leading terms, where SymPy finds them."""
+    """`ImpactLaw.tail` of a law with r(0+) = 1: its leading terms, where SymPy finds them."""
     from sympy import PoleError
 
     found, left = [], 1 - expression

@@ -61,7 +61,7 @@ class ImpactLaw(ABC):
 
     @abstractmethod
     def expression(self, velocity: Any) -> Any:
-        """r as a SymPy expression of the approach velocity, a positive symbol.
+        """R as a SymPy expression of the approach velocity, a positive symbol.
 
         Of sums, products, powers, exp, log, sin, cos, tanh, atan, Abs, Min, Max and Piecewise.
         """
@@ -222,8 +222,8 @@ class ViscoelasticSpheres(ImpactLaw):
     """Restitution max(0, 1 - C u^(1/5) + C_2 u^(2/5)) of viscoelastic spheres.
 
     Slow impacts are elastic, r(0+) = 1, and yet chatter ends: at a contact acceleration a, after
-    about (5/2) u^(4/5) / (a C). The series holds for small C u^(1/5): by itself its first term would
-    make fast impacts pull, and they are taken as plastic.
+    about (5/2) u^(4/5) / (a C). The series holds for small C u^(1/5): where it is negative, as its
+    first term is by itself for fast impacts, these are plastic.
 
     Parameters
     ----------

@@ -80,9 +80,7 @@ def _bounces(
     return s * (u - 0.5 * acceleration * s), u - acceleration * s
 
 
-def _by_law(
-    law: ImpactLaw, speed: Array, acceleration: Array, since: Array
-) -> tuple[Array, Array]:
+def _by_law(law: ImpactLaw, speed: Array, acceleration: Array, since: Array) -> tuple[Array, Array]:
     """How fast bounces leave, and how long ago; zero where they are hidden by the first one."""
     u, s = speed.copy(), since.copy()
     while (over := (s >= 2.0 * u / acceleration) & (u > _HIDDEN * speed)).any():

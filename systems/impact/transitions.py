@@ -42,7 +42,7 @@ def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: f
 
 
 def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
-    """Impacts where the gap is zero: they take disturbances times 1 + b (p c + q c') - (1 + r) A b c.
+    """Impacts where the gap is zero: they take y to (1 + b (p c + q c') - (1 + r) A b c) y.
 
     The numbers p and q, (n, 2), by g' and g'' before the impacts, (n,): q is -(1 + r) where r is a
     number. Zero where one only touches, g' = 0: no derivative exists there.
