@@ -45,12 +45,12 @@ LIMIT, SCALE, EXPONENT, NEXT_SCALE, NEXT_EXPONENT = range(5)
 """Of slow impacts: r(0+); where it is 1 r = 1 - scale u^exponent + (the next term), scale 0 where
 that is not known."""
 
-BOUNCES, LEADING = 1 << 20, 1024
+BOUNCES, LEADING = 1 << 20, 4096
 """Bounces that are summed up at most, and after which sums go on by their asymptotic series."""
 
 NEGLIGIBLE, _LARGEST = 2.0**-56, 0.01
-"""Velocities less than this part of the first count no more; and the largest x of `_leading`, whose
-error is x^3 of it: larger after so many bounces where the exponent is less than 0.1."""
+"""Velocities less than this part of the first count no more; and the largest x of `_leading`, which
+misses x^2 of itself: after so many bounces x = 1/(4096 p) for the exponent p."""
 
 
 @kernel()
@@ -181,12 +181,18 @@ def chatter_by_law(
         return none
     law = tables.law[k]
     program, tail, kick = tables.programs[law], tables.tails[law], tables.kick[k]
+    powers = tail[LIMIT] * slowed >= 1.0
+    if powers and tail[SCALE] > 0.0 and tail[EXPONENT] < 1.0:
+        # Half of the time by its leading term, before it is worked out.
+        half = u / (a * (1.0 - tail[EXPONENT]) * tail[SCALE] * u ** tail[EXPONENT])
+        if tolerance > 0.0 and _late(abs(third), 2.0 * half, a) > PLACE * tolerance:
+            return none
     first, cubes, most = bounce_sums(program, tail, slowed, u, registers)
     if not first < math.inf:
         return none
     lost = once * cubes if u >= SMALLEST else 0.0
     error = tables.coupling[k] * lost
-    if tail[LIMIT] * slowed < 1.0:
+    if not powers:
         if not chatter_completes(
             gap, kick, most, drop, tables.hold[k], tolerance, u, second, third, fourth, error
         ):
@@ -201,11 +207,16 @@ def chatter_by_law(
         if change * (2.0 * u / a) > 0.25 * (1.0 - r) * a:
             return none
         place = place_error(gap, kick, u, rest, second, third)
-        late = (change * rest / a) ** 2 * rest  # what the terms below leave out
-        if tolerance > 0.0 and max(place, late) > PLACE * tolerance:
+        if tolerance > 0.0 and max(place, _late(change, rest, a)) > PLACE * tolerance:
             return none
     rest = _rest(gap, kick, program, tail, drop, u, second, third, registers)
     return True, rest, lost, u * first
+
+
+@kernel()
+def _late(change: float, rest: float, a: float) -> float:
+    """What terms of second order leave out of a time, where a changes at a rate."""
+    return (change * rest / a) ** 2 * rest
 
 
 @kernel()
