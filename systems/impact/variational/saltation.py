@@ -6,7 +6,8 @@ the state and one s of the time of the impact become, at one time,
 
     y - (1 + r) b (c' y + g'' s) + (1 + r) g' A b s,
 
-g' and g'' those before the impact. Where the impact is where the gap is zero, s = -c y / g'.
+g' and g'' those before the impact. Where the impact is where the gap is zero, s = -c y / g'. Where
+r depends on the velocity -g', the first r is the slope d(r g')/dg', and the second one is r.
 
 References
 ----------
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 
-def reset(restitution: float, kick: Array, by_rate: Array) -> Array:
+def reset(slope: float, kick: Array, by_rate: Array) -> Array:
     """What an impact adds to disturbances (d, k) at it, of which the gap's rate is (k,)."""
-    return -(1.0 + restitution) * np.outer(kick, by_rate)
+    return -(1.0 + slope) * np.outer(kick, by_rate)
 
 
 def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: float) -> Array:
@@ -40,15 +41,16 @@ def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: f
     return (1.0 + restitution) * (rate * pushed - bend * kick)
 
 
-def saltation(restitution: float, rates: Array, bends: Array) -> Array:
-    """Impacts where the gap is zero: they take disturbances times 1 + b (p c + q c') + q A b c.
+def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
+    """Impacts where the gap is zero: they take y to (1 + b (p c + q c') - (1 + r) A b c) y.
 
-    The numbers p and q, (n, 2), by g' and g'' before the impacts, (n,). Zero where one only
-    touches, g' = 0: no derivative exists there.
+    The numbers p and q, (n, 2), by g' and g'' before the impacts, (n,): q is -(1 + r) where r is a
+    number. Zero where one only touches, g' = 0: no derivative exists there.
     """
     found, hit = np.zeros((len(rates), 2)), rates != 0.0
-    found[hit, 0] = (1.0 + restitution) * bends[hit] / rates[hit]
-    found[hit, 1] = -(1.0 + restitution)
+    by_rate = np.broadcast_to(1.0 + slope, len(rates))[hit]
+    found[hit, 0] = by_rate * bends[hit] / rates[hit]
+    found[hit, 1] = -by_rate
     return found
 
 
