@@ -16,6 +16,11 @@ from .impact.elements.element import (
     Watch as Watch,
 )
 from .impact.elements.friction import DryFriction as DryFriction
+from .impact.elements.laws import (
+    ImpactLaw as ImpactLaw,
+    PlasticBelow as PlasticBelow,
+    ViscoelasticSpheres as ViscoelasticSpheres,
+)
 from .impact.orbits.orbit import ImpactOrbit as ImpactOrbit
 from .impact.oscillators.attractor import ImpactAttractor as ImpactAttractor
 from .impact.oscillators.ball import BouncingBall as BouncingBall

@@ -65,7 +65,8 @@ class ImpactModel:
         Raises
         ------
         Unsuited
-            When the system is not an impact oscillator, or has a second stop or other elements.
+            When the system is not an impact oscillator, or has a second stop, other elements or an
+            impact law.
         """
         system = exact.system
         for name in _NEEDED:
@@ -75,6 +76,8 @@ class ImpactModel:
             raise Unsuited("not made for it: a second stop")
         if len(getattr(system, "elements", ())) > 1:
             raise Unsuited("not made for it: other elements than the table")
+        if not isinstance(system.restitution, float):
+            raise Unsuited("not made for it: an impact law")
         n, shared = len(exact.position), ("frequency", "restitution", "amplitude", "offset")
         return cls(
             mass=np.array(system.mass, dtype=np.float64),

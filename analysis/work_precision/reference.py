@@ -40,7 +40,7 @@ def reference_impacts(system: Any, start: Any, impacts: int, coarsest: float) ->
     later = times[count] if len(times) > count else times[-1] + math.pi / system.frequency
     until = float(0.5 * (times[:count][-1] + later))
     cut = 0.0  # without restitution there are no bounces
-    if system.restitution > 0.0:
+    if system.restitution != 0.0:
         cut = weakest_bounce(system.amplitude * system.frequency, state.velocity, coarsest)
     chatters = _chatters(times, abs(record.relative_velocity) < cut, record.sticking, until)
     inside = np.zeros(len(times), dtype=bool)

@@ -17,7 +17,8 @@ from dynkit.core.smooth_map import generic_direction
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
-from dynkit.systems.impact.elements.element import numbers_of, with_numbers
+from dynkit.systems.impact.elements.element import numbers_in, numbers_of, with_law, with_numbers
+from dynkit.systems.impact.elements.laws import law_text
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE, DrivenStructure
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.starts import entered, start
@@ -68,7 +69,7 @@ class ImpactMap(DrivenStructure, Map):
         """The parameters of this oscillator, by name."""
         left_out = {"chatter_tolerance", "contact", "masses", *(OF_TABLE if self.elements else ())}
         found = {k: value for k, value in super().parameters.items() if k not in left_out}
-        return found | numbers_of(self.elements)
+        return found | self._numbers
 
     def replace(self, **parameters: Any) -> Self:
         """Return the same oscillator with some of its arguments changed.
@@ -78,13 +79,15 @@ class ImpactMap(DrivenStructure, Map):
         ValueError
             When a name is not an argument of this class, or a value is refused.
         """
-        known, of_elements = self._arguments, numbers_of(self.elements)
+        known, of_elements = self._arguments, self._numbers
         for name in parameters:
             if name not in known and name not in of_elements:
                 names = ", ".join([*known, *of_elements])
                 raise ValueError(f"parameter must be one of: {names}; got {name!r}")
         numbers = {name: parameters.pop(name) for name in of_elements if name in parameters}
-        if numbers:
+        if numbers and not self.elements:
+            parameters = with_law("restitution", self.restitution, parameters | numbers)
+        elif numbers:
             parameters["elements"] = with_numbers(
                 parameters.get("elements", self.elements), numbers
             )
@@ -98,7 +101,19 @@ class ImpactMap(DrivenStructure, Map):
         """Everything that determines the motion: arguments, and matrices of the energies."""
         names = (*self._arguments, "mass", "damping_matrix", "stiffness")
         found = {name: getattr(self, name) for name in names}
-        return found | {"elements": tuple(map(repr, self.elements))}
+        laws = tuple(stop.restitution for stop in self._stops)
+        of_law = {"law": tuple(map(law_text, laws))} if any(map(law_text, laws)) else {}
+        if of_law:
+            found["restitution"] = repr(self.restitution)
+        return found | of_law | {"elements": tuple(map(repr, self.elements))}
+
+    @property
+    def _numbers(self) -> dict[str, float]:
+        """The parameters of elements, or of the law of the table."""
+        if self.elements:
+            return numbers_of(self.elements)
+        own = numbers_in("restitution", self.restitution)
+        return {name: number for name, number in own.items() if "." in name}
 
     @property
     def _arguments(self) -> tuple[str, ...]:

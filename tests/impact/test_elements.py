@@ -9,11 +9,20 @@ import pytest
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    MatrixOscillator,
+    PlasticBelow,
+    SoftStop,
+    ViscoelasticSpheres,
+)
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.sampling import sample_run
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
+from tests.impact.own_laws import Hardening
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 
 SPRING = 7.0
@@ -198,6 +207,22 @@ def compared(
     return compared
 
 
+def by_law(chain: ImpactChain, seed: int) -> ImpactChain:
+    """The same, each of its hard stops with a law of its own."""
+    random = np.random.default_rng(seed)
+    laws = [
+        ViscoelasticSpheres(random.uniform(0.05, 0.6)),
+        PlasticBelow(random.uniform(0.0, 0.5), rebound=random.uniform(0.3, 0.95)),
+        Hardening(random.uniform(0.1, 0.9), random.uniform(0.2, 2.0)),
+    ]
+    return chain.replace(
+        elements=[
+            replace(e, restitution=laws[random.integers(3)]) if isinstance(e, HardStop) else e
+            for e in chain.elements
+        ]
+    )
+
+
 def with_several_stops(seed: int) -> tuple[ImpactChain, Array, Array]:
     """A chain with two to four hard stops anywhere, and up to two soft ones; where it starts."""
     random = np.random.default_rng(seed)
@@ -255,6 +280,18 @@ def test_random_machines_with_a_hard_stop_anywhere(seed: int) -> None:
 @pytest.mark.parametrize("seed", [seed for seed in range(40) if seed not in (14, 27, 35)])
 def test_random_machines_with_several_hard_stops(seed: int) -> None:
     assert compared(*with_several_stops(seed), 8) >= 1
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_machines_with_impact_laws(seed: int) -> None:
+    chain, place, velocity = random_machine(seed, anywhere=True, preloaded=seed % 2 == 0)
+    assert compared(by_law(chain, seed), place, velocity, 8) >= 1
+
+
+@pytest.mark.parametrize("seed", [seed for seed in range(24) if seed not in (14,)])
+def test_random_machines_with_several_impact_laws(seed: int) -> None:
+    chain, place, velocity = with_several_stops(seed)
+    assert compared(by_law(chain, seed), place, velocity, 8) >= 1
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.6])

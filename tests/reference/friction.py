@@ -1,10 +1,22 @@
 """What stops and friction do to a chain, in many digits, as rows of (x, v, sine, cosine, one)."""
 
+from collections.abc import Callable
 from typing import Any
 
+import sympy
 from mpmath import mp
 
-from dynkit.systems import DryFriction, Element, HardStop, SoftStop
+from dynkit.systems import DryFriction, Element, HardStop, ImpactLaw, SoftStop
+
+
+def in_many_digits(law: Any) -> Callable[[Any], Any]:
+    """Restitution as a function of the approach velocity; its numbers are those of the doubles."""
+    if not isinstance(law, ImpactLaw):
+        return lambda _: mp.mpf(law)
+    velocity = sympy.Symbol("u", positive=True)
+    found: Callable[[Any], Any] = sympy.lambdify(velocity, law.expression(velocity), "mpmath")
+    return found
+
 
 FORWARD, BACKWARD, STICK = range(3)
 
@@ -41,11 +53,11 @@ class Gap:
 
 
 class Table(Gap):
-    """What a hard stop adds: its restitution."""
+    """What a hard stop adds: its restitution at an approach velocity."""
 
     def __init__(self, stop: HardStop, masses: list[Any], frequency: Any) -> None:
         super().__init__(stop, masses, frequency)
-        self.restitution = mp.mpf(stop.restitution)
+        self.restitution = in_many_digits(stop.restitution)
 
 
 class Cushion(Gap):

@@ -212,9 +212,10 @@ class SoftStopReference:
         """The state after an impact, the stops that touch then, and whether others got impulses."""
         table, stops = self.tables[hit], (hit, *held)
         tables, u = [self.tables[k] for k in stops], (table.rate * z)[0]
-        before = [(1 + table.restitution) * u] + [mp.mpf(0)] * len(held)
+        r = table.restitution(-u)
+        before = [(1 + r) * u] + [mp.mpf(0)] * len(held)
         impulses, after = complementary(inertia(tables, tables), before)
-        after[0] -= table.restitution * u
+        after[0] -= r * u
         old = z
         for part, impulse in zip(tables, impulses, strict=True):
             z = z + impulse * part.kick

@@ -17,11 +17,11 @@ from dynkit.core.validation import (
     Array,
     finite_array,
     finite_scalar,
-    in_interval,
     index_in,
     non_negative,
     one_of,
 )
+from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, checked_restitution
 
 IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
 """What happens where a guard is zero: the law of impacts in the same regime, another regime, or the
@@ -231,7 +231,7 @@ class Element(ABC):
 @final
 @dataclass(frozen=True)
 class HardStop(Element):
-    """A stop that is hit: an impact turns the rate u of its gap into -restitution u.
+    """A stop that is hit: an impact turns the rate -u of its gap into restitution u.
 
     Between two masses, given as (i, j), they hit each other where x_j - x_i falls to its place.
 
@@ -239,8 +239,9 @@ class HardStop(Element):
     ----------
     coordinate, offset, amplitude, phase, side, name
         As for every `Element`; its gap is never negative.
-    restitution : float
-        Coefficient of restitution in [0, 1].
+    restitution : float or ImpactLaw
+        Coefficient of restitution in [0, 1], or a law by which it depends on u, such as
+        `ViscoelasticSpheres`, `PlasticBelow`, or one's own.
 
     Examples
     --------
@@ -255,11 +256,11 @@ class HardStop(Element):
     """
 
     _: KW_ONLY
-    restitution: float = 0.85
+    restitution: Restitution = 0.85
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
+        self._set("restitution", checked_restitution("restitution", self.restitution))
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
@@ -363,13 +364,28 @@ def names_of(elements: tuple[Element, ...]) -> list[str]:
 
 def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
     """The parameters of elements by their names."""
-    found = {}
+    found: dict[str, float] = {}
     for name, element in zip(names_of(elements), elements, strict=True):
         for entry in dataclasses.fields(element):
-            value = getattr(element, entry.name)
-            if isinstance(value, float):
-                found[f"{name}.{entry.name}"] = value
+            found |= numbers_in(f"{name}.{entry.name}", getattr(element, entry.name))
     return found
+
+
+def numbers_in(name: str, value: object) -> dict[str, float]:
+    """The parameters that a field of this name has: itself, or those of a law, or none."""
+    if isinstance(value, ImpactLaw):
+        return {f"{name}.{own}": number for own, number in value.numbers.items()}
+    return {name: value} if isinstance(value, float) else {}
+
+
+def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The given fields, with those that are numbers of a law, ``name.number``, made that law."""
+    start = f"{name}."
+    own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
+    if not own:
+        return dict(given)
+    others = {n: v for n, v in given.items() if not n.startswith(start)}
+    return others | {name: replace(given.get(name, law), **own)}
 
 
 def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tuple[Element, ...]:
@@ -378,5 +394,6 @@ def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tup
     for k, name in enumerate(names_of(elements)):
         start = f"{name}."
         own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
-        found[k] = replace(elements[k], **own)
+        law = getattr(elements[k], "restitution", None)
+        found[k] = replace(elements[k], **with_law("restitution", law, own))
     return tuple(found)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.elements.laws import ImpactLaw, share
 from dynkit.systems.impact.modes.eigen_coordinates import EigenCoordinates
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.simulation.runs import band_factor
@@ -312,7 +313,8 @@ def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) 
     late = np.where(np.isfinite(late), late, 0.0)
     # What comes to rest on the table forgets how fast it was.
     following = np.append(np.where(from_table, flights, 0.0)[1:], 0.0)
-    restitution = np.array([stop.restitution for stop in oscillator._stops])[run.element]
+    laws = [s.restitution for s in oscillator._stops]
+    restitution = np.array([1.0 if isinstance(r, ImpactLaw) else r for r in laws])[run.element]
     pushed = (1.0 + restitution) * (abs(bends) * late + speed) * following**2
     moved = np.zeros((x.shape[1], x.shape[1]))
     for element, kick in _kicks(oscillator):
@@ -343,6 +345,7 @@ def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array, elem
     parts, stop = run.segments, oscillator._stops[element]
     own = (parts.element == element) & (parts.speed > 0.0) & (parts.point < run.impacts)
     # The first bounce, a parabola, is the highest.
-    height = 0.25 * parts.speed[own] * parts.rest[own] * (1.0 - stop.restitution)
+    first = share(stop.restitution, parts.speed[own])
+    height = 0.25 * parts.speed[own] * parts.rest[own] * first
     squares = np.diagonal(moments.sum(axis=0))
     return np.asarray(2.0 * np.sqrt((height**2 * parts.rest[own]).sum() * squares))

@@ -25,6 +25,7 @@ from dynkit.systems.impact.elements.element import (
     HardStop,
     Watch,
 )
+from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.modes.constrained import force_of, mode_of, moves, pushed, sum_of
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
@@ -113,6 +114,11 @@ class Automaton:
         self.parts = Parts(self._elements, structure)
         self._tolerance = tolerance
         self._hit = any(isinstance(element, HardStop) for element in self._elements)
+        stops = (e for e in self._elements if isinstance(e, HardStop))
+        self._laws = [s.restitution for s in stops if isinstance(s.restitution, ImpactLaw)]
+        programs = [law.program for law in self._laws]
+        self._programs = np.stack(programs) if programs else np.zeros((0, 1, 4))
+        self._tails = np.array([law.tail for law in self._laws], dtype=float).reshape(-1, 5)
         self._lock = RLock()
         self._tables: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
@@ -314,6 +320,8 @@ class Automaton:
             element=self.table[:, 1].copy(),
             target=self.table[:, 2].copy(),
             partner=np.array([g.partner for g in guards]),
+            programs=self._programs,
+            tails=self._tails,
             change=stack.take("change", len(guards) if self._joined else 0),
             tolerance=self._tolerance,
             period=0.0 if self._hit else 2.0 * np.pi / self._excitation.frequency,
@@ -328,6 +336,7 @@ class Automaton:
         slots = mode.layout.slots
         kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
         coupling = restitution = drop = hold = 0.0
+        law = -1
         coupled = [False] * len(self._elements)
         rubbed = coupled
         if isinstance(element, HardStop) and watch.event == IMPACT:
@@ -335,7 +344,11 @@ class Automaton:
             seen = mode.layout.seen
             kick[:, :seen] = element.sign * mode.placed(contact.kick)[:, :seen]
             excursion = mode.placed(contact.brief)
-            coupling, restitution = contact.coupling, element.restitution
+            coupling = contact.coupling
+            if isinstance(element.restitution, ImpactLaw):
+                law = self._laws.index(element.restitution)
+            else:
+                restitution = element.restitution
             coupled = self._coupled(guard)
             rubbed = self.parts.rubbed(self.regimes[guard.mode], guard.element)
             drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
@@ -346,6 +359,7 @@ class Automaton:
         put("excursion", k, excursion)
         put("coupling", k, float(coupling))
         put("restitution", k, restitution)
+        put("law", k, law)
         put("drop", k, drop)
         put("hold", k, hold)
         put("opens", k, self.guard(guard.mode, guard.opens) if guard.opens >= 0 else -1)
@@ -380,6 +394,7 @@ _OF_GUARDS = (
     "excursion",
     "coupling",
     "restitution",
+    "law",
     "drop",
     "hold",
     "opens",

@@ -53,7 +53,9 @@ class Tables(NamedTuple):
     excursion : (guards, 2, slots) change of the state by a brief excursion of the contact
         coordinate, over its time integral
     coupling : (guards,) largest such change of a position or velocity
-    restitution : (guards,) coefficient of restitution
+    restitution : (guards,) coefficient of restitution, where that is a number
+    law : (guards,) number of the impact law; -1 where the restitution is a number
+    programs, tails : (laws, rows, 4) and (laws, 5), see `law_kernels`
     drop, hold : (guards,) by how much the gap's acceleration falls where its rate becomes negative,
         as friction turns, and which acceleration this friction can hold
     opens : (guards,) guard of a closed stop from which an impact pulls away; -1 where there is none
@@ -82,6 +84,9 @@ class Tables(NamedTuple):
     excursion: Array
     coupling: Array
     restitution: Array
+    law: Indices
+    programs: Array
+    tails: Array
     drop: Array
     hold: Array
     opens: Indices
@@ -147,13 +152,13 @@ def chatter_completes(
         return False
     change = (abs(third) + 0.5 * fourth * rest) * rest
     if drop > 0.0 or hold > 0.0:
-        change += abs(_drag(gap, kick)) * drop * rest
+        change += abs(drag(gap, kick)) * drop * rest
         if change > least + 0.5 * drop - hold:
             return False
     if change > 0.25 * (1.0 - r) * least:
         return False
     most = PLACE * tolerance
-    place = _place_error(gap, kick, u, rest, second, third)
+    place = place_error(gap, kick, u, rest, second, third)
     if drop > 0.0:
         place += 0.5 * u * u / least  # they are drawn as if friction did not turn
     return most == 0.0 or place <= most
@@ -203,7 +208,7 @@ def sign_of(guard: Ladder, states: Array, k: int, order: int, band_factor: float
 
 
 @kernel()
-def _drag(gap: Ladder, kick: Array) -> float:
+def drag(gap: Ladder, kick: Array) -> float:
     """What a unit of velocity adds to the contact acceleration."""
     rows = gap.rows
     c = 0.0
@@ -213,7 +218,7 @@ def _drag(gap: Ladder, kick: Array) -> float:
 
 
 @kernel()
-def _place_error(
+def place_error(
     gap: Ladder, kick: Array, u: float, rest: float, second: float, third: float
 ) -> float:
     """Bound of the gap's error, to leading order, where the bounces are drawn as parabolas.
@@ -221,21 +226,21 @@ def _place_error(
     In flight D'' = -a - b s - c D'; b/a and c shift the bounces by up to a twelfth and a twentieth
     of themselves times T^2, T their duration, at any restitution. `rest` is 2T.
     """
-    c = _drag(gap, kick)
+    c = drag(gap, kick)
     return 0.025 * u * rest * rest * (abs(c + third / second) + abs(c))
 
 
 @kernel()
-def chatter_rest(
-    gap: Ladder, kick: Array, restitution: float, drop: float, u: float, second: float, third: float
-) -> float:
-    """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`.
+def bounce_terms(
+    gap: Ladder, kick: Array, drop: float, u: float, second: float, third: float
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Of bounces from relative velocity `u` on their terms to second order; s, a and b.
 
     In flight the gap obeys D'' = -a - b t - c D' where it rises, and where it falls with s^2 a in
-    place of a. A bounce takes (1 + 1/s)/a u + p u^2 + q u t, and the next one begins with r s u (1
-    + v u + w t); sums over all of them.
+    place of a. A bounce that leaves at u, t after the first one, takes (1 + 1/s)/a u + p u^2 + q u
+    t, and arrives at s u (1 + v u + w t).
     """
-    c = _drag(gap, kick)
+    c = drag(gap, kick)
     a = -second - c * u
     b = c * a - third
     s = math.sqrt(1.0 - drop / a)
@@ -246,6 +251,15 @@ def chatter_rest(
     q = -b * (1.0 + 0.5 / s**3 + 0.5 / s)
     v = (b * (1.0 / (3.0 * s * s) + 0.5 / s - s / 6.0) - c * (1.0 + s) / 3.0) / s
     w = 0.5 * a * b * (1.0 / s - s) / s
+    return once, p, q, v, w, s, a, b * a * a
+
+
+@kernel()
+def chatter_rest(
+    gap: Ladder, kick: Array, restitution: float, drop: float, u: float, second: float, third: float
+) -> float:
+    """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`."""
+    once, p, q, v, w, s, _, _ = bounce_terms(gap, kick, drop, u, second, third)
     r = restitution * s
     more = p + r / (1.0 - r) * once * (v + q) + w * (once * r / (1.0 - r)) ** 2
     return once * u / (1.0 - r) + u * u * more / (1.0 - r * r)

@@ -13,7 +13,6 @@ from dynkit.core.validation import (
     Array,
     finite_array,
     finite_scalar,
-    in_interval,
     index_in,
     non_negative,
     positive,
@@ -21,6 +20,7 @@ from dynkit.core.validation import (
     unmasked,
 )
 from dynkit.systems.impact.elements.element import Element, HardStop, checked_elements
+from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.modes.structure import (
     Contact,
@@ -63,7 +63,7 @@ class DrivenStructure(LagrangianStructure):
     """
 
     frequency: float
-    restitution: float = 0.85
+    restitution: float | Any = 0.85  # or an ImpactLaw
     amplitude: float = 0.1
     offset: float = 0.0
     contact: int = -1
@@ -92,7 +92,7 @@ class DrivenStructure(LagrangianStructure):
         if self.elements != ():
             self._compose()
         self._set("frequency", positive("frequency", self.frequency))
-        self._set("restitution", in_interval("restitution", self.restitution, 0, 1))
+        self._set("restitution", checked_restitution("restitution", self.restitution))
         self._set("amplitude", non_negative("amplitude", self.amplitude))
         self._set("offset", finite_scalar("offset", self.offset))
         if self.play != math.inf:
@@ -183,8 +183,13 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _own(self) -> tuple[Element, ...]:
-        """What acts besides a table of one coordinate, in phase, and its play."""
-        plain = all(isinstance(stop.coordinate, int) and not stop.phase for stop in self._stops)
+        """What acts besides a table of one coordinate, in phase, with a number, and its play."""
+        plain = all(
+            isinstance(stop.coordinate, int)
+            and not stop.phase
+            and not isinstance(stop.restitution, ImpactLaw)
+            for stop in self._stops
+        )
         return self._soft if plain and not self._several else self._elements
 
     @property

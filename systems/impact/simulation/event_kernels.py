@@ -85,12 +85,12 @@ def bounced(tables: Tables, m: int, left: Array) -> int:
 
 
 @kernel()
-def disturbs(tables: Tables, g: int, u: float, lasts: float, states: Array) -> bool:
-    """Whether bounces at guard `g`, the first one at rate `u`, may take others to a switch.
+def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) -> bool:
+    """Whether bounces at guard `g`, the sum of whose `rates` is given, may take others to a switch.
 
-    Each of their impulses changes what others watch: all of them less than 2 u/(1 - r) of it.
+    Each of their impulses changes what others watch: all of them less than twice that sum of it.
     """
-    kick, all_of_them = tables.kick[g], 2.0 * u / (1.0 - tables.restitution[g])
+    kick, all_of_them = tables.kick[g], 2.0 * rates
     least = max(tables.tolerance, SMALLEST)
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):

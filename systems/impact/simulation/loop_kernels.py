@@ -28,6 +28,7 @@ from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TO
 from dynkit.exponential.sampling_kernels import fly
 from dynkit.exponential.search_kernels import FOREVER, first_root
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
+from dynkit.systems.impact.elements.law_kernels import evaluate
 from dynkit.systems.impact.simulation.clock_kernels import (
     AMBIGUOUS,
     AT_ONCE,
@@ -89,6 +90,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     try_again,
     undecided,
 )
+from dynkit.systems.impact.simulation.law_chatter_kernels import chatter_by_law
 from dynkit.systems.impact.simulation.log_kernels import Impacts, Switches, enter, note_impact
 
 Indices = NDArray[np.intp]
@@ -105,8 +107,10 @@ Indices = NDArray[np.intp]
     MODE_WANTED,
     SWITCHES_FULL,
     RUN_PAUSED,
-) = range(10)
-"""Endings of a run; after the last three the call is repeated."""
+    LAW_BROKEN,
+) = range(11)
+"""Endings of a run; after the three before the last one the call is repeated. After the last one,
+an impact law gives no number in [0, 1] for guard WANTED, at the velocity ``waits[1]``."""
 
 SECTION = 100
 """Outcome of a search where nothing happens within the period."""
@@ -159,13 +163,14 @@ def run(
     impacts, switches
         Logs, modified in place; that of impacts has `count` rows or none.
     work, waiting, waits
-        Buffers (5 integers, 2 numbers), modified in place.
+        Buffers (5 integers, 2 numbers and the registers of impact laws), modified in place.
 
     Returns
     -------
     impacts, ending
     """
     y = work.states
+    registers = waits[2:]
     ladders = tables.ladders
     store = impacts.time.shape[0] > 0
     # Not a literal: for every one of them the search would be compiled once more.
@@ -224,28 +229,35 @@ def run(
                 u = own[SPEED]
                 second, third, fourth, _ = start_sums(gap.rows, y, START)
                 r, drop = tables.restitution[k], tables.drop[k]
-                # Largest change of a position or velocity by the rest of a chatter, at first order.
-                error = tables.coupling[k] * lifted(r, drop, u, second)
+                lost = 0.0
                 rest = 0.0
                 if u > 0.0:
                     order = 1
-                    sticks = chatter_completes(
-                        gap,
-                        tables.kick[k],
-                        r,
-                        drop,
-                        tables.hold[k],
-                        tables.tolerance,
-                        u,
-                        second,
-                        third,
-                        fourth,
-                        error,
-                    )
-                    if sticks:
-                        rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
-                        if left.shape[0] > 1 and disturbs(tables, k, u, rest, y):
-                            sticks = False
+                    rates = u
+                    if tables.law[k] < 0:
+                        lost = lifted(r, drop, u, second)
+                        sticks = chatter_completes(
+                            gap,
+                            tables.kick[k],
+                            r,
+                            drop,
+                            tables.hold[k],
+                            tables.tolerance,
+                            u,
+                            second,
+                            third,
+                            fourth,
+                            tables.coupling[k] * lost,
+                        )
+                        if sticks:
+                            rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
+                            rates = u / (1.0 - r)
+                    else:
+                        sticks, rest, lost, rates = chatter_by_law(
+                            tables, k, gap, u, second, third, fourth, registers
+                        )
+                    if sticks and left.shape[0] > 1 and disturbs(tables, k, rates, rest, y):
+                        sticks = False
                     loose = False
                 else:
                     # Friction decides only what contact leaves to it.
@@ -274,9 +286,9 @@ def run(
                 own[ORDER] = order
                 if sticks:
                     if u > 0.0:
-                        clock[CHATTER_ERROR] += error
+                        # Largest change of a position or velocity, to first order.
+                        clock[CHATTER_ERROR] += tables.coupling[k] * lost
                         if noise is not None:
-                            lost = lifted(r, drop, u, second)
                             perturb_cut(tables.excursion[k], lost, y, clock)
                             transform(tables.change[k], y, START, 0)
                     copy(y, START, LEFT)
@@ -447,6 +459,11 @@ def run(
         m = ladders.integers[best, GROUP]
         slots = tables.slots[m, : tables.counts[m]]
         r = tables.restitution[best]
+        if tables.law[best] >= 0 and rate < 0.0:
+            r = evaluate(tables.programs[tables.law[best]], -rate, registers)
+            if not 0.0 <= r <= 1.0:
+                clock[WANTED], waits[1] = best, -rate
+                return done, LAW_BROKEN
         add_jump(tables.kick[best], -(1.0 + r) * rate, y)
         normalise(y, gap.steady)
         # What friction held at a stop is pushed against it.

@@ -89,6 +89,8 @@ class Course:
         longest: float = 0.0,
     ) -> None:
         clock_kernels, kernels, _ = _kernels()
+        from dynkit.systems.impact.elements import law_kernels
+
         free = oscillator._free
         q, turn = start._coordinates, start._turn
         clock = np.zeros(clock_kernels.CLOCK)
@@ -118,7 +120,7 @@ class Course:
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
         self._clock = clock
-        self._waiting = np.zeros(5, dtype=np.int64), np.zeros(2)
+        self._waiting = np.zeros(5, dtype=np.int64), np.zeros(2 + law_kernels.REGISTERS)
         self._switches: Any = None
         self._prepare(kernels.START, free.states(q, *turn)[None])
         if noise > 0.0:
@@ -176,6 +178,12 @@ class Course:
         count, impacts = self._clock[[clock_kernels.SWITCHES, clock_kernels.IMPACTS]].astype(int)
         return bool(count > MOST_SWITCHES and before[count - MOST_SWITCHES] == impacts)
 
+    def _refuse_law(self) -> None:
+        """ValueError where the law of a stop gives no restitution in [0, 1]."""
+        guard, velocity = int(self._clock[_kernels()[0].WANTED]), float(self._waiting[1][1])
+        stop = self._oscillator._stops[self._oscillator._automaton.table[guard, 1]]
+        stop.restitution.at(velocity)
+
     def _hangs(self) -> bool:
         """Whether the last switches are at a preloaded stop, and so many in a period, too.
 
@@ -224,6 +232,8 @@ class Course:
                 self._enlarge(self._work.states.shape[2])
                 if self._hits_nothing():
                     ending = kernels.SEARCH_LIMIT
+        if ending == kernels.LAW_BROKEN:
+            self._refuse_law()
         self.impacts, self.ending = self.impacts + done, _ENDINGS[ending]
         if self.ending is Ending.SEARCH_LIMIT and self._hits_nothing() and self._hangs():
             self.ending = Ending.HANGS

@@ -9,11 +9,16 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.simulation.trajectory import Events, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+
+_HIDDEN = 2.0**-20
+"""Bounces slower than this part of the first are lower than rounding of that one."""
 
 
 def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tuple[Array, Array]:
@@ -70,12 +75,27 @@ def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
     return float(min(2.0 ** (23 + len(part.cell)) * part.smallest for part in ladders))
 
 
-def _bounces(restitution: float, speed: Array, rest: Array, since: Array) -> tuple[Array, Array]:
+def _bounces(
+    restitution: Restitution, speed: Array, rest: Array, since: Array
+) -> tuple[Array, Array]:
     """Gap and its rate in the omitted bounces of a chatter: parabolas of decreasing size."""
-    r = restitution
-    left = 1.0 - since / rest
-    bounce = np.floor(np.log(left) / np.log(r)) if r > 0.0 else np.zeros(len(left))
-    u = speed * r**bounce
-    acceleration = 2.0 * speed / (rest * (1.0 - r))
-    s = since - rest * (1.0 - r**bounce)
+    acceleration = 2.0 * speed / (rest * share(restitution, speed))
+    if isinstance(restitution, ImpactLaw):
+        u, s = _by_law(restitution, speed, acceleration, since)
+    else:
+        r = restitution
+        left = 1.0 - since / rest
+        bounce = np.floor(np.log(left) / np.log(r)) if r > 0.0 else np.zeros(len(left))
+        u = speed * r**bounce
+        s = since - rest * (1.0 - r**bounce)
     return s * (u - 0.5 * acceleration * s), u - acceleration * s
+
+
+def _by_law(law: ImpactLaw, speed: Array, acceleration: Array, since: Array) -> tuple[Array, Array]:
+    """How fast bounces leave, and how long ago; zero where they are hidden by the first one."""
+    u, s = speed.copy(), since.copy()
+    while (over := (s >= 2.0 * u / acceleration) & (u > _HIDDEN * speed)).any():
+        s[over] -= 2.0 * u[over] / acceleration[over]
+        u[over] *= law.at(u[over])
+    rests = s >= 2.0 * u / acceleration
+    return np.where(rests, 0.0, u), np.where(rests, 0.0, s)

@@ -8,6 +8,8 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing, NoDerivative
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import HardStop
+from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.runs import trajectory_of
@@ -59,11 +61,12 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     if hit:
         contact, stop = oscillator._contacts[side], oscillator._stops[side]
         before = _row(guard.sum, 2) @ derivative
+        slope = _slope(stop, float(_row(guard.sum, 2) @ y.ravel()), float(run.log.speed[-1]))
         kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
-        derivative += reset(stop.restitution, kick.ravel(), before)
+        derivative += reset(slope, kick.ravel(), before)
         far = side == 1 and oscillator._faces
         others = contact.others
-        law.append((stop.restitution if far else -stop.restitution) * before)
+        law.append((slope if far else -slope) * before)
     if guard.mode:
         derivative = free.seen_from(mode)[:, :-1] @ derivative
 
@@ -101,7 +104,7 @@ def parameter_derivative(
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if len(run.switches.guard):
         return None
-    contact, free, r = oscillator._contact, oscillator._free, oscillator.restitution
+    contact, free = oscillator._contact, oscillator._free
     side, time = run.final.element, float(run.time[0])
     gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
 
@@ -120,6 +123,7 @@ def parameter_derivative(
     later = -(_row(gap, 0) @ change - sign * place) / before
     change += later * rate
     before_by = _row(gap, 2) @ change - sign * speed
+    r = _slope(oscillator._stops[side], before, float(run.log.speed[-1]))
     law_by = before if name == "restitution" else 0.0
     kick = free.placed(sign * contact.kick[:2])
     change += reset(r, kick.ravel(), before_by)[:, 0] - law_by * kick.ravel()
@@ -131,6 +135,17 @@ def parameter_derivative(
     speed_by = -r * before_by - law_by
     phase = oscillator.frequency * later + (time if name == "frequency" else 0.0)
     return np.array([*position, *velocity, speed_by if side == 0 else -speed_by, phase])
+
+
+def _slope(stop: HardStop, rate: float, speed: float) -> float:
+    """Slope of the velocity with which a stop is left over that of the approach, at an impact."""
+    law = stop.restitution
+    if not isinstance(law, ImpactLaw):
+        return law
+    (approach,) = law.approach(np.array([-rate]), np.array([speed])).tolist()
+    if law.jumps(approach):
+        raise NoDerivative(f"the impact law jumps at the approach velocity {approach}")
+    return float(law.slope(np.array([approach]))[0])
 
 
 def _stop_by(

@@ -7,7 +7,8 @@ the impact, become, compared at one time,
 
     y - (1 + r) b (c' y + g'' s) + (1 + r) g' A b s.
 
-For an impact where the gap is zero, s = -c y / g'.
+For an impact where the gap is zero, s = -c y / g'. Where r depends on the velocity -g', the first
+r in this formula is the slope d(r g')/dg', the second one is r.
 
 References
 ----------
@@ -28,9 +29,9 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 
-def reset(restitution: float, kick: Array, by_rate: Array) -> Array:
+def reset(slope: float, kick: Array, by_rate: Array) -> Array:
     """Change of disturbances (d, k) by an impact, from the rates of the gap (k,) that they have."""
-    return -(1.0 + restitution) * np.outer(kick, by_rate)
+    return -(1.0 + slope) * np.outer(kick, by_rate)
 
 
 def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: float) -> Array:
@@ -41,15 +42,16 @@ def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: f
     return (1.0 + restitution) * (rate * pushed - bend * kick)
 
 
-def saltation(restitution: float, rates: Array, bends: Array) -> Array:
-    """Numbers p and q, (n, 2), of the saltation matrix 1 + b (p c + q c') + q A b c of impacts.
+def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
+    """Numbers p and q, (n, 2), of saltation matrices 1 + b (p c + q c') - (1 + r) A b c of impacts.
 
-    They depend on g' and g'' before the impacts, (n,). They are zero where the motion only touches,
-    g' = 0, since no derivative exists there.
+    They depend on g' and g'' before the impacts, (n,); q is -(1 + r) where r is constant. They are
+    zero where the motion only touches, g' = 0, since no derivative exists there.
     """
     found, hit = np.zeros((len(rates), 2)), rates != 0.0
-    found[hit, 0] = (1.0 + restitution) * bends[hit] / rates[hit]
-    found[hit, 1] = -(1.0 + restitution)
+    by_rate = np.broadcast_to(1.0 + slope, len(rates))[hit]
+    found[hit, 0] = by_rate * bends[hit] / rates[hit]
+    found[hit, 1] = -by_rate
     return found
 
 

@@ -43,8 +43,8 @@ def _fly(blocks: Array, step: int, frame: Array) -> None:
 
 
 @kernel(reorder=True)
-def _jump(vectors: Array, bend: float, kick: float, frame: Array) -> None:
-    """Add the effect of an impact, b (bend c + kick c') + kick A b c: see `stretch`."""
+def _jump(vectors: Array, bend: float, kick: float, push: float, frame: Array) -> None:
+    """Add the effect of an impact, b (bend c + kick c') + push A b c: see `stretch`."""
     n = frame.shape[1]
     for j in range(frame.shape[0]):
         place = 0.0
@@ -53,7 +53,7 @@ def _jump(vectors: Array, bend: float, kick: float, frame: Array) -> None:
             place += vectors[2, i] * frame[j, i]
             speed += vectors[3, i] * frame[j, i]
         by_kick = bend * place + kick * speed
-        by_rate = kick * place
+        by_rate = push * place
         for i in range(n):
             frame[j, i] += by_kick * vectors[0, i] + by_rate * vectors[1, i]
 
@@ -142,7 +142,8 @@ def stretch(
     """Follow a frame of disturbances through steps; each is a matrix, a flight and an impact.
 
     A disturbance (2N,) of the free state holds first the first numbers of all pairs, then the
-    second ones. An impact multiplies it by 1 + b (bend c + kick c') + kick A b c.
+    second ones. An impact multiplies it by 1 + b (bend c + kick c') + push A b c; push is kick
+    where r is a constant.
 
     Parameters
     ----------
@@ -153,7 +154,7 @@ def stretch(
     vectors
         (4, 2N): b, A b, c, c'.
     jumps
-        (n, 2): bend and kick.
+        (n, 3): bend, kick and push.
     lost
         (n,) number of directions that a step loses for ever.
     frame
@@ -167,7 +168,7 @@ def stretch(
         if which[step] >= 0:
             _multiply(dense[which[step]], frame, scratch)
         _fly(blocks, step, frame)
-        _jump(vectors, jumps[step, 0], jumps[step, 1], frame)
+        _jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
         _orthonormalise(frame, lost[step], logs, step)
 
 
@@ -186,4 +187,4 @@ def carry(
         if which[step] >= 0:
             _multiply(dense[which[step]], frame, scratch)
         _fly(blocks, step, frame)
-        _jump(vectors, jumps[step, 0], jumps[step, 1], frame)
+        _jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)

@@ -19,6 +19,7 @@ from dynkit.core.no_motion import NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
 from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
 from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState, on_section, section_of
@@ -160,7 +161,7 @@ def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> St
     total = int(first[-1])
     durations = np.repeat(flights / parts, parts + contact_steps)
     which = np.full(total, -1)
-    jump = np.zeros((total, 2))
+    jump = np.zeros((total, 3))
     gone = np.zeros(total, dtype=np.intp)
     jump[first[1:] - 1], gone[first[1:] - 1] = jumps, lost
     dense = _contact_matrices(oscillator, run, held / stuck_parts)
@@ -210,11 +211,14 @@ def chatter_carried(oscillator: DrivenStructure, run: Trajectory, disturbances: 
 
 
 def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
-    """Bend and kick (n, 2) of the impacts, and the number (n,) of directions that they lose."""
-    r = oscillator.restitution
+    """Bend, kick and push (n, 3) of the impacts, and the number (n,) of directions they lose."""
     rates, bends = before_impacts(oscillator, run)
     rates = np.minimum(rates, 0.0)
-    return saltation(r, rates, bends), np.where((rates < 0.0) & (r == 0.0), 1, 0)
+    r, slope = rebound(oscillator.restitution, rates)
+    numbers = saltation(slope, rates, bends)
+    pushed = np.where(rates < 0.0, -(1.0 + r), 0.0)
+    lost = np.where((rates < 0.0) & ((r == 0.0) | (slope == 0.0)), 1, 0)
+    return np.column_stack([numbers, pushed]), lost
 
 
 def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
@@ -226,7 +230,8 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
         here = np.flatnonzero(log.guard == number)
         (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
         stop = oscillator._stops[element]
-        r = stop.restitution
+        law = isinstance(stop.restitution, ImpactLaw)
+        r = 0.0 if law else stop.restitution
         if r > 0.0:
             rates[here] = -log.speed[here] / r
         rows = np.zeros((2, 2, mode.layout.slots))
@@ -241,7 +246,9 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
             lasts, which = log.time[here] - parts.begin[last[here]], np.arange(len(here))
             ends = mode.after(parts.of(mode, last[here]), which, lasts)
             before, bends[here] = np.einsum("mij,kij->mk", rows, ends)
-            if r == 0.0:
+            if law:
+                rates[here] = -stop.restitution.approach(-before, log.speed[here])
+            elif r == 0.0:
                 rates[here] = before
     return rates, bends
 

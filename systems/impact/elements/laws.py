@@ -1,0 +1,303 @@
+"""Impact laws: the coefficient of restitution as a function of the approach velocity."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias, final
+
+import numpy as np
+
+from dynkit.core.validation import Array, finite_scalar, in_interval, non_negative
+
+JUMP = 2.0**-40
+"""Where a law changes within this part of a velocity by more than its slope says, it jumps."""
+
+_SLOW = 1e-300
+"""A velocity at which a law has reached its limit for slow impacts."""
+
+
+@dataclass(frozen=True)
+class ImpactLaw(ABC):
+    """Restitution r(u) that depends on the velocity u > 0 with which a stop is approached.
+
+    A subclass is a frozen dataclass, whose fields are numbers, and must implement `expression`, and
+    nothing else. Everything that follows from it is derived: the reset of an impact, the slope
+    d(r u)/du of disturbances, and the end of chatter. It may override `tail`.
+
+    Its fields are parameters of the machine, such as ``"table.restitution.velocity"``. Another
+    number, or another law, compiles nothing.
+
+    Raises
+    ------
+    ValueError
+        When a field is no finite number. When a motion has an impact for which r(u) is not in
+        [0, 1], at that impact.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from dynkit.systems import ImpactChain, ImpactLaw
+    >>> @dataclass(frozen=True)
+    ... class Softening(ImpactLaw):
+    ...     largest: float = 0.9
+    ...     velocity: float = 0.5
+    ...     def expression(self, velocity):
+    ...         return self.largest / (1 + velocity / self.velocity)
+    >>> law = Softening()
+    >>> law.at([0.0, 0.5])
+    array([0.9 , 0.45])
+    >>> chain = ImpactChain(frequency=0.87, restitution=law)
+    >>> chain.replace(**{"restitution.velocity": 2.0}).attractor().label
+    <P(1,3): 1 impact in 3 periods>
+    """
+
+    def __post_init__(self) -> None:
+        for name in self.numbers:
+            object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
+
+    @abstractmethod
+    def expression(self, velocity: Any) -> Any:
+        """R as a SymPy expression of the approach velocity, a positive symbol.
+
+        Of sums, products, powers, exp, log, sin, cos, tanh, atan, Abs, Min, Max and Piecewise.
+        """
+
+    @property
+    def tail(self) -> tuple[float, float, float, float, float]:
+        """How slow impacts rebound: (r(0+), C, p, E, q).
+
+        Where r(0+) = 1 the law is 1 - C u^p + E u^q + ..., p < q, and its chatter ends for p < 1.
+        C is zero where that is not known: then no chatter is cut, and all of its bounces are
+        followed.
+        """
+        from dynkit.systems.impact.elements.law_programs import tail_of
+
+        slowest = float(self._values(np.array([_SLOW]))[0])
+        return tail_of(self._given, self._velocity) if slowest == 1.0 else (slowest, 0, 0, 0, 0)
+
+    @final
+    @property
+    def numbers(self) -> Mapping[str, float]:
+        """Its parameters."""
+        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
+
+    @final
+    def at(self, velocities: object) -> Array:
+        """Restitution at approach velocities, an array of any shape.
+
+        Raises
+        ------
+        ValueError
+            Where it is not in [0, 1].
+        """
+        asked = np.asarray(velocities, dtype=float)
+        found = self._values(asked)
+        for u, r in zip(asked.ravel().tolist(), found.ravel().tolist(), strict=True):
+            self.refuse(r, u)
+        return found
+
+    @final
+    def refuse(self, restitution: float, velocity: float) -> None:
+        """ValueError unless the restitution at a velocity is in [0, 1]."""
+        if not 0.0 <= restitution <= 1.0:
+            raise ValueError(
+                f"restitution must lie in [0, 1]; got {restitution} by {self!r} at the approach "
+                f"velocity {velocity}"
+            )
+
+    @final
+    def slope(self, velocities: Array) -> Array:
+        """Derivative of the rebound velocity r(u) u at approach velocities."""
+        return _evaluated(self._slope_program, velocities)
+
+    @final
+    def approach(self, velocities: Array, rebounds: Array) -> Array:
+        """Approach velocities to more digits, from how fast what they lead to leaves, (n,).
+
+        Of two small numbers of which the difference is rounding, that one has all of its digits.
+        """
+        u: Array = np.maximum(velocities, np.finfo(float).tiny)
+        slope = self.slope(u)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = (rebounds - self._values(u) * u) / slope
+        return np.where(abs(change) < 1e-3 * u, u + change, u)
+
+    @final
+    def jumps(self, velocity: float) -> bool:
+        """Whether the law jumps at a velocity, but for rounding."""
+        around = velocity * np.array([1.0 - JUMP, 1.0 + JUMP])
+        below, above = self._values(around) * around
+        change = above - below - float(self.slope(np.array([velocity]))[0]) * np.diff(around)[0]
+        return bool(not abs(change) <= 0.5 * JUMP**0.5 * velocity)
+
+    @final
+    def bounces(self, velocities: Array) -> Array:
+        """Sum of the velocities of all bounces from these on, over these; infinite without end."""
+        from dynkit.systems.impact.elements.law_kernels import REGISTERS, sum_all
+
+        found = np.empty(velocities.shape)
+        tail = np.array(self.tail, dtype=float)
+        sum_all(self.program, tail, velocities.ravel(), np.empty(REGISTERS), found.reshape(-1))
+        return found
+
+    @final
+    @cached_property
+    def program(self) -> Array:
+        """What kernels evaluate, see `law_kernels`."""
+        from dynkit.systems.impact.elements.law_programs import program_of
+
+        return program_of(self._given, self._velocity)
+
+    @cached_property
+    def _slope_program(self) -> Array:
+        from dynkit.systems.impact.elements.law_programs import program_of
+
+        return program_of((self._velocity * self._given).diff(self._velocity), self._velocity)
+
+    @cached_property
+    def _velocity(self) -> Any:
+        from sympy import Symbol
+
+        return Symbol("u", positive=True)
+
+    @cached_property
+    def _given(self) -> Any:
+        from dynkit.systems.impact.elements.law_programs import checked
+
+        return checked(self.expression(self._velocity), self._velocity)
+
+    def _values(self, velocities: Array) -> Array:
+        return _evaluated(self.program, velocities)
+
+    def __getstate__(self) -> dict[str, object]:
+        return dict(self.numbers)
+
+
+Restitution: TypeAlias = float | ImpactLaw
+
+
+@final
+@dataclass(frozen=True)
+class PlasticBelow(ImpactLaw):
+    """No rebound below a velocity, and a constant restitution from it on.
+
+    Slow impacts come to rest at once. The law jumps: of an impact at just this velocity, but for
+    rounding, the outcome is open, its `error` is large and derivatives are refused.
+
+    Parameters
+    ----------
+    velocity : float
+        Below which nothing rebounds, not negative.
+    rebound : float
+        Coefficient of restitution in [0, 1] of faster impacts.
+
+    Examples
+    --------
+    >>> from dynkit.systems import ImpactChain, PlasticBelow
+    >>> chain = ImpactChain(frequency=0.4, restitution=PlasticBelow(0.05, rebound=0.85))
+    >>> chain.simulate(impacts=100).events
+    <Events: 100 impacts, 6 contacts, 6 releases>
+    """
+
+    velocity: float
+    rebound: float = 0.85
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "velocity", non_negative("velocity", self.velocity))
+        object.__setattr__(self, "rebound", in_interval("rebound", self.rebound, 0, 1))
+
+    def expression(self, velocity: Any) -> Any:
+        from sympy import Float, Integer, Piecewise
+
+        return Piecewise((Integer(0), velocity < self.velocity), (Float(self.rebound), True))
+
+
+@final
+@dataclass(frozen=True)
+class ViscoelasticSpheres(ImpactLaw):
+    """Restitution max(0, 1 - C u^(1/5) + C_2 u^(2/5)) of viscoelastic spheres.
+
+    Slow impacts are elastic, r(0+) = 1, and yet chatter ends: at a contact acceleration a, after
+    about (5/2) u^(4/5) / (a C). The series holds for small C u^(1/5): where it is negative, as its
+    first term is by itself for fast impacts, these are plastic.
+
+    Parameters
+    ----------
+    dissipation : float
+        C, not negative.
+    second : float
+        C_2, not negative; of spheres it is 3/5 C^2.
+
+    References
+    ----------
+    T. Schwager, T. Poeschel, Coefficient of normal restitution of viscous particles and cooling
+    rate of granular gases, Physical Review E 57 (1998) 650-654. R. Ramirez, T. Poeschel, N. V.
+    Brilliantov, T. Schwager, Coefficient of restitution of colliding viscoelastic spheres, Physical
+    Review E 60 (1999) 4465-4472.
+
+    Examples
+    --------
+    >>> from dynkit.systems import BouncingBall, ViscoelasticSpheres
+    >>> ball = BouncingBall(frequency=3.0, restitution=ViscoelasticSpheres(0.3), amplitude=0.0)
+    >>> ball.simulate(impacts=1000).ending.value
+    'the mass stays on the table for ever'
+    """
+
+    dissipation: float
+    second: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in self.numbers.items():
+            object.__setattr__(self, name, non_negative(name, value))
+
+    def expression(self, velocity: Any) -> Any:
+        from sympy import Max, Rational
+
+        root = velocity ** Rational(1, 5)
+        return Max(0, 1 - self.dissipation * root + self.second * root**2)
+
+    @property
+    def tail(self) -> tuple[float, float, float, float, float]:
+        return 1.0, self.dissipation, 0.2, self.second, 0.4
+
+
+def checked_restitution(name: str, given: Any) -> Restitution:
+    """A coefficient in [0, 1], or a law; ValueError for what is none."""
+    if isinstance(given, ImpactLaw):
+        return given
+    return in_interval(name, given, 0, 1)
+
+
+def law_text(restitution: Restitution) -> str:
+    """What a law depends on, for stores; empty for a number."""
+    if not isinstance(restitution, ImpactLaw):
+        return ""
+    return f"{restitution!r}: {restitution._given}"
+
+
+def rebound(restitution: Restitution, rates: Array) -> tuple[Any, Any]:
+    """Restitution, and slope of the rebound velocity, at rates (n,) of the gap before impacts."""
+    if not isinstance(restitution, ImpactLaw):
+        return restitution, restitution
+    approach = np.maximum(-rates, np.finfo(float).tiny)
+    return restitution.at(approach), restitution.slope(approach)
+
+
+def share(restitution: Restitution, speeds: Array) -> Any:
+    """Speeds (n,) of bounces over the sum of the speeds of all bounces from these on."""
+    if isinstance(restitution, ImpactLaw):
+        return 1.0 / restitution.bounces(speeds)
+    return 1.0 - restitution
+
+
+def _evaluated(program: Array, velocities: Array) -> Array:
+    from dynkit.systems.impact.elements.law_kernels import REGISTERS, evaluate_all
+
+    found = np.empty(velocities.shape)
+    asked = np.ascontiguousarray(velocities, dtype=float).reshape(-1)
+    evaluate_all(program, asked, np.zeros(REGISTERS), found.reshape(-1))
+    return found
