@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements import Element, EventKind, Regime
+from dynkit.systems.impact.elements import EventKind, Regime
 from dynkit.systems.impact.event_counts import element_names
 from dynkit.systems.impact.mode import Mode
 from dynkit.systems.impact.second_moments import MOST_NODES, intervals, nodes_needed, quadrature
@@ -95,9 +95,10 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
         energies.append(0.5 * float(v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]))
         # Springs of elements may be pressed as the motion begins, and as it ends.
         regimes = parts.now(run.regimes[int(s.mode[i])])
-        for name, element, regime in zip(names, system._elements, regimes, strict=True):
-            gap = float(_gap(system, mode, element, s.of(mode, [i]))[0][0])
-            sums.dissipated[name] += sign * 0.5 * regime.stiffness * gap**2
+        for k, (name, regime) in enumerate(zip(names, regimes, strict=True)):
+            spring = system._elements[k].spring or regime.stiffness
+            gap = float(_gap(system, mode, k, s.of(mode, [i]))[0][0])
+            sums.dissipated[name] += sign * 0.5 * spring * gap**2
     change = energies[1] - energies[0]
     rounding = 2.0**-50 * (sums.size + sum(energies))
     missed = abs(change - sum(sums.work.values()))
@@ -106,14 +107,21 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
 
 
 def _gap(
-    system: ImpactMap, mode: Mode, element: Element, states: Array
+    system: ImpactMap, mode: Mode, number: int, states: Array
 ) -> tuple[Array, Array, Array]:
-    """Of states gaps, their rates, and how fast the element itself moves, towards its side."""
+    """Of states gaps, their rates, and how fast the element itself moves, towards its side.
+
+    With a slider, by how much it is behind in place of the gap.
+    """
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
+    element, slider = system._elements[number], system._automaton.sliders.get(number)
     row, sign = element.row(x.shape[1]), element.sign
     own = element.swing_rate(system.frequency, sine, cosine) + element.drift
-    gap = x @ row - element.offset - element.swing(sine, cosine)
+    place = element.offset + element.swing(sine, cosine)
+    if slider is not None:
+        place = mode.sliders(states)[:, slider - mode.bodies]
+    gap = x @ row - place
     return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
 
 
@@ -130,14 +138,15 @@ def _flights(
     _, sine, cosine = mode.parts(states)
     drive, c = system._drive, system.damping_matrix
     applied = np.outer(sine, drive.harmonic.real) + np.outer(cosine, drive.harmonic.imag)
-    applied = applied + drive.constant
+    applied = (applied + drive.constant)[:, : mode.bodies]
     sums.add("forces", weights * (applied * v).sum(axis=1))
     lost = weights * ((v @ c) * v).sum(axis=1)
     sums.add("damping", -lost, lost)
     left = _accelerations(mode, states) @ system.mass + v @ c + x @ system.stiffness - applied
     held = []
-    for element, (name, regime) in zip(system._elements, regimes.items(), strict=True):
-        gap, rate, own = _gap(system, mode, element, states)
+    for k, (name, regime) in enumerate(regimes.items()):
+        gap, rate, own = _gap(system, mode, k, states)
+        element = system._elements[k]
         row = element.sign * element.row(x.shape[1])
         if regime.holds or regime.sticks:
             held.append((name, row, own))

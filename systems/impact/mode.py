@@ -30,6 +30,8 @@ class Mode:
     layout : Layout
     propagators : Propagators
         The steps of all slots.
+    bodies : int
+        How many coordinates there are before those of sliders.
     """
 
     def __init__(
@@ -43,6 +45,30 @@ class Mode:
         self.forced = forced
         self.layout, self.propagators = forced.arranged(~seen, turns=drive.turns)
         self._known: dict[bytes, tuple[Any, Any, Array]] = {}
+        self.bodies = len(forced.rest)
+        self._anchors, self._drifts = np.zeros(0, dtype=np.intp), np.zeros(0)
+
+    def anchor(self, stuck: int, drifts: Array, bodies: int) -> None:
+        """Know the sliders that stick: the first of the last coordinates, and their velocities.
+
+        All coordinates beyond the bodies are sliders.
+        """
+        count = len(self.layout.modes)
+        self._anchors = np.arange(count - stuck, count - stuck + len(drifts))
+        self._drifts, self.bodies = drifts, bodies
+
+    def coordinates(self, x: Array, v: Array, sine: Any, cosine: Any) -> Array:
+        """Coordinates (..., 2, m) of positions and velocities (..., N); sliders that stick do."""
+        forced = self.forced
+        return self.steady(forced.coordinates(x - forced.rest, v - forced.drift, sine, cosine))
+
+    def steady(self, q: Array, part: float = 1.0) -> Array:
+        """Coordinates (..., 2, m), modified in place: sliders that stick do, as their surfaces move.
+
+        Or by this part of that.
+        """
+        q[..., 1, self._anchors] = part * self._drifts
+        return q
 
     @property
     def pairs(self) -> Pairs:
@@ -135,6 +161,9 @@ class Mode:
         if a.table >= 0:
             out[:, a.table], out[:, a.slots + a.table] = driven[:2].reshape(2, -1)
         out[:, -1] = driven[2].ravel()
+        anchors = b.slots + b.modes[self._anchors]
+        out[anchors] = 0.0
+        out[anchors, -1] = self._drifts
         return out
 
     def _modes_from(self, one: Mode, stop: Element | None) -> Array:
@@ -162,7 +191,12 @@ class Mode:
     def motion(self, states: Array) -> tuple[Array, Array]:
         """Positions and velocities (k, N) of states (k, 2, slots)."""
         q, sine, cosine = self.parts(states)
-        return self.forced.positions(q, sine, cosine), self.forced.velocities(q, sine, cosine)
+        x, v = self.forced.positions(q, sine, cosine), self.forced.velocities(q, sine, cosine)
+        return x[..., : self.bodies], v[..., : self.bodies]
+
+    def sliders(self, states: Array) -> Array:
+        """Places (k, J) of the sliders in states (k, 2, slots)."""
+        return self.forced.positions(*self.parts(states))[..., self.bodies :]
 
     def after(self, starts: Array, which: Any, durations: Array) -> Array:
         """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""

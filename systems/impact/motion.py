@@ -32,7 +32,7 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
             given = parts.speed[some], parts.rest[some], since[here]
             lift, rise = _bounces(stop.restitution, *given)
             for mode, now in run.modes(parts.mode[some - 1]):
-                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)
+                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)[: x.shape[1]]
                 x[here[now]] += np.outer(lift[now], kick)
                 v[here[now]] += np.outer(rise[now], kick)
     return x, v

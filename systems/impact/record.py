@@ -16,6 +16,7 @@ from dynkit.core.reprs import Facts, largest, told
 from dynkit.core.validation import Array, finite_array, one_of, positive_integer
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
+from dynkit.systems.impact.bases import row_by_row
 from dynkit.systems.impact.motion import events_of, longest_sample, sample_run
 from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import SHEET, ImpactState, phases, put_on
@@ -168,16 +169,21 @@ class ImpactRecord(Result):
     @cached_property
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
-        return self._motion[0]
+        return self._motion[0][:, : self.system.degrees_of_freedom]
+
+    @property
+    def sliders(self) -> Array:
+        """Places (n, J) of the sliders of `Jenkins` elements at the impacts."""
+        return self._motion[0][:, self.system.degrees_of_freedom :]
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
-        return self._motion[1]
+        return self._motion[1][:, : self.system.degrees_of_freedom]
 
     @cached_property
     def _motion(self) -> tuple[Array, Array]:
-        """Positions and velocities (n, N), on the stops that are touched.
+        """Positions and velocities (n, N + J), on the stops that are touched.
 
         Their coordinates may be differences of numbers that are much larger.
         """
@@ -196,6 +202,10 @@ class ImpactRecord(Result):
     def energy(self) -> Array:
         """Kinetic plus elastic energy (n,) of the structure just after the impacts."""
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
+        if system._sliders:
+            x, v = self.position, self.velocity
+            momentum, force = row_by_row(v, system.mass), row_by_row(x, system.stiffness)
+            return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
         for low in range(0, len(self), size):
             now = slice(low, low + size)
             q, sine, cosine = (part[now] for part in self._run.coordinates)
@@ -217,13 +227,14 @@ class ImpactRecord(Result):
     def _without_phase(self) -> Array:
         """Section coordinates (n, 2N - 1) without the phase, or all where that does not change."""
         if self.system._strobed:
-            return np.concatenate([self.position, self.velocity], axis=1)
-        others = np.array([contact.others for contact in self.system._contacts])
+            return np.concatenate([self.position, self.velocity, self.sliders], axis=1)
+        others = np.array(self.system._others)
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
         else:
             kept = np.arange(len(self))[:, None], others[self._run.element]
-        parts = [self.position[kept], self.velocity[kept], self.relative_velocity[:, None]]
+        parts = [self.position[kept], self.velocity[kept], self.sliders]
+        parts.append(self.relative_velocity[:, None])
         return np.concatenate(parts, axis=1)
 
     @cached_property

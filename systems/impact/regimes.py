@@ -45,7 +45,8 @@ class Parts:
         """Regimes that go together.
 
         Friction along what stops hold rests: how they share the force is open, and it takes none.
-        Where they let go it sticks, and what then does not move lies at the stop.
+        Where they let go it sticks, and what then does not move lies at the stop. Sliders stick
+        where what they follow does not move over their surfaces.
         """
         regimes = list(given)
         held = self.grips(regimes)[0]
@@ -57,6 +58,9 @@ class Parts:
         both = sum(self.grips(regimes), ())
         for k, lies in enumerate(self.lain(regimes)):
             if lies and not self.along(both, k):
+                regimes[k] = 0
+        for k, element in enumerate(self._elements):
+            if element.slider and self.along(both, k):
                 regimes[k] = 0
         return tuple(regimes)
 
