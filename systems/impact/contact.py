@@ -97,8 +97,9 @@ def mode_of(
         for row in _grip(s, [*held, *sticking]).weights:
             pulls += [row @ part for part in (s.stiffness, s.damping, s.mass)]
     mode = _mode(inner, forced, drive, [*pulls, *watched], hit)
-    drifts = [slider.element.drift for slider in anchored]
-    mode.anchor(len(anchored) + len(sticking), np.array(drifts), s.size - s.sliders)
+    drifts = np.array([slider.element.drift for slider in anchored])
+    places = [slider.place for slider in anchored]
+    mode.anchor(len(anchored) + len(sticking), places, drifts, s.size - s.sliders)
     return mode
 
 

@@ -180,8 +180,8 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         contact.put(x, place)
         contact.put(v, moving)
         by_sine[-1], by_cosine[-1] = cosine, -sine
-    q = free.forced.coordinates(x, v, by_sine, by_cosine)
-    out = free.states(free.steady(q, 0.0), by_sine, by_cosine)
+    q = free.coordinates(x, v, by_sine, by_cosine, np.zeros(d))
+    out = free.states(q, by_sine, by_cosine)
     if free.layout.constant >= 0:
         out[:, 0, free.layout.constant] = 0.0
     return np.asarray(out.reshape(d, -1).T)
