@@ -38,6 +38,18 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
     return x, v
 
 
+def sample_sliders(oscillator: DrivenStructure, run: Trajectory, times: Array) -> Array:
+    """Places (k, J) of sliders at times (k,) within a run."""
+    parts = run.segments
+    which = np.searchsorted(parts.begin, times, side="right") - 1
+    out = np.empty((len(times), len(oscillator._sliders)))
+    for mode, here in run.modes(parts.mode[which]):
+        some, place = np.unique(which[here], return_inverse=True)
+        since = (times - parts.begin[which])[here]
+        out[here] = mode.sliders(mode.after(parts.of(mode, some), place, since))
+    return out
+
+
 def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
     """Impacts, contacts, releases and other switches of a run; none that its start is in."""
     parts = run.segments

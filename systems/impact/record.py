@@ -17,7 +17,7 @@ from dynkit.core.validation import Array, finite_array, one_of, positive_integer
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.bases import row_by_row
-from dynkit.systems.impact.motion import events_of, longest_sample, sample_run
+from dynkit.systems.impact.motion import events_of, longest_sample, sample_run, sample_sliders
 from dynkit.systems.impact.runs import MOST_CELLS, Course
 from dynkit.systems.impact.state import SHEET, ImpactState, phases, put_on
 from dynkit.systems.impact.trajectory import Ending, Events, Trajectory
@@ -353,6 +353,27 @@ class ImpactRecord(Result):
         ValueError
             When a time is not finite, negative, or beyond what was simulated.
         """
+        return sample_run(self.system, self._run, self._asked(times))
+
+    def sample_sliders(self, times: object) -> Array:
+        """Places of the sliders of `Jenkins` elements at given times, (k, J), as `sample`.
+
+        Examples
+        --------
+        A force, for a hysteresis loop:
+
+        >>> from dynkit.systems import ImpactChain, Jenkins
+        >>> joint = Jenkins(0, stiffness=2.0, force=0.3)
+        >>> record = ImpactChain(masses=1, frequency=0.8, elements=[joint]).simulate(impacts=3)
+        >>> times = [0.0, 5.0, 10.0]
+        >>> stretch = record.sample(times)[0] @ joint.row(1) - record.sample_sliders(times)[:, 0]
+        >>> bool((abs(joint.stiffness * stretch) <= joint.force + 1e-12).all())
+        True
+        """
+        return sample_sliders(self.system, self._run, self._asked(times))
+
+    def _asked(self, times: object) -> Array:
+        """Times (k,) that were simulated."""
         asked = finite_array("times", times, (None,))
         last = longest_sample(self.system, self._run)
         if self.ending is Ending.COUNT_REACHED:
@@ -361,7 +382,7 @@ class ImpactRecord(Result):
             last = self._run.duration
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
-        return sample_run(self.system, self._run, asked)
+        return asked
 
     def plot(self, ax: Axes | None = None, element: str | None = None) -> Axes:
         """Draw what an element acts along against time, its stops dashed, its impacts as dots.

@@ -46,13 +46,14 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
         return shape
     near = oscillator._stops[0]
     contact, play = oscillator._contact, oscillator.play
-    place = float(contact.row @ shape)
+    row = contact.row[: len(shape)]
+    place = float(row @ shape)
     x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
     turn = math.sin(angle), math.cos(angle)
     if oscillator._several:
         return np.asarray(_between(oscillator, x, turn)[0])
     table = float(near.swing(*turn) + near.offset)
-    gap = near.sign * (float(contact.row @ x) - table)
+    gap = near.sign * (float(row @ x) - table)
     # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
     rate = -near.sign * near.swing_rate(oscillator.frequency, *turn)
     rounding = _rounding(place, oscillator.amplitude, near.offset)
@@ -62,8 +63,9 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     lifted = table + near.sign * min(1.0, 0.5 * play)
     if abs(place) > _NODE * float(abs(shape).max()):
         return shape * (lifted / place)
+    x = beside(oscillator, x)
     contact.put(x, lifted)
-    return x
+    return x[: len(shape)]
 
 
 def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:
