@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import RLock
 from typing import Any, NamedTuple, final
 
@@ -232,7 +233,7 @@ class Automaton:
                 )
             if isinstance(self._elements[k], HardStop) and riding[k] is False:
                 riding[k] = self.parts.along(both, k) or False  # what does not move reaches no stop
-        moving = [k for k in places if not riding[k]]
+        moving = [k for k in places if not riding[k] and not self.parts.follows(k)]
         watched = [self._elements[k].row(structure.size) for k in moving]
         watched += [np.eye(structure.size)[slider.place] for slider in sliders]
         hit = [
@@ -245,7 +246,7 @@ class Automaton:
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             if k in both:
-                for watch in regime.guards:
+                for watch in map(partial(self._shared, k), regime.guards):
                     force = force_of(mode, structure, drive, [*held, *sticking], element, watch)
                     self.guards.append(Guard(number, k, watch, force))
             elif k in moving:
@@ -257,6 +258,13 @@ class Automaton:
                     elif watch.event == IMPACT:
                         guard.opens, guard.ambiguous = self._pushed(regimes, element)
                     self.guards.append(guard)
+
+    def _shared(self, element: int, watch: Watch) -> Watch:
+        """What is watched of a force, of friction that sticks together of the sum."""
+        if len(self.parts.led(element)) < 2:
+            return watch
+        force, static = self.parts.most(element)
+        return replace(watch, level=static, order=2 if force == static else 1)
 
     def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
         """What sticks, or the closed stop, that an impact moves; whether it pushes against one."""
