@@ -14,8 +14,7 @@ from .impact.elements import (
     Watch as Watch,
 )
 from .impact.friction import DryFriction as DryFriction
-from .impact.jenkins import Jenkins as Jenkins
-from .impact.jenkins import iwan as iwan
+from .impact.jenkins import Jenkins as Jenkins, iwan as iwan
 from .impact.matrices import MatrixOscillator as MatrixOscillator
 from .impact.orbits.orbit import ImpactOrbit as ImpactOrbit
 from .impact.oscillator import ImpactOscillator as ImpactOscillator

@@ -16,6 +16,7 @@ from dynkit.core.validation import finite_array, finite_scalar, one_of
 from dynkit.systems.impact.chain import ImpactChain
 from dynkit.systems.impact.elements import Element, HardStop, SoftStop
 from dynkit.systems.impact.friction import DryFriction
+from dynkit.systems.impact.jenkins import Jenkins
 from dynkit.systems.impact.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 # More values than this were not meant.
 _MOST_VALUES = 1_000_000
 _NUMBERS = "X1,X2,..."
-_ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction)}
+_ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction, Jenkins)}
 _RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 
 

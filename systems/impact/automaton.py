@@ -241,7 +241,7 @@ class Automaton:
             for k in moving
             if isinstance(self._elements[k], HardStop) and riding[k] is False
         ]
-        mode = mode_of(structure, drive, held, sticking, sliders, watched, hit)
+        mode = mode_of(structure, drive, held, sticking, watched, hit, sliders)
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):

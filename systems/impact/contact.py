@@ -28,9 +28,9 @@ def mode_of(
     drive: Drive,
     held: Sequence[Element],
     sticking: Sequence[Element],
-    sliders: Sequence[Slider],
     watched: Sequence[Array],
     hit: Sequence[Array],
+    sliders: Sequence[Slider] = (),
 ) -> Mode:
     """The mode in which elements hold what they act along, or its rate.
 
@@ -66,8 +66,8 @@ def mode_of(
         if loose:
             rows = rows[:, ~away]
         assert inner is not None
-        still = [slider.element.drift == 0.0 for slider in anchored]
-        inner = stuck(inner, rows, np.array(still + [False] * len(sticking)))
+        rests = [slider.element.drift == 0.0 for slider in anchored]
+        inner = stuck(inner, rows, np.array(rests + [False] * len(sticking)))
     harmonic, constant = drive.harmonic, drive.constant
     for p in np.flatnonzero(shape).tolist():
         dynamic = s.stiffness[:, p] + 1j * w * s.damping[:, p] - w * w * s.mass[:, p]

@@ -106,9 +106,7 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
     return EnergyBalance(change, sums.work, sums.dissipated, max(missed, rounding), cost)
 
 
-def _gap(
-    system: ImpactMap, mode: Mode, number: int, states: Array
-) -> tuple[Array, Array, Array]:
+def _gap(system: ImpactMap, mode: Mode, number: int, states: Array) -> tuple[Array, Array, Array]:
     """Of states gaps, their rates, and how fast the element itself moves, towards its side.
 
     With a slider, by how much it is behind in place of the gap.

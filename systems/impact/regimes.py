@@ -30,9 +30,7 @@ class Parts:
         self._regimes = [element.regimes for element in elements]
         self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
         rubs = [k for k, element in enumerate(elements) if isinstance(element, DryFriction)]
-        self._leads = {
-            k: next((j for j in rubs if j < k and self.along((j,), k)), k) for k in rubs
-        }
+        self._leads = {k: next((j for j in rubs if j < k and self.along((j,), k)), k) for k in rubs}
         for k, element in enumerate(elements):
             row = element.row(structure.size)
             for name in ("stiffness", "damping"):

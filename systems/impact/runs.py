@@ -103,10 +103,9 @@ class Course:
         if noise > 0.0:
             random, n = np.random.default_rng(seed), oscillator._size
             # What turning positions into coordinates rounds: half of the disturbance.
-            x, v = (
-                0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * start._place
-            )
+            x, v = 0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * start._place
             q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
+            assert free.forced.basis is not None
             q = free.steady(q + free.forced.basis.coordinates(x, v))
             turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
             self._left[start.element, 2] *= 1.0 + noise * random.uniform(-1.0, 1.0)

@@ -288,9 +288,8 @@ def touched(
     stands = zip(oscillator._stops, oscillator._contacts, strict=True)
     for k, (stop, contact) in enumerate(stands):
         row = contact.row[: len(v)]
-        gap, rate = (
-            stop.sign * (float(row @ part) - told) for part, told in ((x, places[k]), (v, speeds[k]))
-        )
+        pairs = (x, places[k]), (v, speeds[k])
+        gap, rate = (stop.sign * (float(row @ part) - told) for part, told in pairs)
         near, slow = (
             _TOUCHED * (float(abs(row) @ abs(part)) + size)
             for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))

@@ -75,9 +75,10 @@ class Structure:
         key = places.tobytes()
         if key not in self._without:
             left = int((places >= self.size - self.sliders).sum())
-            some = len(places) < self.size
-            given = self._given.without(places) if some else None
-            self._without[key] = given and Structure(given, self.sliders - left)
+            self._without[key] = None
+            if len(places) < self.size:
+                given = self._given.without(places)
+                self._without[key] = Structure(given, self.sliders - left)
         return self._without[key]
 
     def with_basis(self, basis: Basis) -> Structure:

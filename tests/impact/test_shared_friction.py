@@ -32,6 +32,7 @@ def test_two_along_one_row_are_one_with_their_forces() -> None:
     works = [record.energy_balance().dissipated for record in records]
     assert works[0]["belt"] + works[0]["lever"] == pytest.approx(works[1]["elements[0]"], rel=1e-11)
     counts = two.attractor(transient=100).label.counts
+    assert counts is not None
     assert counts["belt.sticks"] == counts["lever.sticks"]
 
 
@@ -74,7 +75,10 @@ def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
     n = int(random.integers(1, 4))
     row: Any = int(random.integers(0, n)) if n < 2 or random.random() < 0.5 else (0, 1)
     force, static, belt, slope = random.uniform(0.05, 0.3, 4)
-    motion = {"amplitude": 0.3 * random.random(), "phase": random.uniform(-3.0, 3.0)}
+    motion: dict[str, Any] = {
+        "amplitude": 0.3 * random.random(),
+        "phase": random.uniform(-3.0, 3.0),
+    }
     velocity = random.choice([0.0, belt])
     rubs = [
         DryFriction(

@@ -50,9 +50,7 @@ class Gap:
 class Table(Gap):
     """What a hard stop adds: its restitution."""
 
-    def __init__(
-        self, stop: HardStop, masses: list[Any], frequency: Any, springs: int = 0
-    ) -> None:
+    def __init__(self, stop: HardStop, masses: list[Any], frequency: Any, springs: int = 0) -> None:
         super().__init__(stop, masses, frequency, springs)
         self.restitution = mp.mpf(stop.restitution)
 
@@ -60,9 +58,7 @@ class Table(Gap):
 class Cushion(Gap):
     """What a soft stop adds: its force as a row of the state."""
 
-    def __init__(
-        self, stop: SoftStop, masses: list[Any], frequency: Any, springs: int = 0
-    ) -> None:
+    def __init__(self, stop: SoftStop, masses: list[Any], frequency: Any, springs: int = 0) -> None:
         super().__init__(stop, masses, frequency, springs)
         self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
         # of each regime what is positive in it, and what follows

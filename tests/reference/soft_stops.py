@@ -172,10 +172,11 @@ class SoftStopReference:
         for k, joint in enumerate(self.joints):
             for _ in range(3):
                 flow = self.flow(held)[0]
+                slides = self.sliding[k] != STICK
                 for row, to in joint.watched[self.sliding[k]]:
                     signs = [(row * part)[0] for part in (z, flow * z, flow * (flow * z))]
                     first = next((sign for sign in signs if abs(sign) > TINY), 0)
-                    if first < 0:
+                    if first < 0 or (first == 0 and slides):  # friction holds it
                         self.sliding[k] = to
                         self.slides.append((time, k, to))
                         break
@@ -294,7 +295,11 @@ class SoftStopReference:
             step = min(self.step, due - time)
             whole = step == self.step
             there = self.stepped(z, held) if whole else after(series(flow, z, step), step)
-            ahead = [event for event in self.events(z, held) if (event[0] * there)[0] < 0]
+            ahead = [
+                event
+                for event in self.events(z, held)
+                if (event[0] * there)[0] < (-TINY if event[1] == SLIDE else 0)
+            ]
             if not ahead:
                 z, time = there, time + step
                 if not whole:
