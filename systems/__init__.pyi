@@ -11,6 +11,7 @@ from .impact.elements.element import (
     Watch as Watch,
 )
 from .impact.elements.friction import DryFriction as DryFriction
+from .impact.elements.jenkins import Jenkins as Jenkins, iwan as iwan
 from .impact.orbits.orbit import ImpactOrbit as ImpactOrbit
 from .impact.oscillators.attractor import ImpactAttractor as ImpactAttractor
 from .impact.oscillators.ball import BouncingBall as BouncingBall

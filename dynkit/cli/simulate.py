@@ -17,7 +17,7 @@ motion.toml may hold:
   damping = 0.1
   frequency = 0.87
   impacts = 200
-and in place of the table stops and friction, as HardStop, SoftStop, DryFriction:
+and in place of the table stops and friction, as HardStop, SoftStop, DryFriction, Jenkins:
   [[elements]]
   kind = "HardStop"
   coordinate = 9

@@ -56,6 +56,7 @@ NO_RESULTS = {
     "HardStop": ELEMENT,
     "SoftStop": ELEMENT,
     "DryFriction": ELEMENT,
+    "Jenkins": ELEMENT,
     "Regime": ELEMENT,
     "Watch": ELEMENT,
     "ImpactMap": SYSTEM,

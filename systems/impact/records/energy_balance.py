@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import Element, EventKind, Regime
+from dynkit.systems.impact.elements.element import EventKind, Regime
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.records.second_moments import (
@@ -100,9 +100,10 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
         energies.append(0.5 * float(v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]))
         # Springs of elements may be pressed as the motion begins, and as it ends.
         regimes = parts.now(run.regimes[int(s.mode[i])])
-        for name, element, regime in zip(names, system._elements, regimes, strict=True):
-            gap = float(_gap(system, mode, element, s.of(mode, [i]))[0][0])
-            sums.dissipated[name] += sign * 0.5 * regime.stiffness * gap**2
+        for k, (name, regime) in enumerate(zip(names, regimes, strict=True)):
+            spring = system._elements[k].spring or regime.stiffness
+            gap = float(_gap(system, mode, k, s.of(mode, [i]))[0][0])
+            sums.dissipated[name] += sign * 0.5 * spring * gap**2
     change = energies[1] - energies[0]
     rounding = 2.0**-50 * (sums.size + sum(energies))
     missed = abs(change - sum(sums.work.values()))
@@ -110,15 +111,20 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
     return EnergyBalance(change, sums.work, sums.dissipated, max(missed, rounding), cost)
 
 
-def _gap(
-    system: ImpactMap, mode: Mode, element: Element, states: Array
-) -> tuple[Array, Array, Array]:
-    """Of states gaps, their rates, and how fast the element itself moves, towards its side."""
+def _gap(system: ImpactMap, mode: Mode, number: int, states: Array) -> tuple[Array, Array, Array]:
+    """Of states gaps, their rates, and how fast the element itself moves, towards its side.
+
+    With a slider, by how much it is behind in place of the gap.
+    """
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
+    element, slider = system._elements[number], system._automaton.sliders.get(number)
     row, sign = element.row(x.shape[1]), element.sign
     own = element.swing_rate(system.frequency, sine, cosine) + element.drift
-    gap = x @ row - element.offset - element.swing(sine, cosine)
+    place = element.offset + element.swing(sine, cosine)
+    if slider is not None:
+        place = mode.sliders(states)[:, slider - mode.bodies]
+    gap = x @ row - place
     return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
 
 
@@ -135,14 +141,15 @@ def _flights(
     _, sine, cosine = mode.parts(states)
     excitation, c = system._excitation, system.damping_matrix
     applied = np.outer(sine, excitation.harmonic.real) + np.outer(cosine, excitation.harmonic.imag)
-    applied = applied + excitation.constant
+    applied = (applied + excitation.constant)[:, : mode.bodies]
     sums.add("forces", weights * (applied * v).sum(axis=1))
     lost = weights * ((v @ c) * v).sum(axis=1)
     sums.add("damping", -lost, lost)
     left = _accelerations(mode, states) @ system.mass + v @ c + x @ system.stiffness - applied
     held = []
-    for element, (name, regime) in zip(system._elements, regimes.items(), strict=True):
-        gap, rate, own = _gap(system, mode, element, states)
+    for k, (name, regime) in enumerate(regimes.items()):
+        gap, rate, own = _gap(system, mode, k, states)
+        element = system._elements[k]
         row = element.sign * element.row(x.shape[1])
         if regime.holds or regime.sticks:
             held.append((name, row, own))

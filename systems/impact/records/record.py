@@ -16,8 +16,14 @@ from dynkit.core.reprs import Facts, largest, told
 from dynkit.core.validation import Array, finite_array, one_of, positive_integer
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
+from dynkit.systems.impact.modes.bases import row_by_row
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
-from dynkit.systems.impact.simulation.sampling import events_of, longest_sample, sample_run
+from dynkit.systems.impact.simulation.sampling import (
+    events_of,
+    longest_sample,
+    sample_run,
+    sample_sliders,
+)
 from dynkit.systems.impact.simulation.state import SHEET, ImpactState, phases, put_on
 from dynkit.systems.impact.simulation.trajectory import Ending, Events, Trajectory
 
@@ -168,16 +174,21 @@ class ImpactRecord(Result):
     @cached_property
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
-        return self._motion[0]
+        return self._motion[0][:, : self.system.degrees_of_freedom]
+
+    @property
+    def sliders(self) -> Array:
+        """Places (n, J) of the sliders of `Jenkins` elements at the impacts."""
+        return self._motion[0][:, self.system.degrees_of_freedom :]
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
-        return self._motion[1]
+        return self._motion[1][:, : self.system.degrees_of_freedom]
 
     @cached_property
     def _motion(self) -> tuple[Array, Array]:
-        """Positions and velocities (n, N), on the stops that are touched.
+        """Positions and velocities (n, N + J), on the stops that are touched.
 
         Their coordinates may be differences of numbers that are much larger.
         """
@@ -196,6 +207,10 @@ class ImpactRecord(Result):
     def energy(self) -> Array:
         """Kinetic plus elastic energy (n,) of the structure just after the impacts."""
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
+        if system._sliders:
+            x, v = self.position, self.velocity
+            momentum, force = row_by_row(v, system.mass), row_by_row(x, system.stiffness)
+            return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
         for low in range(0, len(self), size):
             now = slice(low, low + size)
             q, sine, cosine = (part[now] for part in self._run.coordinates)
@@ -217,13 +232,14 @@ class ImpactRecord(Result):
     def _without_phase(self) -> Array:
         """Section coordinates (n, 2N - 1) without the phase, or all where that does not change."""
         if self.system._strobed:
-            return np.concatenate([self.position, self.velocity], axis=1)
-        others = np.array([contact.others for contact in self.system._contacts])
+            return np.concatenate([self.position, self.velocity, self.sliders], axis=1)
+        others = np.array(self.system._others)
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
         else:
             kept = np.arange(len(self))[:, None], others[self._run.element]
-        parts = [self.position[kept], self.velocity[kept], self.relative_velocity[:, None]]
+        parts = [self.position[kept], self.velocity[kept], self.sliders]
+        parts.append(self.relative_velocity[:, None])
         return np.concatenate(parts, axis=1)
 
     @cached_property
@@ -342,6 +358,27 @@ class ImpactRecord(Result):
         ValueError
             When a time is not finite, negative, or beyond what was simulated.
         """
+        return sample_run(self.system, self._run, self._asked(times))
+
+    def sample_sliders(self, times: object) -> Array:
+        """Places of the sliders of `Jenkins` elements at given times, (k, J), as `sample`.
+
+        Examples
+        --------
+        A force, for a hysteresis loop:
+
+        >>> from dynkit.systems import ImpactChain, Jenkins
+        >>> joint = Jenkins(0, stiffness=2.0, force=0.3)
+        >>> record = ImpactChain(masses=1, frequency=0.8, elements=[joint]).simulate(impacts=3)
+        >>> times = [0.0, 5.0, 10.0]
+        >>> stretch = record.sample(times)[0] @ joint.row(1) - record.sample_sliders(times)[:, 0]
+        >>> bool((abs(joint.stiffness * stretch) <= joint.force + 1e-12).all())
+        True
+        """
+        return sample_sliders(self.system, self._run, self._asked(times))
+
+    def _asked(self, times: object) -> Array:
+        """Times (k,) that were simulated."""
         asked = finite_array("times", times, (None,))
         last = longest_sample(self.system, self._run)
         if self.ending is Ending.COUNT_REACHED:
@@ -350,7 +387,7 @@ class ImpactRecord(Result):
             last = self._run.duration
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
-        return sample_run(self.system, self._run, asked)
+        return asked
 
     def plot(self, ax: Axes | None = None, element: str | None = None) -> Axes:
         """Draw what an element acts along against time, its stops dashed, its impacts as dots.

@@ -32,10 +32,22 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
             given = parts.speed[some], parts.rest[some], since[here]
             lift, rise = _bounces(stop.restitution, *given)
             for mode, now in run.modes(parts.mode[some - 1]):
-                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)
+                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)[: x.shape[1]]
                 x[here[now]] += np.outer(lift[now], kick)
                 v[here[now]] += np.outer(rise[now], kick)
     return x, v
+
+
+def sample_sliders(oscillator: DrivenStructure, run: Trajectory, times: Array) -> Array:
+    """Places (k, J) of sliders at times (k,) within a run."""
+    parts = run.segments
+    which = np.searchsorted(parts.begin, times, side="right") - 1
+    out = np.empty((len(times), len(oscillator._sliders)))
+    for mode, here in run.modes(parts.mode[which]):
+        some, place = np.unique(which[here], return_inverse=True)
+        since = (times - parts.begin[which])[here]
+        out[here] = mode.sliders(mode.after(parts.of(mode, some), place, since))
+    return out
 
 
 def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
