@@ -16,6 +16,7 @@ from .impact.elements.element import (
     Watch as Watch,
 )
 from .impact.elements.friction import DryFriction as DryFriction
+from .impact.elements.jenkins import Jenkins as Jenkins, iwan as iwan
 from .impact.elements.laws import (
     ImpactLaw as ImpactLaw,
     PlasticBelow as PlasticBelow,

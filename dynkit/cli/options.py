@@ -15,6 +15,7 @@ import numpy as np
 from dynkit.core.validation import finite_array, finite_scalar, one_of
 from dynkit.systems.impact.elements.element import Element, HardStop, SoftStop
 from dynkit.systems.impact.elements.friction import DryFriction
+from dynkit.systems.impact.elements.jenkins import Jenkins
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 # More values than this are taken for a mistake.
 _MOST_VALUES = 1_000_000
 _NUMBERS = "X1,X2,..."
-_ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction)}
+_ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction, Jenkins)}
 _RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 
 

@@ -17,7 +17,7 @@ motion.toml may hold:
   damping = 0.1
   frequency = 0.87
   impacts = 200
-and, in place of the table, elements of kind HardStop, SoftStop or DryFriction:
+and, in place of the table, elements of kind HardStop, SoftStop, DryFriction or Jenkins:
   [[elements]]
   kind = "HardStop"
   coordinate = 9

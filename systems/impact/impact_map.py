@@ -122,7 +122,11 @@ class ImpactMap(DrivenStructure, Map):
     # --- states -----------------------------------------------------------------------------------
 
     def state(
-        self, position: object = None, velocity: object = None, phase: float = 0.0
+        self,
+        position: object = None,
+        velocity: object = None,
+        phase: float = 0.0,
+        sliders: object = None,
     ) -> ImpactState:
         """Return a state to start from, in flight or on the table.
 
@@ -140,16 +144,20 @@ class ImpactMap(DrivenStructure, Map):
             Velocities; by default 0.
         phase : float
             Phase of the table, taken modulo 2 pi.
+        sliders : (J,) array_like
+            Places of the sliders of `Jenkins` elements, in their order; by default in the middle of
+            their surfaces, or as near to it as their springs let them.
 
         Raises
         ------
         ValueError
-            When a number is not finite.
+            When a number is not finite, or a slider is farther from what it follows than where it
+            slides.
         Refused
             When the contact mass is beyond the table by more than rounding, or on the table and
             moving into it.
         """
-        return start(self, position, velocity, phase)
+        return start(self, position, velocity, phase, sliders)
 
     @property
     def default_start(self) -> ImpactState:
@@ -162,7 +170,7 @@ class ImpactMap(DrivenStructure, Map):
     @property
     def start_size(self) -> int:
         """Number of arguments of `state_from`: 2N + 1."""
-        return self.dimension + 1
+        return 2 * self.degrees_of_freedom + 1
 
     def state_from(self, numbers: Array) -> ImpactState:
         """Return the `state` with these N positions, N velocities and phase, (2N + 1,).
@@ -235,7 +243,7 @@ class ImpactMap(DrivenStructure, Map):
     # --- the map ----------------------------------------------------------------------------------
 
     def section_state(self, state: ImpactState) -> Array:
-        """Section coordinates, (2N,), of a state on the table."""
+        """Section coordinates, (2N,) and one for each slider, of a state on the table."""
         return section_of(self, state)
 
     def impact_state(self, state: Array) -> ImpactState:

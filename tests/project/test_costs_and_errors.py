@@ -67,6 +67,7 @@ NO_RESULTS = {
     "ImpactLaw": ELEMENT,
     "PlasticBelow": ELEMENT,
     "ViscoelasticSpheres": ELEMENT,
+    "Jenkins": ELEMENT,
     "Regime": ELEMENT,
     "Watch": ELEMENT,
     "ImpactMap": SYSTEM,

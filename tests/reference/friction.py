@@ -1,4 +1,7 @@
-"""What stops and friction do to a chain, in many digits, as rows of (x, v, sine, cosine, one)."""
+"""What stops and friction do to a chain, in many digits, as rows of (x, v, sine, cosine, one).
+
+And of how far the springs of joints are stretched, one number each.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,7 +9,7 @@ from typing import Any
 import sympy
 from mpmath import mp
 
-from dynkit.systems import DryFriction, Element, HardStop, ImpactLaw, SoftStop
+from dynkit.systems import DryFriction, Element, HardStop, ImpactLaw, Jenkins, SoftStop
 
 
 def in_many_digits(law: Any) -> Callable[[Any], Any]:
@@ -24,10 +27,12 @@ FORWARD, BACKWARD, STICK = range(3)
 class Gap:
     """What an element acts along, and what a unit impulse or force along it does to the state.
 
-    Its gap and the rate of it are rows of the state.
+    Its gap and the rate of it are rows of the state, which ends with so many stretched springs.
     """
 
-    def __init__(self, element: Element, masses: list[Any], frequency: Any) -> None:
+    def __init__(
+        self, element: Element, masses: list[Any], frequency: Any, springs: int = 0
+    ) -> None:
         size, sign = len(masses), 1 if element.side == "above" else -1
         row = mp.zeros(size, 1)
         if isinstance(element.coordinate, tuple):
@@ -41,8 +46,10 @@ class Gap:
             row[element.coordinate % size] = 1
         lag, place = mp.mpf(element.phase), mp.mpf(element.offset)
         m, b = element.amplitude * mp.cos(lag), -element.amplitude * mp.sin(lag)
-        self.gap, self.rate = mp.zeros(1, 2 * size + 3), mp.zeros(1, 2 * size + 3)
-        self.kick = mp.zeros(2 * size + 3, 1)
+        numbers = 2 * size + 3 + springs
+        self.gap, self.rate = mp.zeros(1, numbers), mp.zeros(1, numbers)
+        self.kick, self.one = mp.zeros(numbers, 1), mp.zeros(1, numbers)
+        self.one[2 * size + 2] = 1
         for i, mass in enumerate(masses):
             self.gap[i] = self.rate[size + i] = sign * row[i]
             self.kick[size + i] = sign * row[i] / mass
@@ -55,16 +62,16 @@ class Gap:
 class Table(Gap):
     """What a hard stop adds: its restitution at an approach velocity."""
 
-    def __init__(self, stop: HardStop, masses: list[Any], frequency: Any) -> None:
-        super().__init__(stop, masses, frequency)
+    def __init__(self, stop: HardStop, masses: list[Any], frequency: Any, springs: int = 0) -> None:
+        super().__init__(stop, masses, frequency, springs)
         self.restitution = in_many_digits(stop.restitution)
 
 
 class Cushion(Gap):
     """What a soft stop adds: its force as a row of the state."""
 
-    def __init__(self, stop: SoftStop, masses: list[Any], frequency: Any) -> None:
-        super().__init__(stop, masses, frequency)
+    def __init__(self, stop: SoftStop, masses: list[Any], frequency: Any, springs: int = 0) -> None:
+        super().__init__(stop, masses, frequency, springs)
         self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
         self.force[self.force.cols - 1] += mp.mpf(stop.preload)
         # of each regime what is positive in it, and what follows
@@ -79,12 +86,39 @@ class Cushion(Gap):
 class Rub(Gap):
     """What friction adds: forces as rows of the state, of which its rate is that of slip."""
 
-    def __init__(self, friction: DryFriction, masses: list[Any], frequency: Any) -> None:
-        super().__init__(friction, masses, frequency)
-        one = mp.zeros(1, self.rate.cols)
-        one[one.cols - 1] = 1
+    def __init__(
+        self, friction: DryFriction, masses: list[Any], frequency: Any, springs: int = 0
+    ) -> None:
+        super().__init__(friction, masses, frequency, springs)
+        one = self.one
         self.rate -= (1 if friction.side == "above" else -1) * mp.mpf(friction.velocity) * one
         self.static = mp.mpf(friction.most)
         self.most = self.static * one
         way, along = mp.mpf(friction.force) * one, mp.mpf(friction.slope) * self.rate
         self.forces = [-way - along, way - along]
+
+
+class Joint(Gap):
+    """A spring and a slider in series: forces, of its regimes what is positive, and what follows.
+
+    The stretch of its spring is number `which` of the springs; while it sticks its rate is that of
+    the gap, over the surface.
+    """
+
+    def __init__(
+        self, joint: Jenkins, masses: list[Any], frequency: Any, springs: int, which: int
+    ) -> None:
+        super().__init__(joint, masses, frequency, springs)
+        sign = 1 if joint.side == "above" else -1
+        self.rate -= sign * mp.mpf(joint.velocity) * self.one
+        self.place = 2 * len(masses) + 3 + which
+        pull = mp.zeros(1, self.rate.cols)
+        pull[self.place] = mp.mpf(joint.stiffness)
+        self.reach = mp.mpf(joint.force) / mp.mpf(joint.stiffness)
+        most = mp.mpf(joint.force) * self.one
+        self.forces = [-most, most, -pull]
+        self.watched = [
+            [(self.rate, STICK)],
+            [(-self.rate, STICK)],
+            [(most - pull, FORWARD), (most + pull, BACKWARD)],
+        ]

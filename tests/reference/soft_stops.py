@@ -7,8 +7,8 @@ from typing import Any
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems import DryFriction, Element, HardStop, ImpactChain, SoftStop
-from tests.reference.friction import BACKWARD, FORWARD, STICK, Cushion, Gap, Rub, Table
+from dynkit.systems import DryFriction, Element, HardStop, ImpactChain, Jenkins, SoftStop
+from tests.reference.friction import BACKWARD, FORWARD, STICK, Cushion, Gap, Joint, Rub, Table
 
 DIGITS = 40
 TINY = 10.0 ** -(DIGITS - 12)
@@ -17,7 +17,7 @@ TINY = 10.0 ** -(DIGITS - 12)
 NUDGE = 1e-12
 """Time for which friction slips before one asks whether it stops: its rate may begin as t^2."""
 
-IMPACT, RELEASE, SWITCH, SLIP, HALT = range(5)
+IMPACT, RELEASE, SWITCH, SLIP, HALT, SLIDE = range(6)
 
 REST = -1
 """Of friction that takes no force."""
@@ -30,6 +30,8 @@ class SoftStopReference:
     completed: its impacts go on. Of each impact ``which`` is the stop, ``coupled`` whether a closed
     stop got an impulse, too, and ``held`` the stops that are closed just after it. ``switches`` are
     changes of friction: the time, its number, and the regime: 0 forward, 1 backward, 2 it sticks.
+    Joints, `Jenkins` elements, have these regimes, too: ``slides`` are their changes. A state is
+    followed by how far their springs are stretched.
     """
 
     def __init__(
@@ -38,11 +40,14 @@ class SoftStopReference:
         self.step, self.size, w = mp.mpf(step), chain.degrees_of_freedom, mp.mpf(chain.frequency)
         n, elements = self.size, chain.elements if elements is None else elements
         self.frequency, self.masses = w, [mp.mpf(m) for m in chain.mass.diagonal().tolist()]
-        self.tables = [Table(e, self.masses, w) for e in elements if isinstance(e, HardStop)]
-        self.cushions = [Cushion(e, self.masses, w) for e in elements if isinstance(e, SoftStop)]
-        self.rubs = [Rub(e, self.masses, w) for e in elements if isinstance(e, DryFriction)]
+        joints = [e for e in elements if isinstance(e, Jenkins)]
+        given = self.masses, w, len(joints)
+        self.tables = [Table(e, *given) for e in elements if isinstance(e, HardStop)]
+        self.cushions = [Cushion(e, *given) for e in elements if isinstance(e, SoftStop)]
+        self.rubs = [Rub(e, *given) for e in elements if isinstance(e, DryFriction)]
+        self.joints = [Joint(e, *given, which) for which, e in enumerate(joints)]
         k, c = (mp.matrix(part.tolist()) for part in (chain.stiffness, chain.damping_matrix))
-        self.free = mp.zeros(2 * n + 3)
+        self.free = mp.zeros(2 * n + 3 + len(joints))
         for i, mass in enumerate(self.masses):
             self.free[i, n + i] = 1
             for j in range(n):
@@ -58,6 +63,7 @@ class SoftStopReference:
         self.steps: dict[Any, Any] = {}
         self.regimes: list[int] = []
         self.ways: list[int] = []
+        self.sliding = [STICK] * len(joints)
         self.clear()
 
     def clear(self) -> None:
@@ -66,6 +72,7 @@ class SoftStopReference:
         self.coupled: list[bool] = []
         self.held: list[tuple[int, ...]] = []
         self.switches: list[tuple[Any, int, int]] = []
+        self.slides: list[tuple[Any, int, int]] = []
         self.switches_in_contact = 0
         self.pushes: list[tuple[Any, ...]] = []
 
@@ -87,7 +94,7 @@ class SoftStopReference:
     def flow(self, held: tuple[int, ...]) -> tuple[Any, list[Any], list[Any]]:
         """The generator of the motion, and rows of forces: that hold stops, by which it sticks."""
         pressed = tuple(regime == 1 for regime in self.regimes)
-        key = pressed, tuple(self.ways), held
+        key = pressed, tuple(self.ways), tuple(self.sliding), held
         if key not in self.known:
             flow = self.free.copy()
             for cushion, pushes in zip(self.cushions, pressed, strict=True):
@@ -95,6 +102,10 @@ class SoftStopReference:
             for rub, way in zip(self.rubs, self.ways, strict=True):
                 slips = way in (FORWARD, BACKWARD)
                 flow += rub.kick * rub.forces[way] if slips else mp.zeros(flow.rows)
+            for joint, way in zip(self.joints, self.sliding, strict=True):
+                flow += joint.kick * joint.forces[way]
+                if way == STICK:
+                    flow[joint.place, :] = joint.rate
             fixed = [*(self.tables[k] for k in held), *self.stuck(held)]
             rates, forces = [part.rate * flow for part in fixed], []
             if fixed:
@@ -112,7 +123,8 @@ class SoftStopReference:
 
     def stepped(self, z: Any, held: tuple[int, ...]) -> Any:
         """The state a step later, where nothing happens."""
-        key = tuple(regime == 1 for regime in self.regimes), tuple(self.ways), held
+        pressed = tuple(regime == 1 for regime in self.regimes)
+        key = pressed, tuple(self.ways), tuple(self.sliding), held
         if key not in self.steps:
             self.steps[key] = mp.expm(self.flow(held)[0] * self.step)
         return self.steps[key] * z
@@ -170,6 +182,22 @@ class SoftStopReference:
         _, apart = complementary(inertia(tables, tables, self.stuck()), free)
         self.ways = ways
         return tuple(k for k, a in zip(stops, apart, strict=True) if a <= TINY)
+
+    def follow(self, z: Any, held: tuple[int, ...], time: Any) -> None:
+        """Regimes of joints, of which what is watched is positive, or becomes so."""
+        for k, joint in enumerate(self.joints):
+            for _ in range(3):
+                flow = self.flow(held)[0]
+                slides = self.sliding[k] != STICK
+                for row, to in joint.watched[self.sliding[k]]:
+                    signs = [(row * part)[0] for part in (z, flow * z, flow * (flow * z))]
+                    first = next((sign for sign in signs if abs(sign) > TINY), 0)
+                    if first < 0 or (first == 0 and slides):  # friction holds it
+                        self.sliding[k] = to
+                        self.slides.append((time, k, to))
+                        break
+                else:
+                    break
 
     def decide(self, z: Any, touching: Iterable[int], halted: int = -1) -> tuple[int, ...]:
         """Decide which friction slips, and which way; return the stops that stay closed.
@@ -236,6 +264,8 @@ class SoftStopReference:
                 found.append((table.gap, IMPACT, k, 0))
         for k, cushion in enumerate(self.cushions):
             found += [(row, SWITCH, k, to) for row, to in cushion.watched[self.regimes[k]]]
+        for k, (joint, way) in enumerate(zip(self.joints, self.sliding, strict=True)):
+            found += [(row, SLIDE, k, to) for row, to in joint.watched[way]]
         left = dict(zip(self.sticking(held), sticking, strict=True))
         for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
             if k in left:
@@ -262,11 +292,17 @@ class SoftStopReference:
         self, start: Array, count: int, closed: tuple[int, ...], period: Any
     ) -> list[tuple[Any, Any]]:
         """Times of so many impacts, or periods, and states just after them."""
-        z, time = mp.matrix([*start.tolist(), 0, 1, 1]), mp.mpf(0)
+        n = 2 * self.size
+        z, time = mp.matrix([*start[:n].tolist(), 0, 1, 1, *start[n:].tolist()]), mp.mpf(0)
         self.clear()
+        self.sliding = [STICK] * len(self.joints)
+        for joint in self.joints:  # a start is rounded: what slides does
+            if abs(abs(z[joint.place]) - joint.reach) < 1e-12:
+                z[joint.place] = joint.reach * mp.sign(z[joint.place])
         self.regimes, self.ways = [0] * len(self.cushions), [self.way(rub, z) for rub in self.rubs]
         self.settle(z)
         held, before = self.decide(z, closed), [STICK] * len(self.rubs)
+        self.follow(z, held, time)
         found: list[tuple[Any, Any]] = []
         while len(found) < count:
             flow = self.flow(held)[0]
@@ -276,7 +312,11 @@ class SoftStopReference:
             step = min(self.step, due - time)
             whole = step == self.step
             there = self.stepped(z, held) if whole else after(series(flow, z, step), step)
-            ahead = [event for event in self.events(z, held) if (event[0] * there)[0] < 0]
+            ahead = [
+                event
+                for event in self.events(z, held)
+                if (event[0] * there)[0] < (-TINY if event[1] == SLIDE else 0)
+            ]
             if not ahead:
                 z, time = there, time + step
                 if not whole:
@@ -297,11 +337,15 @@ class SoftStopReference:
                 self.switches_in_contact += bool(held)
             elif kind == SLIP:
                 self.ways[which] = to
+            elif kind == SLIDE:
+                self.sliding[which] = to
+                self.slides.append((time, which, to))
             elif kind == IMPACT:
                 z, touching, coupled = self.struck(z, which, held)
                 self.settle(z)  # forces of dashpots have jumped
             # a dashpot that is touched may tear a mass off a table
             held = self.halt(z, which, touching) if kind == HALT else self.decide(z, touching)
+            self.follow(z, held, time)
             changed = zip(before, self.ways, strict=True)
             self.switches += [(time, k, way) for k, (old, way) in enumerate(changed) if way != old]
             if kind == IMPACT:

@@ -38,9 +38,10 @@ LAIN = 2
 @final
 @dataclass(frozen=True)
 class Watch:
-    """A guard: ``gap * g + rate * g' + force * f + level`` is positive in a regime.
+    """A guard: ``gap * g + rate * g' + force * f + stretch * e + level`` is positive in a regime.
 
-    Of the element's gap g, and the force f along its row where it holds or sticks.
+    Of the element's gap g, the force f along its row where it holds or sticks, and how far e the
+    spring to its slider is stretched.
 
     Attributes
     ----------
@@ -56,6 +57,7 @@ class Watch:
     gap: float = 0.0
     rate: float = 0.0
     force: float = 0.0
+    stretch: float = 0.0
     level: float = 0.0
     order: int = 0
     event: int = SWITCH
@@ -72,6 +74,10 @@ class Regime:
     ----------
     guards : tuple of Watch
         The first is where the element's own search goes on after an event.
+    anchored : bool
+        Its spring ends at its slider, which sticks to its surface.
+    stretch : float
+        Of the spring to its slider, where that slides.
     """
 
     guards: tuple[Watch, ...]
@@ -80,6 +86,8 @@ class Regime:
     push: float = 0.0
     stiffness: float = 0.0
     damping: float = 0.0
+    anchored: bool = False
+    stretch: float = 0.0
 
     @property
     def acts(self) -> bool:
@@ -189,6 +197,24 @@ class Element(ABC):
 
     @final
     @property
+    def slider(self) -> bool:
+        """Whether it has a slider, whose place is a number of the state."""
+        return self.spring > 0.0
+
+    @final
+    @property
+    def spring(self) -> float:
+        """Stiffness of the spring to its slider; 0 where it has none."""
+        return max(regime.stiffness if regime.anchored else 0.0 for regime in self.regimes)
+
+    @final
+    @property
+    def reach(self) -> float:
+        """How far its slider is behind where it slides."""
+        return max(abs(regime.stretch) for regime in self.regimes)
+
+    @final
+    @property
     def doing(self) -> list[str]:
         """What it does in each regime, in a word: it contacts, sticks, presses, or nothing."""
         first, apart = self.regimes[0], not any(regime.sticks for regime in self.regimes)
@@ -196,7 +222,7 @@ class Element(ABC):
             "contacts"
             if regime.holds
             else "sticks"
-            if regime.sticks
+            if regime.sticks or regime.anchored
             else "presses"
             if regime.acts and apart and not first.acts
             else ""
@@ -205,10 +231,11 @@ class Element(ABC):
 
     @final
     def row(self, size: int) -> Array:
-        """The row J, (N,)."""
+        """The row J, (N,), and zeros where there are more coordinates."""
         row, places = np.zeros(size), np.atleast_1d(self.coordinate)
         if places.dtype != int:
-            return np.asarray(places, dtype=float)
+            row[: len(places)] = places
+            return row
         row[places] = [1.0] if len(places) == 1 else [-1.0, 1.0]
         return row
 

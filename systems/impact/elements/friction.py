@@ -8,6 +8,9 @@ from typing import final
 from dynkit.core.validation import finite_scalar, non_negative
 from dynkit.systems.impact.elements.element import HALT, JUMP, Element, Regime, Watch
 
+TURNED = (0, 2, 1, 3)
+"""Regimes, seen from the other side."""
+
 
 @final
 @dataclass(frozen=True)

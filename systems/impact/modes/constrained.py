@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,14 @@ from dynkit.systems.impact.modes.sticking import stuck
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Held, Structure
 
 
+class Slider(NamedTuple):
+    """The slider of an element: the number of its coordinate, how far it is behind if it slides."""
+
+    element: Element
+    place: int
+    stretch: float | None
+
+
 def mode_of(
     structure: Structure,
     excitation: Excitation,
@@ -22,10 +30,12 @@ def mode_of(
     sticking: Sequence[Element],
     watched: Sequence[Array],
     hit: Sequence[Array],
+    sliders: Sequence[Slider] = (),
 ) -> Mode:
     """The mode in which elements hold what they act along, or its rate.
 
-    Rows (N,) of all coordinates are watched, and impulses act along some of them.
+    Rows (N,) of all coordinates are watched, and impulses act along some of them. Sliders stick to
+    their surfaces, or follow what their elements act along.
     """
     w, s = excitation.frequency, structure
     others, pivots, ties = np.arange(s.size), None, None
@@ -36,14 +46,28 @@ def mode_of(
         others, pivots, ties, inner = grip.others, grip.pivots, grip.ties, grip.structure
         shape[pivots] = grip.told @ [element.phasor for element in held]
         rest[pivots] = grip.told @ [element.offset for element in held]
+    loose = [slider for slider in sliders if slider.stretch is not None]
+    if loose:
+        away = np.isin(others, [slider.place for slider in loose])
+        inner = inner and inner.without(np.flatnonzero(away))
+        others = others[~away]
     if sticking:
         # Besides a constant rate they move as their surfaces do, less what those that hold do.
         both = _grip(s, [*held, *sticking])
         phasors = [element.phasor for element in (*held, *sticking)]
         shape[both.pivots] = both.told @ phasors
-        rows = [element.row(s.size) for element in sticking]
+    anchored = [slider for slider in sliders if slider.stretch is None]
+    if anchored or sticking:
+        places = [slider.place for slider in anchored]
+        shape[places] = [slider.element.phasor for slider in anchored]
+        rows = np.concatenate([np.eye(s.size)[places], _rows(s, sticking)])
+        if grip is not None:
+            rows = np.array([grip.leaves(row) for row in rows])
+        if loose:
+            rows = rows[:, ~away]
         assert inner is not None
-        inner = stuck(inner, np.array([grip.leaves(row) if grip else row for row in rows]))
+        rests = [slider.element.drift == 0.0 for slider in anchored]
+        inner = stuck(inner, rows, np.array(rests + [False] * len(sticking)))
     harmonic, constant = excitation.harmonic, excitation.constant
     for p in np.flatnonzero(shape).tolist():
         dynamic = s.stiffness[:, p] + 1j * w * s.damping[:, p] - w * w * s.mass[:, p]
@@ -51,20 +75,42 @@ def mode_of(
     for p in np.flatnonzero(rest).tolist():
         constant = constant - s.stiffness[:, p] * rest[p]
     turning, still = harmonic[others], constant[others]
+    if loose and ties is not None:
+        ties = ties[:, ~away]
     if ties is not None:
         turning = turning + ties.T @ harmonic[pivots]
         still = still + ties.T @ constant[pivots]
+    if loose:
+        follow = _rows(s, [slider.element for slider in loose])
+        behind = follow[:, others]
+        if pivots is not None:
+            ties = np.zeros((len(pivots), len(others))) if ties is None else ties
+            behind = np.concatenate([ties, behind + follow[:, pivots] @ ties])
+        places = [slider.place for slider in loose]
+        shape[places] = follow @ shape
+        rest[places] = follow @ rest - [slider.stretch or 0.0 for slider in loose]
+        pivots, ties = np.append(pivots if pivots is not None else [], places).astype(int), behind
     load = Load(w, turning, still, shape, rest)
     forced = Forced(None if inner is None else inner.free, others, load, pivots, ties)
     pulls = []
     if held or sticking:
         for row in _grip(s, [*held, *sticking]).weights:
             pulls += [row @ part for part in (s.stiffness, s.damping, s.mass)]
-    return _mode(inner, forced, excitation, [*pulls, *watched], hit)
+    mode = _mode(inner, forced, excitation, [*pulls, *watched], hit)
+    drifts = np.array([slider.element.drift for slider in anchored])
+    places = [slider.place for slider in anchored]
+    mode.anchor(len(anchored) + len(sticking), places, drifts, s.size - s.sliders)
+    return mode
+
+
+def _rows(structure: Structure, elements: Sequence[Element]) -> Array:
+    return np.array([element.row(structure.size) for element in elements]).reshape(
+        -1, structure.size
+    )
 
 
 def _grip(structure: Structure, held: Sequence[Element]) -> Held:
-    return structure.holding(np.array([element.row(structure.size) for element in held]))
+    return structure.holding(_rows(structure, held))
 
 
 def _mode(
@@ -143,8 +189,8 @@ def moves(structure: Structure, closed: Sequence[Element], hit: Element, other: 
     return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
 
 
-def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
-    """What a guard watches of an element's gap, as an exponential sum."""
+def sum_of(mode: Mode, element: Element, watch: Watch, slider: int) -> Any:
+    """What a guard watches of an element's gap, or of its spring to a slider, as a sum."""
     along, sign = element.row(len(mode.forced.rest)), element.sign
     row = mode.row(along)
     if mode.layout.table >= 0:
@@ -153,6 +199,9 @@ def sum_of(mode: Mode, element: Element, watch: Watch) -> Any:
     if watch.rate:
         total = total + watch.rate * mode.pairs.derivative_rows(row, 1)
         offset -= watch.rate * element.drift
+    if watch.stretch:
+        along[slider] = -1.0
+        total, offset = watch.stretch * mode.row(along), watch.stretch * (along @ mode.forced.rest)
     return mode.sum(sign * total, sign * offset + watch.level)
 
 

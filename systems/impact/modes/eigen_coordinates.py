@@ -50,10 +50,10 @@ class EigenCoordinates:
         rates, to, fro, error = rates[kept], to[kept], fro[:, kept], error[kept]
         # A complex coordinate also represents its conjugate.
         fro = fro * np.where(rates.imag > 0.0, 2.0, 1.0)
-        n = len(mode.forced.rest)
+        n = mode.bodies
         back = np.zeros((n + 1, len(rates) + 1), dtype=complex)
-        back[:n, :-1] = mode.units()[0].T @ fro
-        back[:n, -1] = mode.forced.rest
+        back[:n, :-1] = mode.units()[0].T[:n] @ fro
+        back[:n, -1] = mode.forced.rest[:n]
         back[n, -1] = 1.0
         return EigenCoordinates(np.append(rates, 0.0), to, back, condition, np.append(error, 0.0))
 

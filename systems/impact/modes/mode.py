@@ -30,6 +30,8 @@ class Mode:
     layout : Layout
     propagators : Propagators
         The steps of all slots.
+    bodies : int
+        How many coordinates there are before those of sliders.
     """
 
     def __init__(
@@ -43,6 +45,37 @@ class Mode:
         self.forced = forced
         self.layout, self.propagators = forced.arranged(~seen, turns=excitation.turns)
         self._known: dict[bytes, tuple[Any, Any, Array]] = {}
+        self.bodies = len(forced.rest)
+        self._anchored = self._anchors = np.zeros(0, dtype=np.intp)
+        self._drifts = np.zeros(0)
+
+    def anchor(self, stuck: int, places: list[int], drifts: Array, bodies: int) -> None:
+        """Know the sliders that stick: the first of the last pairs, places (s,), velocities (s,).
+
+        All coordinates beyond the bodies are sliders.
+        """
+        count = len(self.layout.modes)
+        self._anchors = np.arange(count - stuck, count - stuck + len(drifts))
+        self._anchored, self._drifts, self.bodies = np.array(places, np.intp), drifts, bodies
+
+    def coordinates(self, x: Array, v: Array, sine: Any, cosine: Any, one: Any = 1.0) -> Array:
+        """Coordinates (..., 2, m) of positions and velocities (..., N), and of the number one.
+
+        Sliders that stick are as fast as their surfaces, whatever their velocities are.
+        """
+        forced, there = self.forced, self._anchored
+        if len(there):
+            v, turning = v.copy(), forced.turning[there]
+            v[..., there] = np.multiply.outer(sine, turning.real)
+            v[..., there] += np.multiply.outer(cosine, turning.imag)
+            v[..., there] += np.multiply.outer(one, forced.drift[there] + self._drifts)
+        x, v = (y - np.multiply.outer(one, z) for y, z in ((x, forced.rest), (v, forced.drift)))
+        return self.steady(forced.coordinates(x, v, sine, cosine), one)
+
+    def steady(self, q: Array, one: Any = 1.0) -> Array:
+        """Coordinates (..., 2, m), modified in place: sliders that stick are that fast exactly."""
+        q[..., 1, self._anchors] = np.multiply.outer(one, self._drifts)
+        return q
 
     @property
     def pairs(self) -> Pairs:
@@ -122,10 +155,8 @@ class Mode:
             row, told = stop.row(len(one.forced.rest)), 1j * self.forced.frequency * stop.phasor
             lost = v @ row - (told.real, told.imag, 0.0)
             v -= np.outer(lost, one.pushed(row))
-        (sine, cosine), forced = np.eye(2, 3), self.forced
-        x[2] -= forced.rest
-        v[2] -= forced.drift
-        driven = self.states(forced.coordinates(x, v, sine, cosine), sine, cosine)
+        sine, cosine, unit = np.eye(3)
+        driven = self.states(self.coordinates(x, v, sine, cosine, unit), sine, cosine)
         a, b = one.layout, self.layout
         if b.constant >= 0:
             driven[:2, 0, b.constant] = 0.0
@@ -148,6 +179,7 @@ class Mode:
             x, v = map(one.forced.spread, other.units())
             if row is not None:
                 v = v - np.outer(v @ row, one.pushed(row))
+            v[:, self._anchored] = 0.0
             units = basis.coordinates(self.forced.own(x), self.forced.own(v))
             basis.changes[key] = np.ascontiguousarray(units.reshape(len(units), -1).T)
         return basis.changes[key]
@@ -162,7 +194,12 @@ class Mode:
     def motion(self, states: Array) -> tuple[Array, Array]:
         """Positions and velocities (k, N) of states (k, 2, slots)."""
         q, sine, cosine = self.parts(states)
-        return self.forced.positions(q, sine, cosine), self.forced.velocities(q, sine, cosine)
+        x, v = self.forced.positions(q, sine, cosine), self.forced.velocities(q, sine, cosine)
+        return x[..., : self.bodies], v[..., : self.bodies]
+
+    def sliders(self, states: Array) -> Array:
+        """Places (k, J) of the sliders in states (k, 2, slots)."""
+        return self.forced.positions(*self.parts(states))[..., self.bodies :]
 
     def after(self, starts: Array, which: Any, durations: Array) -> Array:
         """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""

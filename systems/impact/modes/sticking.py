@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
@@ -25,7 +26,7 @@ class StuckModes(Basis):
     their own basis adds: K_o A = -T' K U, K_o B = -T' C U - C_o A.
     """
 
-    def __init__(self, structure: Structure, rows: Array, held: Held) -> None:
+    def __init__(self, structure: Structure, rows: Array, still: Any, held: Held) -> None:
         s, n = structure, structure.size
         self._rows, self._others = rows, held.others
         self._inner: Basis | None = None
@@ -49,6 +50,7 @@ class StuckModes(Basis):
             inner = held.structure
             place = _solved(inner.stiffness, -spread.T @ s.stiffness @ told)
             pull = -spread.T @ s.damping @ told - inner.damping @ place
+            pull[:, still] = 0.0
             drag = _solved(inner.stiffness, pull)
         self._place, self._drag = place, drag
         self._by_place, self._by_rate = told + spread @ place, spread @ drag
@@ -103,14 +105,16 @@ class StuckModes(Basis):
         return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
 
 
-def stuck(structure: Structure, rows: Array) -> Structure:
+def stuck(structure: Structure, rows: Array, still: NDArray[np.bool_]) -> Structure:
     """The same structure, of which rows (h, N) of coordinates have constant rates; kept.
+
+    Some of the rates, (h,), are zero.
 
     Impacts act as if none had: what holds the rates is finite.
     """
-    key = rows.tobytes()
+    key = rows.tobytes() + still.tobytes()
     if key not in structure.stuck:
-        basis = StuckModes(structure, rows, structure.holding(rows))
+        basis = StuckModes(structure, rows, still, structure.holding(rows))
         structure.stuck[key] = structure.with_basis(basis)
     return structure.stuck[key]
 

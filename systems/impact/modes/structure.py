@@ -9,6 +9,7 @@ from typing import Any, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime
@@ -25,25 +26,60 @@ class Structure:
     ----------
     mass, damping, stiffness : (N, N)
     size : int
+    sliders : int
+        How many of the coordinates, the last ones, are places of sliders: a mass of one stands for
+        none in the matrix, which couples it to no other. Impacts do not move them.
     free : Basis
     seen, stuck : dict
         Modes that take part in the motion of some coordinates, filled in `contact`; structures of
         which some coordinates stick, filled in `stuck`.
     """
 
-    def __init__(self, given: Derivation) -> None:
+    def __init__(self, given: Derivation, sliders: int = 0, free: Basis | None = None) -> None:
+        if free is not None:
+            self.free = free
         self.mass = given.mass.dense
         self.damping = given.damping.dense
         self.stiffness = given.stiffness.dense
-        self.free: Basis = basis_of(given)
-        self.size = len(self.mass)
+        self.size, self.sliders = len(self.mass), sliders
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
         self._stiffened: dict[tuple[bytes, float, float], Structure] = {}
         self._contacts: dict[bytes, Contact] = {}
         self._held: dict[bytes, Held] = {}
+        self._without: dict[bytes, Structure | None] = {}
+        self._beside: dict[int, Structure] = {}
         self.stuck: dict[bytes, Structure] = {}
         self.seen: dict[Any, Any] = {}
+
+    @cached_property
+    def free(self) -> Basis:
+        """The basis of its motion."""
+        return basis_of(self._given)
+
+    def beside(self, sliders: int) -> Structure:
+        """The same with coordinates more that are places of sliders; kept."""
+        if not sliders:
+            return self
+        if sliders not in self._beside:
+            beside = self.size + sliders
+            m, c, k = np.zeros((3, beside, beside))
+            for out, part in ((m, self.mass), (c, self.damping), (k, self.stiffness)):
+                out[: self.size, : self.size] = part
+            np.fill_diagonal(m[self.size :, self.size :], 1.0)
+            self._beside[sliders] = Structure(Derivation.from_matrices(m, c, k), sliders)
+        return self._beside[sliders]
+
+    def without(self, places: NDArray[np.intp]) -> Structure | None:
+        """That of the other coordinates, while these are zero; kept, None where there are none."""
+        key = places.tobytes()
+        if key not in self._without:
+            left = int((places >= self.size - self.sliders).sum())
+            self._without[key] = None
+            if len(places) < self.size:
+                given = self._given.without(places)
+                self._without[key] = Structure(given, self.sliders - left)
+        return self._without[key]
 
     def with_basis(self, basis: Basis) -> Structure:
         """The same in another basis."""
@@ -59,7 +95,8 @@ class Structure:
         if key not in self._stiffened:
             along = np.outer(row, row)
             c, k = self.damping + damping * along, self.stiffness + stiffness * along
-            self._stiffened[key] = Structure(Derivation.from_matrices(self.mass, c, k))
+            given = Derivation.from_matrices(self.mass, c, k)
+            self._stiffened[key] = Structure(given, self.sliders)
         return self._stiffened[key]
 
     def contact(self, row: Array) -> Contact:
@@ -73,7 +110,7 @@ class Structure:
         """The structure of which rows (h, N) of coordinates are held; kept."""
         key = rows.tobytes()
         if key not in self._held:
-            self._held[key] = Held(self._given, rows)
+            self._held[key] = Held(self._given, rows, self.sliders)
         return self._held[key]
 
 
@@ -95,7 +132,7 @@ class Held:
         Of the coordinates that are left.
     """
 
-    def __init__(self, given: Derivation, rows: Array) -> None:
+    def __init__(self, given: Derivation, rows: Array, sliders: int) -> None:
         self.pivots = pivots = np.array(_pivots(rows), dtype=np.intp)
         self.others = np.delete(np.arange(rows.shape[1]), pivots)
         self.told: Array = np.asarray(np.linalg.inv(rows[:, pivots]), dtype=float)
@@ -104,7 +141,8 @@ class Held:
         self.weights = np.zeros_like(rows)
         self.weights[:, pivots] = self.told.T
         left = given.without(pivots, self.ties) if len(self.others) else None
-        self.structure = None if left is None else Structure(left)
+        sliders -= int((pivots >= rows.shape[1] - sliders).sum())
+        self.structure = None if left is None else Structure(left, sliders)
 
     def leaves(self, row: Array) -> Array:
         """A sum (N,) of all coordinates as one, (m,), of those that are left; zero for rounding."""
@@ -234,6 +272,7 @@ class Contact:
         place, kick = np.ix_(self.others, self.others), self.kick_velocity.copy()
         kick[self.place] = 1.0
         forces = self._matrices[part][self.others] @ kick
+        forces[self.others >= self.structure.size - self.structure.sliders] = 0.0
         return np.asarray(-np.linalg.solve(self._matrices[0][place], forces))
 
 
@@ -243,7 +282,8 @@ _structures: WeakKeyDictionary[Any, Structure] = WeakKeyDictionary()
 def structure_of(given: LagrangianStructure) -> Structure:
     """The shared part, computed once for all oscillators of equal structure."""
     if given._derivation not in _structures:
-        _structures[given._derivation] = Structure(given._derivation)
+        derivation = given._derivation
+        _structures[derivation] = Structure(derivation, free=basis_of(derivation))
     return _structures[given._derivation]
 
 
@@ -266,7 +306,7 @@ class Excitation:
     def pulled(self, element: Element, regime: Regime) -> Excitation:
         """The same with what an element, which moves, adds to the forces."""
         k, c, row = regime.stiffness, regime.damping, element.row(len(self.constant))
-        if k == c == regime.push == 0.0:
+        if k == c == regime.push == 0.0 or regime.anchored:
             return self
         push = element.phasor * (k + 1j * self.frequency * c) * row
         own = k * element.offset + c * element.drift + element.sign * regime.push

@@ -101,7 +101,11 @@ class PlayOscillator(ImpactOscillator):
         return self.damping * v[0] ** 2 / 2
 
     def state(
-        self, position: object = None, velocity: object = None, phase: float = 0.0
+        self,
+        position: object = None,
+        velocity: object = None,
+        phase: float = 0.0,
+        sliders: object = None,
     ) -> ImpactState:
         """Return a state to start from; as for `ImpactOscillator`, but for the default.
 
@@ -111,10 +115,12 @@ class PlayOscillator(ImpactOscillator):
             By default the mass lies on the lower stop and moves with it.
         phase : float
             Phase of the housing, taken modulo 2 pi.
+        sliders : (0,) array_like
+            There are none.
         """
         if position is None:
             angle = finite_scalar("phase", phase)
             position = [self.amplitude * math.sin(angle) + self.offset]
             if velocity is None:
                 velocity = [self.amplitude * self.frequency * math.cos(angle)]
-        return super().state(position, velocity, phase)
+        return super().state(position, velocity, phase, sliders)

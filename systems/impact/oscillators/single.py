@@ -99,7 +99,11 @@ class SingleImpactOscillator(ImpactOscillator):
         return self.damping_ratio * v[0] ** 2
 
     def state(
-        self, position: object = None, velocity: object = None, phase: float = 0.0
+        self,
+        position: object = None,
+        velocity: object = None,
+        phase: float = 0.0,
+        sliders: object = None,
     ) -> ImpactState:
         """Return a state to start from, as `ImpactOscillator.state`, with another default.
 
@@ -109,8 +113,11 @@ class SingleImpactOscillator(ImpactOscillator):
             By default at rest, at a distance of one from the stop.
         phase : float
             Phase of the force, taken modulo 2 pi.
+        sliders : (0,) array_like
+            There are none.
         """
-        return super().state([self.stop - 1.0] if position is None else position, velocity, phase)
+        place = [self.stop - 1.0] if position is None else position
+        return super().state(place, velocity, phase, sliders)
 
     @property
     def grazing_force(self) -> float:

@@ -100,10 +100,11 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
         energies.append(0.5 * float(v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]))
         # Springs of elements may be pressed as the motion begins, and as it ends.
         now = parts.now(run.regimes[int(s.mode[i])])
-        for name, element, regime in zip(names, system._elements, now, strict=True):
-            gap = float(gap_of(system, mode, element, s.of(mode, [i]))[0][0])
-            preload = 0.0 if regime.halts else regime.push
-            sums.dissipated[name] += sign * (0.5 * regime.stiffness * gap**2 - preload * gap)
+        for k, (name, element, regime) in enumerate(zip(names, system._elements, now, strict=True)):
+            spring = element.spring or regime.stiffness
+            preload = 0.0 if regime.halts or element.slider else regime.push
+            gap = float(gap_of(system, mode, k, s.of(mode, [i]))[0][0])
+            sums.dissipated[name] += sign * (0.5 * spring * gap**2 - preload * gap)
     change = energies[1] - energies[0]
     rounding = 2.0**-50 * (sums.size + sum(energies))
     missed = abs(change - sum(sums.work.values()))
@@ -126,9 +127,8 @@ def _flights(
     lost = weights * ((v @ system.damping_matrix) * v).sum(axis=1)
     sums.add("damping", -lost, lost)
     forces = forces_on(system, mode, regimes, states)
-    each = zip(element_names(system), system._elements, now, forces, strict=True)
-    for name, element, regime, force in each:
-        _, rate, own = gap_of(system, mode, element, states)
+    for k, (name, regime, force) in enumerate(zip(element_names(system), now, forces, strict=True)):
+        _, rate, own = gap_of(system, mode, k, states)
         if regime.holds or regime.sticks:
             sums.add(name, weights * force * own)
         elif regime.acts:

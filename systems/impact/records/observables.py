@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _OF_FRICTION = "slip_velocity", "friction_force"
 _OF_STOPS = "gap", "relative_velocity", "contact_force"
+_OF_JOINTS = "stretch", "spring_force"
 
 
 class Jumps(NamedTuple):
@@ -50,6 +51,8 @@ def names_along(system: ImpactMap) -> tuple[str, ...]:
 
 
 def _of(element: Element) -> tuple[str, ...]:
+    if element.slider:
+        return _OF_JOINTS
     if any(regime.sticks for regime in element.regimes):
         return _OF_FRICTION
     return (*_OF_STOPS, "impulse") if isinstance(element, HardStop) else _OF_STOPS
@@ -91,9 +94,9 @@ def _values(system: ImpactMap, run: Trajectory, name: str, times: Array) -> Arra
             out[here] = turned * forces_on(system, mode, regimes, states)[number]
             continue
         regime = automaton.parts.now(regimes)[number]
-        gap, rate, _ = gap_of(system, mode, element, states)
+        gap, rate, _ = gap_of(system, mode, number, states)
         still = regime.holds or regime.sticks
-        out[here] = 0.0 if still else gap if what == "gap" else turned * rate
+        out[here] = 0.0 if still else gap if what in ("gap", "stretch") else turned * rate
     return out
 
 
@@ -113,15 +116,20 @@ def _settled(system: ImpactMap, run: Trajectory, times: Array) -> Iterator[Any]:
             yield more, mode, ends, states
 
 
-def gap_of(
-    system: ImpactMap, mode: Mode, element: Element, states: Array
-) -> tuple[Array, Array, Array]:
-    """Of states gaps, their rates, and how fast the element itself moves, towards its side."""
+def gap_of(system: ImpactMap, mode: Mode, number: int, states: Array) -> tuple[Array, Array, Array]:
+    """Gap of an element, its rate, and the velocity of the element itself, towards its side.
+
+    With a slider it is the stretch of the spring to the slider in place of the gap.
+    """
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
+    element, slider = system._elements[number], system._automaton.sliders.get(number)
     row, sign = element.row(x.shape[1]), element.sign
     own = element.swing_rate(system.frequency, sine, cosine) + element.drift
-    gap = x @ row - element.offset - element.swing(sine, cosine)
+    place = element.offset + element.swing(sine, cosine)
+    if slider is not None:
+        place = mode.sliders(states)[:, slider - mode.bodies]
+    gap = x @ row - place
     return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
 
 
@@ -130,7 +138,7 @@ def applied(system: ImpactMap, mode: Mode, states: Array) -> Array:
     _, sine, cosine = mode.parts(states)
     excitation = system._excitation
     turning = np.outer(sine, excitation.harmonic.real) + np.outer(cosine, excitation.harmonic.imag)
-    return np.asarray(turning + excitation.constant)
+    return np.asarray(turning + excitation.constant)[:, : mode.bodies]
 
 
 def forces_on(system: ImpactMap, mode: Mode, regimes: tuple[int, ...], states: Array) -> Array:
@@ -148,7 +156,7 @@ def forces_on(system: ImpactMap, mode: Mode, regimes: tuple[int, ...], states: A
         if k in held:
             rows.append(row)
         elif regime.acts:
-            gap, rate, _ = gap_of(system, mode, element, states)
+            gap, rate, _ = gap_of(system, mode, k, states)
             out[k] = regime.push - regime.stiffness * gap - regime.damping * rate
             missing += np.outer(out[k], row)
     if held:

@@ -23,8 +23,14 @@ from dynkit.core.validation import (
 )
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
+from dynkit.systems.impact.modes.bases import row_by_row
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
-from dynkit.systems.impact.simulation.sampling import events_of, longest_sample, sample_run
+from dynkit.systems.impact.simulation.sampling import (
+    events_of,
+    longest_sample,
+    sample_run,
+    sample_sliders,
+)
 from dynkit.systems.impact.simulation.state import SHEET, ImpactState, phases, put_on
 from dynkit.systems.impact.simulation.trajectory import Ending, Events, Trajectory
 
@@ -176,16 +182,21 @@ class ImpactRecord(Result):
     @cached_property
     def position(self) -> Array:
         """Positions (n, N) at the impacts."""
-        return self._motion[0]
+        return self._motion[0][:, : self.system.degrees_of_freedom]
+
+    @property
+    def sliders(self) -> Array:
+        """Places (n, J) of the sliders of `Jenkins` elements at the impacts."""
+        return self._motion[0][:, self.system.degrees_of_freedom :]
 
     @cached_property
     def velocity(self) -> Array:
         """Velocities (n, N) just after the impacts."""
-        return self._motion[1]
+        return self._motion[1][:, : self.system.degrees_of_freedom]
 
     @cached_property
     def _motion(self) -> tuple[Array, Array]:
-        """Positions and velocities (n, N) at the impacts, put exactly onto the stops that are hit.
+        """Positions and velocities (n, N + J) at the impacts, exactly on the stops that are hit.
 
         Computed from modal coordinates they would lose digits where these are much larger.
         """
@@ -204,6 +215,10 @@ class ImpactRecord(Result):
     def energy(self) -> Array:
         """Kinetic plus elastic energy (n,) of the structure just after the impacts."""
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
+        if system._sliders:
+            x, v = self.position, self.velocity
+            momentum, force = row_by_row(v, system.mass), row_by_row(x, system.stiffness)
+            return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
         for low in range(0, len(self), size):
             now = slice(low, low + size)
             q, sine, cosine = (part[now] for part in self._run.coordinates)
@@ -225,13 +240,14 @@ class ImpactRecord(Result):
     def _without_phase(self) -> Array:
         """Section coordinates (n, 2N - 1) without the phase; all 2N where the phase is constant."""
         if self.system._strobed:
-            return np.concatenate([self.position, self.velocity], axis=1)
-        others = np.array([contact.others for contact in self.system._contacts])
+            return np.concatenate([self.position, self.velocity, self.sliders], axis=1)
+        others = np.array(self.system._others)
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
         else:
             kept = np.arange(len(self))[:, None], others[self._run.element]
-        parts = [self.position[kept], self.velocity[kept], self.relative_velocity[:, None]]
+        parts = [self.position[kept], self.velocity[kept], self.sliders]
+        parts.append(self.relative_velocity[:, None])
         return np.concatenate(parts, axis=1)
 
     @cached_property
@@ -350,32 +366,54 @@ class ImpactRecord(Result):
         """
         return sample_run(self.system, self._run, self._within(times))
 
+    def sample_sliders(self, times: object) -> Array:
+        """Positions of the sliders of `Jenkins` elements at given times, (k, J), as in `sample`.
+
+        Examples
+        --------
+        The force of a joint, for a hysteresis loop:
+
+        >>> from dynkit.systems import ImpactChain, Jenkins
+        >>> joint = Jenkins(0, stiffness=2.0, force=0.3)
+        >>> record = ImpactChain(masses=1, frequency=0.8, elements=[joint]).simulate(impacts=3)
+        >>> times = [0.0, 5.0, 10.0]
+        >>> stretch = record.sample(times)[0] @ joint.row(1) - record.sample_sliders(times)[:, 0]
+        >>> bool((abs(joint.stiffness * stretch) <= joint.force + 1e-12).all())
+        True
+        """
+        return sample_sliders(self.system, self._run, self._within(times))
+
     def observable(self, name: str, times: object = None) -> Array:
         """Return one of the system's `observables` at the impacts, (n,), or of an element at times.
 
-        Those of elements have names like those of their parameters: of stops ``"table.gap"``,
-        ``"table.relative_velocity"`` (the rate of the gap) and ``"table.contact_force"``, which
-        pushes; of hard ones ``"table.impulse"``, of each impact; of friction
-        ``"belt.slip_velocity"`` and ``"belt.friction_force"``, the force on the structure along
-        its row. Exact as the motion: `error` says how wrong the states are, and a force is as wrong
-        as these times the stiffness of what it acts on. In the rest of a chatter that was replaced
-        by contact, it is that of contact.
+        Observables of elements are named like their parameters. Stops have ``"table.gap"``,
+        ``"table.relative_velocity"`` (the rate of the gap) and ``"table.contact_force"``, which is
+        never negative; hard stops also ``"table.impulse"``, the impulse of each impact. Friction
+        has ``"belt.slip_velocity"`` and ``"belt.friction_force"``, the force on the structure along
+        its row. `Jenkins` elements have ``"joint.stretch"`` of the spring and
+        ``"joint.spring_force"``, also that on the structure. The values are exact for the computed
+        states; the error of a force is that of the states times the stiffness on which it acts.
+        During the omitted bounces of a chatter they are those of contact.
 
         Parameters
         ----------
         name : str
         times : (k,) array_like, optional
-            As in `sample`: then (k,) numbers of an element, but of no impulse. By default the
-            impacts, just after each, and without a hard stop the begins of periods.
+            Times as in `sample`, for an observable of an element other than an impulse. By default
+            the values just after each impact, or without a hard stop at the begins of periods.
+
+        Returns
+        -------
+        (n,) or (k,) array
 
         Raises
         ------
         ValueError
-            When there is none of this name, or a time is beyond what was simulated.
+            When there is no observable of this name, or a time is beyond what was simulated.
 
         Examples
         --------
-        A mass of two lies on a floor, its weight three:
+        A mass of two falls onto a floor and comes to rest there, under a weight of three:
 
         >>> from dynkit.systems import HardStop, MatrixOscillator
         >>> block = MatrixOscillator(

@@ -246,14 +246,14 @@ def _fastest(part: Intervals) -> float:
 def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
     """As `_closed_form`, and the number of nodes, by `quadrature` of the exact motion."""
     mode = part.mode
-    n, count = len(mode.forced.rest), nodes_needed(part)
+    n, count = mode.bodies, nodes_needed(part)
     out = np.zeros((len(edges) - 1, n + 1, n + 1))
     if count is None:
         return out, np.full(out.shape[1:], np.inf), 0
     batch = np.searchsorted(edges, part.impact, side="right") - 1
     for row, weights, states in quadrature(part):
         x = np.ones((len(row), n + 1))
-        x[:, :n] = mode.forced.positions(*mode.parts(states))
+        x[:, :n] = mode.motion(states)[0]
         weighted = x * weights[:, None]
         for b in np.unique(batch[row]).tolist():
             own = batch[row] == b
@@ -269,9 +269,9 @@ def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array,
 def _terms(part: Intervals) -> Array:
     """Bounds (k, N + 1) of the sums of absolute terms of positions in each interval, and one."""
     mode, rest = part.mode, part.mode.forced.rest_terms
-    rows = np.stack([mode.row(unit) for unit in np.eye(len(rest))])
+    rows = np.stack([mode.row(unit) for unit in np.eye(len(rest))[: mode.bodies]])
     weights = mode.pairs.bounds(rows, float(part.durations.max(initial=0.0)))
-    terms = np.einsum("nij,kij->kn", weights, abs(part.starts)) + rest
+    terms = np.einsum("nij,kij->kn", weights, abs(part.starts)) + rest[: mode.bodies]
     return np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
 
 
@@ -330,14 +330,14 @@ def _positions(oscillator: DrivenStructure, run: Trajectory) -> Array:
     x = np.empty((run.impacts, n + 1))
     x[:, n] = 1.0
     for now in in_steps(run.impacts):
-        x[now, :n] = forced.positions(*(part[now] for part in run.coordinates))
+        x[now, :n] = forced.positions(*(part[now] for part in run.coordinates))[:, :n]
     return x
 
 
 def _kicks(oscillator: DrivenStructure) -> Iterator[tuple[int, Array]]:
     """Of all stops what a unit jump of the gap's rate changes at most in velocities, (N + 1,)."""
     for element, contact in enumerate(oscillator._contacts):
-        yield element, np.append(abs(contact.kick_velocity), 0.0)
+        yield element, np.append(abs(contact.kick_velocity[: oscillator.degrees_of_freedom]), 0.0)
 
 
 def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array, element: int) -> Array:

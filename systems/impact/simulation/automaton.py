@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import RLock
 from typing import Any, NamedTuple, final
 
@@ -26,7 +27,7 @@ from dynkit.systems.impact.elements.element import (
     Watch,
 )
 from dynkit.systems.impact.elements.laws import ImpactLaw
-from dynkit.systems.impact.modes.constrained import force_of, mode_of, moves, pushed, sum_of
+from dynkit.systems.impact.modes.constrained import Slider, force_of, mode_of, moves, pushed, sum_of
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
 from dynkit.systems.impact.simulation.regimes import Parts
@@ -97,6 +98,8 @@ class Automaton:
         What these are.
     guards : list of Guard
         In the order of their modes.
+    sliders : dict
+        Of elements, by number, that have sliders: the coordinates of these.
     table : (guards, 4)
         Of each guard its mode, its element, the mode that it leads to, and the kind of this switch.
     """
@@ -111,6 +114,8 @@ class Automaton:
         self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
         self._size, self._slots, self._joined = structure.size, 0, set[int]()
+        places = iter(range(structure.size - structure.sliders, structure.size))
+        self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
         self.parts = Parts(self._elements, structure)
         self._tolerance = tolerance
         self._hit = any(isinstance(element, HardStop) for element in self._elements)
@@ -184,7 +189,10 @@ class Automaton:
         gaps, forces = [r @ own for r in along], [r @ abs(s.stiffness) @ own for r in along]
         watched = [(g.watch, gaps[g.element], forces[g.element]) for g in self.guards]
         return np.array(
-            [abs(w.gap) * gap if w.gap or w.rate else force for w, gap, force in watched]
+            [
+                (abs(w.gap) + abs(w.stretch)) * gap if w.gap or w.rate or w.stretch else force
+                for w, gap, force in watched
+            ]
         )
 
     # --- building ---------------------------------------------------------------------------------
@@ -200,20 +208,29 @@ class Automaton:
         regimes = list(self.regimes[guard.mode])
         released = self.parts.now(regimes)[guard.element].holds
         regimes[guard.element] = LAIN if released else guard.watch.to
+        if guard.element in self.sliders and guard.watch.rate:  # where one turns, all along it do
+            for k in self.sliders:
+                regimes[k] = 0 if self.parts.along((guard.element,), k) else regimes[k]
         return self.parts.settled(regimes)
 
     def _build(self, regimes: tuple[int, ...]) -> None:
         number, now = len(self.modes), self.parts.now(regimes)
         structure, excitation = self._structure, self._excitation
-        for element, regime in zip(self._elements, now, strict=True):
+        sliders = []
+        for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             row = element.row(structure.size)
+            if k in self.sliders:
+                behind = None if regime.anchored else element.sign * regime.stretch
+                row[self.sliders[k]] = -1.0 if regime.anchored else 0.0
+                sliders.append(Slider(element, self.sliders[k], behind))
             structure = structure.stiffened(row, regime.stiffness, regime.damping)
             excitation = excitation.pulled(element, regime)
         grips = self.parts.grips(regimes)
         held, sticking = ([self._elements[k] for k in part] for part in grips)
         places = range(len(now))
         both = grips[0] + grips[1]
-        riding = [self.parts.along(both if now[k].halts else grips[0], k) for k in places]
+        rubs = [now[k].halts or k in self.sliders for k in places]
+        riding = [self.parts.along(both if rubs[k] else grips[0], k) for k in places]
         for k, regime in enumerate(now):
             if regime.halts and riding[k]:
                 raise NotImplementedError(
@@ -222,31 +239,40 @@ class Automaton:
                 )
             if isinstance(self._elements[k], HardStop) and riding[k] is False:
                 riding[k] = self.parts.along(both, k) or False  # what does not move reaches no stop
-        moving = [k for k in places if not riding[k]]
+        moving = [k for k in places if not riding[k] and not self.parts.follows(k)]
         watched = [self._elements[k].row(structure.size) for k in moving]
+        watched += [np.eye(structure.size)[slider.place] for slider in sliders]
         hit = [
             self._elements[k].row(structure.size)
             for k in moving
             if isinstance(self._elements[k], HardStop) and riding[k] is False
         ]
-        mode = mode_of(structure, excitation, held, sticking, watched, hit)
+        mode = mode_of(structure, excitation, held, sticking, watched, hit, sliders)
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             if k in both:
-                for watch in regime.guards:
+                for watch in map(partial(self._shared, k), regime.guards):
                     force = force_of(
                         mode, structure, excitation, [*held, *sticking], element, watch
                     )
                     self.guards.append(Guard(number, k, watch, force))
             elif k in moving:
                 for watch in _free_of(regime.guards, riding[k]):
-                    guard = Guard(number, k, watch, sum_of(mode, element, watch))
+                    sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
+                    guard = Guard(number, k, watch, sum_)
                     if watch.event == IMPACT and riding[k] is None:
                         guard.watch = replace(watch, event=JAM)
                     elif watch.event == IMPACT:
                         guard.opens, guard.ambiguous = self._pushed(regimes, element)
                     self.guards.append(guard)
+
+    def _shared(self, element: int, watch: Watch) -> Watch:
+        """What is watched of a force, of friction that sticks together of the sum."""
+        if len(self.parts.led(element)) < 2:
+            return watch
+        force, static = self.parts.most(element)
+        return replace(watch, level=static, order=2 if force == static else 1)
 
     def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
         """What sticks, or the closed stop, that an impact moves; whether it pushes against one."""

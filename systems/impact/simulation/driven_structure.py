@@ -44,6 +44,7 @@ _CACHES = frozenset(
         "_excitation",
         "_stops",
         "_soft",
+        "_sliders",
         "_free",
         "_gaps",
         "_automaton",
@@ -128,8 +129,8 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def dimension(self) -> int:
-        """Number of section coordinates, 2N."""
-        return 2 * self.degrees_of_freedom
+        """Number of section coordinates, 2N, and one for each slider of a `Jenkins` element."""
+        return 2 * self.degrees_of_freedom + len(self._sliders)
 
     @property
     def natural_frequencies(self) -> Array:
@@ -143,7 +144,17 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _structure(self) -> Structure:
-        return structure_of(self)
+        return structure_of(self).beside(len(self._sliders))
+
+    @cached_property
+    def _sliders(self) -> tuple[Element, ...]:
+        """The elements that have sliders, whose places are coordinates after all others."""
+        return tuple(element for element in self._soft if element.slider)
+
+    @property
+    def _size(self) -> int:
+        """Number of coordinates, those of sliders among them."""
+        return self.degrees_of_freedom + len(self._sliders)
 
     @cached_property
     def _contact(self) -> Contact:
@@ -153,14 +164,19 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _contacts(self) -> tuple[Contact, ...]:
         """Where the stops act."""
-        n, structure = self.degrees_of_freedom, self._structure
+        n, structure = self._size, self._structure
         return tuple(structure.contact(stop.row(n)) for stop in self._stops)
+
+    @property
+    def _others(self) -> list[Any]:
+        """Of each stop the coordinates but for the one at its place, (N - 1,)."""
+        return [contact.others[: self.degrees_of_freedom - 1] for contact in self._contacts]
 
     @cached_property
     def _excitation(self) -> Excitation:
-        n = self.degrees_of_freedom
-        harmonic = np.array(self.harmonic_forces or (0j,) * n)
-        constant = np.array(self.constant_forces or (0.0,) * n)
+        n, sliders = self.degrees_of_freedom, len(self._sliders)
+        harmonic = np.array((self.harmonic_forces or (0j,) * n) + (0j,) * sliders)
+        constant = np.array((self.constant_forces or (0.0,) * n) + (0.0,) * sliders)
         moved = any(element.phasor for element in self._elements)
         return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
 

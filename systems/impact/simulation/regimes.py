@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
+import numpy as np
+
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import LARGEST
 from dynkit.systems.impact.elements.element import LAIN, Element, HardStop, Regime
+from dynkit.systems.impact.elements.friction import TURNED, DryFriction
 from dynkit.systems.impact.modes.constrained import rides
 from dynkit.systems.impact.modes.structure import Structure
 
@@ -26,6 +29,8 @@ class Parts:
         self._elements, self._structure = tuple(elements), structure
         self._regimes = [element.regimes for element in elements]
         self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
+        rubs = [k for k, element in enumerate(elements) if isinstance(element, DryFriction)]
+        self._leads = {k: next((j for j in rubs if j < k and self.along((j,), k)), k) for k in rubs}
         for k, element in enumerate(elements):
             row = element.row(structure.size)
             for name in ("stiffness", "damping"):
@@ -41,11 +46,25 @@ class Parts:
         """What all elements do in these regimes."""
         return [own[k] for own, k in zip(self._regimes, regimes, strict=True)]
 
+    def follows(self, element: int) -> bool:
+        """Whether it is friction that slips and sticks as another one does, which leads."""
+        return self._leads.get(element, element) != element
+
+    def led(self, element: int) -> list[tuple[int, float]]:
+        """Friction that slips and sticks as this one, itself first, and how fast beside it."""
+        rows = [self._elements[k].row(self._structure.size) for k in range(len(self._elements))]
+        own = rows[element]
+        group = [k for k, leader in self._leads.items() if leader == element]
+        return [(k, float(rows[k] @ own / (own @ own))) for k in group]
+
     def settled(self, given: Sequence[int]) -> tuple[int, ...]:
         """Regimes that go together.
 
+        Friction along one row over one surface slips and sticks together.
+
         Friction along what stops hold rests: how they share the force is open, and it takes none.
-        Where they let go it sticks, and what then does not move lies at the stop.
+        Where they let go it sticks, and what then does not move lies at the stop. Sliders stick
+        where what they follow does not move over their surfaces.
         """
         regimes = list(given)
         held = self.grips(regimes)[0]
@@ -57,6 +76,13 @@ class Parts:
         both = sum(self.grips(regimes), ())
         for k, lies in enumerate(self.lain(regimes)):
             if lies and not self.along(both, k):
+                regimes[k] = 0
+        for k in (k for k in self._leads if self.follows(k)):
+            leader = self._leads[k]
+            back = dict(self.led(leader))[k] * self._elements[k].sign * self._elements[leader].sign
+            regimes[k] = TURNED[regimes[leader]] if back < 0.0 else regimes[leader]
+        for k, element in enumerate(self._elements):
+            if element.slider and self.along(both, k):
                 regimes[k] = 0
         return tuple(regimes)
 
@@ -74,7 +100,7 @@ class Parts:
         """The elements that hold, and those that stick where no others hold what they act along."""
         now = self.now(regimes)
         held = tuple(k for k, regime in enumerate(now) if regime.holds)
-        sticking = (k for k, regime in enumerate(now) if regime.sticks)
+        sticking = (k for k, r in enumerate(now) if r.sticks and not self.follows(k))
         return held, tuple(k for k in sticking if self.along(held, k) is False)
 
     def along(self, others: tuple[int, ...], element: int) -> bool | None:
@@ -90,6 +116,7 @@ class Parts:
         held = self.grips(regimes)[0]
         return [
             any(regime.sticks for regime in own)
+            and not self.follows(k)
             and self.along(held, k) is False
             and self.along((*held, stop), k) is True
             for k, own in enumerate(self._regimes)
@@ -101,9 +128,17 @@ class Parts:
         Some of the elements rub; an impulse of one at the gap changes the velocities so, (N,).
         """
         drop = hold = 0.0
-        for element, own, rubs in zip(self._elements, self._regimes, rubbed, strict=True):
-            if rubs:
-                share = abs(float(element.row(len(change)) @ change))
-                drop += 2.0 * share * max(abs(regime.push) for regime in own)
-                hold += share * max(r.guards[0].level for r in own if r.sticks)
+        for k in np.flatnonzero(rubbed).tolist():
+            share = abs(float(self._elements[k].row(len(change)) @ change))
+            drop += 2.0 * share * self.most(k)[0]
+            hold += share * self.most(k)[1]
         return drop, hold
+
+    def most(self, element: int) -> tuple[float, float]:
+        """Of friction that sticks together the force, and the static one, along the first one."""
+        force = static = 0.0
+        for k, share in self.led(element):
+            own = self._regimes[k]
+            force += abs(share) * max(abs(regime.push) for regime in own)
+            static += abs(share) * max(r.guards[0].level for r in own if r.sticks)
+        return force, static

@@ -103,13 +103,12 @@ class Course:
         self._left[start.element, :3] = _MOTIONS.index(start.motion), order, start.speed
         self._shifts: Array | None = None
         if noise > 0.0:
-            random, n = np.random.default_rng(seed), oscillator.degrees_of_freedom
+            random, n = np.random.default_rng(seed), oscillator._size
             # Half of the disturbance covers the rounding of the change of coordinates.
-            x, v = (
-                0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * [start.position, start.velocity]
-            )
+            x, v = 0.5 * noise * random.uniform(-1.0, 1.0, (2, n)) * start._place
             q = q * (1.0 + noise * random.uniform(-1.0, 1.0, q.shape))
-            q += oscillator._structure.free.coordinates(x, v)
+            assert free.forced.basis is not None
+            q = free.steady(q + free.forced.basis.coordinates(x, v))
             turn = turn * (1.0 + noise * random.uniform(-1.0, 1.0, 2))
             self._left[start.element, 2] *= 1.0 + noise * random.uniform(-1.0, 1.0)
             elements = max(len(oscillator._elements), 2)

@@ -38,7 +38,7 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
             given = parts.speed[some], parts.rest[some], since[here]
             lift, rise = _bounces(stop.restitution, *given)
             for mode, now in run.modes(parts.mode[some - 1]):
-                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)
+                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)[: x.shape[1]]
                 x[here[now]] += np.outer(lift[now], kick)
                 v[here[now]] += np.outer(rise[now], kick)
     return x, v
@@ -52,6 +52,14 @@ def states_at(run: Trajectory, times: Array) -> Iterator[tuple[Mode, Any, Array]
     for mode, here in run.modes(parts.mode[which]):
         some, place = np.unique(which[here], return_inverse=True)
         yield mode, here, mode.after(parts.of(mode, some), place, since[here])
+
+
+def sample_sliders(oscillator: DrivenStructure, run: Trajectory, times: Array) -> Array:
+    """Positions (k, J) of sliders at times (k,) within a run."""
+    out = np.empty((len(times), len(oscillator._sliders)))
+    for mode, here, states in states_at(run, times):
+        out[here] = mode.sliders(states)
+    return out
 
 
 def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:

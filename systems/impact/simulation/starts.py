@@ -15,10 +15,13 @@ from dynkit.systems.impact.simulation.state import (
     ImpactState,
     Motion,
     along,
+    beside,
+    placed,
     put_on,
     state_at,
     sticking,
     touched,
+    within,
 )
 
 if TYPE_CHECKING:
@@ -43,13 +46,14 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
         return shape
     near = oscillator._stops[0]
     contact, play = oscillator._contact, oscillator.play
-    place = float(contact.row @ shape)
+    row = contact.row[: len(shape)]
+    place = float(row @ shape)
     x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
     turn = math.sin(angle), math.cos(angle)
     if oscillator._several:
         return np.asarray(_between(oscillator, x, turn)[0])
     table = float(near.swing(*turn) + near.offset)
-    gap = near.sign * (float(contact.row @ x) - table)
+    gap = near.sign * (float(row @ x) - table)
     # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
     rate = -near.sign * near.swing_rate(oscillator.frequency, *turn)
     rounding = _rounding(place, oscillator.amplitude, near.offset)
@@ -59,8 +63,9 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     lifted = table + near.sign * min(1.0, 0.5 * play)
     if abs(place) > _NODE * float(abs(shape).max()):
         return shape * (lifted / place)
+    x = beside(oscillator, x)
     contact.put(x, lifted)
-    return x
+    return x[: len(shape)]
 
 
 def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:
@@ -68,7 +73,7 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
 
     Those nearest to positions at rest. Without room, on the stops and as fast as these.
     """
-    rows = np.array([s.sign * c.row for s, c in _stands(oscillator)])
+    rows = np.array([s.sign * c.row[: len(x)] for s, c in _stands(oscillator)])
     places = np.array([s.sign * (s.swing(*turn) + s.offset) for s in oscillator._stops])
     sizes = [stop.amplitude + abs(stop.offset) for stop in oscillator._stops]
     still = np.zeros(len(x))
@@ -113,7 +118,11 @@ def _stands(oscillator: DrivenStructure) -> Iterable[tuple[HardStop, Contact]]:
 
 
 def start(
-    oscillator: DrivenStructure, position: object, velocity: object, phase: object
+    oscillator: DrivenStructure,
+    position: object,
+    velocity: object,
+    phase: object,
+    sliders: object,
 ) -> ImpactState:
     """A state to start from, at the defaults where None is given; ValueError beyond a stop."""
     n, w = oscillator.degrees_of_freedom, oscillator.frequency
@@ -129,7 +138,7 @@ def start(
     first = 0.0
     for side, (stop, contact) in enumerate(_stands(oscillator)):
         row, swing, speed = (
-            contact.row,
+            contact.row[:n],
             stop.swing(*turn.tolist()),
             stop.swing_rate(w, *turn.tolist()),
         )
@@ -150,14 +159,29 @@ def start(
                 )
             on[side] = 0.0 if u <= rounding else u
         first = first if side else abs(u)
+    sticks = sticking(oscillator, v, turn, tuple(on))
+    x, v = _sliding(oscillator, x, turn, sliders), beside(oscillator, v)
     if not on:
-        sticks = sticking(oscillator, v, turn, ())
         return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
     # the one that is left, of those that are; the others are lain on
     element = max(on, key=lambda side: on[side] > 0.0)
     closed = tuple(side for side, u in on.items() if side != element and u == 0.0)
-    closed += sticking(oscillator, v, turn, tuple(on))
-    return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed)
+    return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
+
+
+def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) -> Array:
+    """Positions (N,) and those of sliders (J,); ValueError where these are none or too far off."""
+    own = oscillator._sliders
+    if given is None:
+        middle = [element.offset + element.swing(*turn.tolist()) for element in own]
+        return placed(oscillator, x, np.array(middle))
+    places = finite_array("sliders", given, (len(own),))
+    out = placed(oscillator, x, places)
+    rounding = _rounding(float(abs(x).max()), float(abs(places).max(initial=0.0)), 0.0)
+    for k in np.flatnonzero(abs(out[len(x) :] - places) > rounding)[:1].tolist():
+        low, high = (float(part[k]) for part in within(oscillator, x))
+        raise ValueError(f"sliders[{k}] must lie in [{low}, {high}]; got {places[k]}")
+    return out
 
 
 def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
@@ -171,14 +195,18 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     n, turn, u, stands = oscillator.degrees_of_freedom, start._turn, start.speed, oscillator._stops
     if start.position.shape != (n,):
         raise ValueError(f"start must have {n} masses; got {start.position.size}")
+    if len(start.sliders) != len(oscillator._sliders):
+        own = len(oscillator._sliders)
+        raise ValueError(f"start must have {own} sliders; got {len(start.sliders)}")
     x, v = start.position.copy(), start.velocity.copy()
     if start.motion is Motion.FLIGHT:
         for stop, contact in _stands(oscillator):
-            place, table = float(contact.row @ x), stop.swing(*turn.tolist()) + stop.offset
+            place, table = float(contact.row[:n] @ x), stop.swing(*turn.tolist()) + stop.offset
             if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {place}")
         sticks = sticking(oscillator, v, turn, ())
+        x, v = placed(oscillator, x, start.sliders), beside(oscillator, v)
         return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
     if start.element >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
@@ -187,8 +215,11 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
         held = [stands[j] for j in (start.element, *closed)]
         if rides(oscillator._structure, held, stands[k]) is False:
             closed.append(k)
+    n, (x, v) = len(x), (beside(oscillator, part) for part in (x, v))
     put_on(oscillator, start.element, closed, (x, v), turn[0], turn[1], u)
-    touched(oscillator, x, v, turn, start.element)
+    x, v = placed(oscillator, x[:n], start.sliders), v[:n]
+    touched(oscillator, x[:n], v, turn, start.element)
     closed += sticking(oscillator, v, turn, (start.element, *closed))
+    v = beside(oscillator, v)
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))

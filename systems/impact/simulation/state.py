@@ -51,6 +51,8 @@ class ImpactState:
     motion : Motion
     closed : tuple of int
         Numbers of other stops that are in contact, and of friction that sticks.
+    sliders : (J,)
+        Positions of the sliders of `Jenkins` elements, in their order, read-only.
     """
 
     speed: float
@@ -69,12 +71,16 @@ class ImpactState:
     @property
     def position(self) -> Array:
         """Positions (N,), read-only."""
-        return self._place[0]
+        return self._place[0][: self._system.degrees_of_freedom]
 
     @property
     def velocity(self) -> Array:
         """Velocities (N,), read-only."""
-        return self._place[1]
+        return self._place[1][: self._system.degrees_of_freedom]
+
+    @property
+    def sliders(self) -> Array:
+        return self._place[0][self._system.degrees_of_freedom :]
 
     @cached_property
     def phase(self) -> float:
@@ -186,13 +192,32 @@ def state_at(
     motion: Motion,
     closed: tuple[int, ...] = (),
 ) -> ImpactState:
-    """The state at positions and velocities (N,), and sine and cosine (2,) of the phase."""
-    forced = oscillator._free.forced
+    """The state at positions and velocities (N + J,), and sine and cosine (2,) of the phase."""
     with np.errstate(over="ignore", invalid="ignore"):
-        q = forced.coordinates(x - forced.rest, v - forced.drift, *turn)
+        q = oscillator._free.coordinates(x, v, *turn)
     if not np.isfinite(q).all():
         raise Refused(f"positions and velocities must not overflow; got {x} and {v}")
     return state_of(oscillator, q, turn, speed, element, motion, closed)
+
+
+def beside(oscillator: DrivenStructure, x: Array) -> Array:
+    """Positions or velocities (N,) with zeros for those of sliders, (N + J,)."""
+    return np.pad(x, (0, len(oscillator._sliders))) if oscillator._sliders else x
+
+
+def placed(oscillator: DrivenStructure, x: Array, sliders: Array) -> Array:
+    """Positions (N,) and those of sliders (J,), which follow where they are too far behind."""
+    if not oscillator._sliders:
+        return x[: oscillator.degrees_of_freedom]
+    low, high = within(oscillator, x)
+    return np.concatenate([x, np.clip(sliders, low, high)])
+
+
+def within(oscillator: DrivenStructure, x: Array) -> tuple[Array, Array]:
+    """Between which places (J,) sliders are, where positions are (N,)."""
+    reach = [element.reach for element in oscillator._sliders]
+    along = np.array([element.row(len(x)) @ x for element in oscillator._sliders])
+    return along - reach, along + reach
 
 
 SHEET = 2.0 * TWO_PI
@@ -200,13 +225,13 @@ SHEET = 2.0 * TWO_PI
 
 
 def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Section coordinates (2N,) of a state on a stop; without one positions and velocities."""
+    """Section coordinates of a state on a stop; without one positions and velocities, sliders."""
     if oscillator._strobed:
-        return np.concatenate([state.position, state.velocity])
-    others = oscillator._contacts[state.element].others
+        return np.concatenate([state.position, state.velocity, state.sliders])
+    others = oscillator._others[state.element]
     x, v = state.position[others], state.velocity[others]
     phase = state.phase + SHEET * state.element * oscillator._several
-    return np.concatenate([x, v, [state.relative_velocity, phase]])
+    return np.concatenate([x, v, state.sliders, [state.relative_velocity, phase]])
 
 
 def sheet_of(phase: Any) -> Any:
@@ -215,12 +240,16 @@ def sheet_of(phase: Any) -> Any:
 
 
 def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
-    """The state just after an impact with these section coordinates (2N,); ValueError for none."""
+    """The state just after an impact with these section coordinates; ValueError for none.
+
+    Sliders that are farther behind than they may be, follow.
+    """
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stops
     if oscillator._strobed:
-        turn, sticks = np.array([0.0, 1.0]), sticking(oscillator, y[n:], np.array([0.0, 1.0]), ())
-        return state_at(oscillator, y[:n], y[n:], turn, 0.0, 0, Motion.FLIGHT, sticks)
+        turn, v = np.array([0.0, 1.0]), y[n : 2 * n]
+        x, sticks = placed(oscillator, y[:n], y[2 * n :]), sticking(oscillator, v, turn, ())
+        return state_at(oscillator, x, beside(oscillator, v), turn, 0.0, 0, Motion.FLIGHT, sticks)
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
         if u < 0.0:
@@ -237,12 +266,14 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
             )
         phase -= SHEET * element
     turn = np.array([math.sin(phase), math.cos(phase)])
-    x, v = np.empty((2, n))
-    others = oscillator._contacts[element].others
-    x[others], v[others] = y[: n - 1], y[n - 1 : -2]
+    x, v = np.zeros((2, n))
+    others = oscillator._others[element]
+    x[others], v[others] = y[: n - 1], y[n - 1 : 2 * n - 2]
+    x, v = (beside(oscillator, part) for part in (x, v))
     put_on(oscillator, element, (), (x, v), turn[0], turn[1], speed)
-    closed = touched(oscillator, x, v, turn, element)
-    closed += sticking(oscillator, v, turn, (element, *closed))
+    x = placed(oscillator, x[:n], y[2 * n - 2 : -2])
+    closed = touched(oscillator, x[:n], v[:n], turn, element)
+    closed += sticking(oscillator, v[:n], turn, (element, *closed))
     return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE, closed)
 
 
@@ -256,12 +287,11 @@ def touched(
     found = []
     stands = zip(oscillator._stops, oscillator._contacts, strict=True)
     for k, (stop, contact) in enumerate(stands):
-        gap, rate = (
-            stop.sign * (float(contact.row @ part) - told)
-            for part, told in ((x, places[k]), (v, speeds[k]))
-        )
+        row = contact.row[: len(v)]
+        pairs = (x, places[k]), (v, speeds[k])
+        gap, rate = (stop.sign * (float(row @ part) - told) for part, told in pairs)
         near, slow = (
-            _TOUCHED * (float(abs(contact.row) @ abs(part)) + size)
+            _TOUCHED * (float(abs(row) @ abs(part)) + size)
             for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))
         )
         if k != element and gap < -near:
@@ -303,7 +333,10 @@ def along(stop: HardStop, name: str) -> str:
 
 
 def packed(state: ImpactState) -> Array:
-    """All numbers of a state, (2N + 5,), and one for each element where more than one may hold."""
+    """All numbers of a state, (2N + 5,), and one for each element where more than one may hold.
+
+    Two more for each slider.
+    """
     motion = tuple(Motion).index(state.motion)
     own = [motion, state.element, state.speed, *state._turn.tolist()]
     closed = [k in state.closed for k in range(state._system._holding)]
@@ -312,7 +345,7 @@ def packed(state: ImpactState) -> Array:
 
 def unpacked(oscillator: DrivenStructure, numbers: object) -> ImpactState:
     """The state that `packed` turned into numbers."""
-    n = oscillator.degrees_of_freedom
+    n = oscillator._size
     array = finite_array("packed", numbers, (5 + 2 * n + oscillator._holding,))
     motion, element = tuple(Motion)[int(array[0])], int(array[1])
     q, turn = array[5 : 5 + 2 * n].reshape(2, n), array[3:5]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Derivative (2N, 2N) of the impact map in section coordinates.
+    """Derivative (d, d) of the impact map in section coordinates.
 
     It is the product of the derivatives of: free coordinates by section coordinates; each mode on
     the way, up to the zero of its guard; the impact law. A mode that is entered at the start is
@@ -56,29 +56,30 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         if not last:
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
-    others: Any = slice(None)
+    n = oscillator.degrees_of_freedom
+    others: Any = slice(n)
     law: list[Array] = []
     if hit:
-        contact, stop = oscillator._contacts[side], oscillator._stops[side]
+        stop = oscillator._stops[side]
         before = _row(guard.sum, 2) @ derivative
         slope = _slope(stop, float(_row(guard.sum, 2) @ y.ravel()), float(run.log.speed[-1]))
         kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
         derivative += reset(slope, kick.ravel(), before)
         far = side == 1 and oscillator._faces
-        others = contact.others
+        others = oscillator._others[side]
         law.append((slope if far else -slope) * before)
     if guard.mode:
         derivative = free.seen_from(mode)[:, :-1] @ derivative
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
-    position = free.forced.displacements(q, by_sine, by_cosine).T[others]
+    places = free.forced.displacements(q, by_sine, by_cosine).T
     velocity = free.forced.speeds(q, by_sine, by_cosine).T[others]
     if hit and free.layout.table >= 0:
         sine, cosine = run.final._turn
         law.append(cosine * by_sine - sine * by_cosine)
     elif hit:
         law.append(oscillator.frequency * time + np.eye(len(time))[-1])
-    return np.vstack([position, velocity, *law])
+    return np.vstack([places[others], velocity, places[n:], *law])
 
 
 def parameter_derivative(
@@ -95,6 +96,7 @@ def parameter_derivative(
     if (
         oscillator._strobed
         or oscillator._several
+        or oscillator._sliders
         or not changes_alone(oscillator, name)
         or (forced and name == "frequency")
     ):
@@ -169,31 +171,35 @@ def _stop_by(
 
 
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
-    free, n = oscillator._free, oscillator.degrees_of_freedom
-    x, v = np.zeros((2, 2 * n, n))
-    by_sine, by_cosine = np.zeros((2, 2 * n))
+    """Derivative (2 slots, d) of the free state, table included, by the section coordinates."""
+    free, n, d = oscillator._free, oscillator.degrees_of_freedom, oscillator.dimension
+    x, v = np.zeros((2, d, oscillator._size))
+    by_sine, by_cosine = np.zeros((2, d))
+    sliders = range(n, oscillator._size)
     if oscillator._strobed:
-        x[:n], v[n:] = np.eye(n), np.eye(n)
+        x[:n, :n], v[n : 2 * n, :n] = np.eye(n), np.eye(n)
+        x[2 * n :, sliders] = np.eye(len(sliders))
     else:
         contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
         sine, cosine = state._turn
-        x[np.arange(n - 1), contact.others] = 1.0
-        v[np.arange(n - 1) + n - 1, contact.others] = 1.0
-        place, moving = np.zeros((2, 2 * n))
+        others = oscillator._others[state.element]
+        x[np.arange(n - 1), others] = 1.0
+        v[np.arange(n - 1) + n - 1, others] = 1.0
+        x[2 * n - 2 : -2, sliders] = np.eye(len(sliders))
+        place, moving = np.zeros((2, d))
         far = state.element == 1 and oscillator._faces
-        moving[2 * n - 2] = -stop.sign if far else stop.sign
+        moving[-2] = -stop.sign if far else stop.sign
         # a quarter of a turn on
-        place[2 * n - 1] = stop.swing(cosine, -sine)
-        moving[2 * n - 1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
+        place[-1] = stop.swing(cosine, -sine)
+        moving[-1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
         contact.put(x, place)
         contact.put(v, moving)
         by_sine[-1], by_cosine[-1] = cosine, -sine
-    q = free.forced.coordinates(x, v, by_sine, by_cosine)
+    q = free.coordinates(x, v, by_sine, by_cosine, np.zeros(d))
     out = free.states(q, by_sine, by_cosine)
     if free.layout.constant >= 0:
         out[:, 0, free.layout.constant] = 0.0
-    return np.asarray(out.reshape(2 * n, -1).T)
+    return np.asarray(out.reshape(d, -1).T)
 
 
 def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:

@@ -237,7 +237,7 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
         rows = np.zeros((2, 2, mode.layout.slots))
         rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
         if r > 0.0 and flight == 0:  # r = 0 forgets the rates before
-            kick = mode.placed(oscillator._contacts[element].kick[:2])
+            kick = mode.placed(mode.contact(oscillator._contacts[element].row).kick[:2])
             turn = stop.sign * float((rows[1] * kick).sum())
             for own in (here[now] for now in in_steps(len(here))):
                 bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
