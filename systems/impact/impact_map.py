@@ -146,7 +146,7 @@ class ImpactMap(DrivenStructure, Map):
     @property
     def start_size(self) -> int:
         """How many numbers `state_from` takes: 2N + 1."""
-        return self.dimension + 1
+        return 2 * self.degrees_of_freedom + 1
 
     def state_from(self, numbers: Array) -> ImpactState:
         """Return the `state` of N positions, N velocities and the phase, (2N + 1,).
@@ -206,7 +206,7 @@ class ImpactMap(DrivenStructure, Map):
         states, others = abs(motion.states), self.degrees_of_freedom - 1
         scale = np.ones(self.dimension)
         if self._strobed:
-            others += 1
+            others = len(self._crossed.kept[0])
         scale[:others] = states[:, :others].max(initial=0.0)
         scale[others:-2] = states[:, others:-2].max(initial=0.0)
         if self._strobed:

@@ -75,7 +75,10 @@ class ImpactOscillator(ImpactMap):
         the row, of a pair (i, j) the second one. With several hard stops its last coordinate is
         the phase plus 4 pi times the number of the stop that is hit. Without a hard stop the map
         is that over a period of the forcing, from phase 0: its states are positions and velocities,
-        and what is said of impacts is then said of these moments.
+        and what is said of impacts is then said of these moments. Where nothing drives it either,
+        neither a force nor what moves harmonically, these moments are those at which the first
+        friction comes to a halt, or, without friction, at which the gap of the first element
+        closes: its 2N - 1 states leave out the velocity, or the position, that is fixed there.
 
     Raises
     ------
@@ -95,7 +98,7 @@ class ImpactOscillator(ImpactMap):
         With several stops ``element`` is one of them; without any the coordinates, ``state[0]``.
         Those of elements, ``table.impulse``, are described at `ImpactRecord.observable`.
         """
-        from dynkit.systems.impact.observables import names_along
+        from dynkit.systems.impact.records.observables import names_along
 
         own = super().observables if self._strobed else _OF_IMPACTS
         return (*own, *(["element"] if self._several else []), *names_along(self))

@@ -10,8 +10,8 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
-from dynkit.systems.impact.observables import applied, forces_on, gap_of, jumps
 from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.systems.impact.records.observables import applied, forces_on, gap_of, jumps
 from dynkit.systems.impact.records.second_moments import (
     MOST_NODES,
     Intervals,

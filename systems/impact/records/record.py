@@ -88,8 +88,9 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
     # Phases that are turns apart may look alike; what rounding of the times hides does not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
-    angle = system.frequency * late
-    gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
+    if not system._cycled:
+        angle = system.frequency * late
+        gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
     worst[:k] = np.maximum(worst[:k], gap)
     worst[k:] = np.inf
 
@@ -134,7 +135,7 @@ class ImpactRecord(Result):
     def __repr__(self) -> str:
         events = f"{len(self)} impacts, {len(self.sticking)} contacts"
         if self.system._strobed:
-            events = f"{len(self)} periods"
+            events = f"{len(self)} {'crossings' if self.system._cycled else 'periods'}"
         return f"<ImpactRecord: {events}; {self.ending.value}>"
 
     def _facts(self) -> Facts:
@@ -217,7 +218,10 @@ class ImpactRecord(Result):
     def _without_phase(self) -> Array:
         """Section coordinates (n, 2N - 1) without the phase, or all where that does not change."""
         if self.system._strobed:
-            return np.concatenate([self.position, self.velocity], axis=1)
+            positions, velocities = self.system._crossed.kept
+            return np.concatenate(
+                [self.position[:, positions], self.velocity[:, velocities]], axis=1
+            )
         others = np.array([contact.others for contact in self.system._contacts])
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
@@ -382,7 +386,7 @@ class ImpactRecord(Result):
         >>> record.observable("floor.impulse")[:2].tolist()  # it hits at 1.5, leaves at 0.75
         [4.5, 2.25]
         """
-        from dynkit.systems.impact.observables import along_at, along_impacts
+        from dynkit.systems.impact.records.observables import along_at, along_impacts
 
         if times is not None:
             return along_at(self.system, self._run, name, self._within(times))

@@ -112,7 +112,9 @@ class Automaton:
         self._size, self._slots, self._joined = structure.size, 0, set[int]()
         self.parts = Parts(self._elements, structure)
         self._tolerance = tolerance
-        self._hit = any(isinstance(element, HardStop) for element in self._elements)
+        hit = any(isinstance(element, HardStop) for element in self._elements)
+        self._period = 2.0 * np.pi / excitation.frequency if excitation.turns and not hit else 0.0
+        self._cycled = None if hit or excitation.turns else cycled_by(self._elements)
         self._lock = RLock()
         self._tables: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
@@ -316,7 +318,7 @@ class Automaton:
             partner=np.array([g.partner for g in guards]),
             change=stack.take("change", len(guards) if self._joined else 0),
             tolerance=self._tolerance,
-            period=0.0 if self._hit else 2.0 * np.pi / self._excitation.frequency,
+            period=self._period,
             clock_rate=self._excitation.frequency if modes[0].layout.table < 0 else 0.0,
             **given,
         )
@@ -352,6 +354,15 @@ class Automaton:
         put("ambiguous", k, guard.ambiguous)
         put("coupled", k, coupled)
         put("rubbed", k, rubbed)
+        put("marks", k, self.marks(guard))
+
+    def marks(self, guard: Guard) -> bool:
+        """Whether the section of cycles is where this guard is zero."""
+        if guard.element != self._cycled:
+            return False
+        if halts(self._elements[guard.element]):
+            return bool(guard.watch.event == HALT)
+        return not self.regimes[guard.mode][guard.element]
 
     def _coupled(self, guard: Guard) -> list[bool]:
         """Of all elements whether an impact at a guard changes the rate of their gaps."""
@@ -372,6 +383,19 @@ def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
     return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
 
 
+def cycled_by(elements: Sequence[Element]) -> int:
+    """The element whose events are the section where nothing drives: friction, where there is any.
+
+    Its section is where it comes to a halt, that of others where their gap closes.
+    """
+    return next((k for k, element in enumerate(elements) if halts(element)), 0)
+
+
+def halts(element: Element) -> bool:
+    """Whether it may come to a halt."""
+    return any(regime.halts for regime in element.regimes)
+
+
 _OF_GUARDS = (
     "event",
     "order",
@@ -386,6 +410,7 @@ _OF_GUARDS = (
     "ambiguous",
     "coupled",
     "rubbed",
+    "marks",
 )
 
 

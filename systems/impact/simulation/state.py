@@ -200,9 +200,10 @@ SHEET = 2.0 * TWO_PI
 
 
 def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Section coordinates (2N,) of a state on a stop; without one positions and velocities."""
+    """Section coordinates of a state on a stop; without one positions and velocities."""
     if oscillator._strobed:
-        return np.concatenate([state.position, state.velocity])
+        positions, velocities = oscillator._crossed.kept
+        return np.concatenate([state.position[positions], state.velocity[velocities]])
     others = oscillator._contacts[state.element].others
     x, v = state.position[others], state.velocity[others]
     phase = state.phase + SHEET * state.element * oscillator._several
@@ -219,8 +220,12 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stops
     if oscillator._strobed:
-        turn, sticks = np.array([0.0, 1.0]), sticking(oscillator, y[n:], np.array([0.0, 1.0]), ())
-        return state_at(oscillator, y[:n], y[n:], turn, 0.0, 0, Motion.FLIGHT, sticks)
+        positions, velocities = oscillator._crossed.kept
+        turn, (x, v) = np.array([0.0, 1.0]), np.zeros((2, n))
+        x[positions], v[velocities] = np.split(y, [len(positions)])
+        oscillator._crossed.put(x, v)
+        sticks = sticking(oscillator, v, turn, ())
+        return state_at(oscillator, x, v, turn, 0.0, 0, Motion.FLIGHT, sticks)
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
         if u < 0.0:

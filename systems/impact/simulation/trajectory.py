@@ -32,6 +32,7 @@ class Ending(Enum):
     DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
     JAMMED = "the machine is jammed: a stop is in the way of what others hold"
     COLLAPSED = "stops are hit in turn without end, and in no time"
+    CYCLE_ENDED = "nothing drives the motion, and it comes to its section no more"
 
 
 @final

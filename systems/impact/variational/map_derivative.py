@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Derivative (2N, 2N) of the impact map in section coordinates.
+    """Derivative (d, d) of the impact map in section coordinates.
 
     The chain of: section coordinates to free ones; each mode on the way until a guard vanishes, as
     contact until the force does; the impact law. What is entered where the motion begins, is so
@@ -54,22 +54,24 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         if not last:
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
-    others: Any = slice(None)
     law: list[Array] = []
+    places: tuple[Any, Any]
     if hit:
         contact, stop = oscillator._contacts[side], oscillator._stops[side]
         before = _row(guard.sum, 2) @ derivative
         kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
         derivative += reset(stop.restitution, kick.ravel(), before)
         far = side == 1 and oscillator._faces
-        others = contact.others
+        places = (contact.others, contact.others)
         law.append((stop.restitution if far else -stop.restitution) * before)
+    else:
+        places = oscillator._crossed.kept
     if guard.mode:
         derivative = free.seen_from(mode)[:, :-1] @ derivative
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
-    position = free.forced.displacements(q, by_sine, by_cosine).T[others]
-    velocity = free.forced.speeds(q, by_sine, by_cosine).T[others]
+    position = free.forced.displacements(q, by_sine, by_cosine).T[places[0]]
+    velocity = free.forced.speeds(q, by_sine, by_cosine).T[places[1]]
     if hit and free.layout.table >= 0:
         sine, cosine = run.final._turn
         law.append(cosine * by_sine - sine * by_cosine)
@@ -154,12 +156,15 @@ def _stop_by(
 
 
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Derivative (2 slots, 2N) of the free state, table included, by the section coordinates."""
+    """Derivative (2 slots, d) of the free state, table included, by the section coordinates."""
     free, n = oscillator._free, oscillator.degrees_of_freedom
-    x, v = np.zeros((2, 2 * n, n))
-    by_sine, by_cosine = np.zeros((2, 2 * n))
+    x, v = np.zeros((2, oscillator.dimension, n))
+    by_sine, by_cosine = np.zeros((2, oscillator.dimension))
     if oscillator._strobed:
-        x[:n], v[n:] = np.eye(n), np.eye(n)
+        positions, velocities = oscillator._crossed.kept
+        x[: len(positions), positions] = np.eye(len(positions))
+        v[len(positions) :, velocities] = np.eye(len(velocities))
+        oscillator._crossed.put(x, v, told=False)
     else:
         contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
         sine, cosine = state._turn
@@ -178,7 +183,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     out = free.states(q, by_sine, by_cosine)
     if free.layout.constant >= 0:
         out[:, 0, free.layout.constant] = 0.0
-    return np.asarray(out.reshape(2 * n, -1).T)
+    return np.asarray(out.reshape(len(out), -1).T)
 
 
 def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:
