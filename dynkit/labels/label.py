@@ -67,8 +67,8 @@ class OrbitLabel:
         divided by m.
     seconds : float
         Wall-clock time of the decision, without that of the kept states.
-    count_harmonics, count_events : callable, optional
-        Functions that `harmonics` and `counts` call once.
+    count_harmonics, count_events, measure_period : callable, optional
+        Functions that `harmonics`, `counts` and `period` call once.
 
     Examples
     --------
@@ -109,6 +109,9 @@ class OrbitLabel:
     curves: int = 0
     count_harmonics: Callable[[], int] | None = field(default=None, repr=False, compare=False)
     count_events: Callable[[], dict[str, float] | None] | None = field(
+        default=None, repr=False, compare=False
+    )
+    measure_period: Callable[[], tuple[float, float]] | None = field(
         default=None, repr=False, compare=False
     )
 
@@ -167,6 +170,25 @@ class OrbitLabel:
         motions that are not periodic, and for maps.
         """
         return None if self.count_events is None else self.count_events()
+
+    @property
+    def period(self) -> float | None:
+        """How long a period of the motion lasts, in units of time.
+
+        Of an impact oscillator on P(n,m) or P(inf,m), m periods of the forcing; of a machine that
+        nothing drives, on P(n), what is measured when first asked for. None for what is not
+        periodic, and maps.
+        """
+        return None if self._measured is None else self._measured[0]
+
+    @property
+    def period_error(self) -> float | None:
+        """Estimate of the distance of the `period` to that of the orbit itself."""
+        return None if self._measured is None else self._measured[1]
+
+    @cached_property
+    def _measured(self) -> tuple[float, float] | None:
+        return None if self.measure_period is None else self.measure_period()
 
     @property
     def name(self) -> str:

@@ -230,7 +230,7 @@ class ImpactMap(DrivenStructure, Map):
         states, others = abs(motion.states), self.degrees_of_freedom - 1
         scale = np.ones(self.dimension)
         if self._strobed:
-            others += 1
+            others = len(self._crossed.kept[0])
         scale[:others] = states[:, :others].max(initial=0.0)
         scale[others:-2] = states[:, others:-2].max(initial=0.0)
         if self._strobed:

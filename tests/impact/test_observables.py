@@ -64,7 +64,7 @@ def test_a_soft_stop_pushes_by_spring_and_dashpot_and_never_pulls() -> None:
     # A mass of one hits a cushion: x'' = -k x - c x' from x = 0, x' = -u on, until the force is 0.
     k, c, u = 9.0, 1.2, 0.7
     ball = free([SoftStop(0, stiffness=k, damping=c, name="pad")])
-    record = ball.simulate(impacts=1, start=ball.state([1.0], [-u]))
+    record = ball.simulate(impacts=2, start=ball.state([1.0], [-u]))
     decay, w = 0.5 * c, sqrt(k - 0.25 * c * c)
     begin = 1.0 / u
     since = np.linspace(0.0, 2.0, 301)

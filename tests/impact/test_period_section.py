@@ -34,15 +34,16 @@ def test_the_free_period_of_a_bilinear_oscillator_is_its_closed_form(stiffness: 
     free = ImpactChain(
         masses=1,
         damping=0.0,
-        frequency=2 * pi / period,
+        frequency=1.0,
         elements=[SoftStop(0, stiffness=stiffness)],
     )
     start = free.state([0.0], [0.7])
     record = free.simulate(impacts=1000, start=start)
-    assert record.time[-1] == pytest.approx(1000 * period, rel=1e-15)
-    assert abs(record.states - [0.0, 0.7]).max() < 1e-11
-    assert (abs(record.states - [0.0, 0.7]).max(axis=1) <= record.error).all()
-    assert len(record.events) in (1999, 2000)  # the last one is as the last period ends
+    # Nothing drives it: its section is where the stop is met.
+    assert record.time == pytest.approx(pi + period * np.arange(1000), rel=1e-15)
+    assert abs(record.states + 0.7).max() < 1e-11
+    assert (abs(record.states + 0.7).max(axis=1) <= record.error).all()
+    assert len(record.events) == 1999
 
 
 @pytest.mark.parametrize(("stiffness", "preload"), [(0.0, 2.0), (3.0, 0.5), (99.0, 20.0)])

@@ -10,9 +10,11 @@ import base64
 import io
 import re
 import shlex
+import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import matplotlib as mpl
@@ -52,11 +54,16 @@ def expected(block: str) -> list[str]:
 
 def run(page: str) -> Iterator[tuple[list[str], list[str], dict[str, Any]]]:
     """Run the blocks of a page, in one namespace: what each shows, prints, and has defined."""
-    names: dict[str, Any] = {"__name__": "__main__"}
+    program = ModuleType("__main__")  # so that what it defines can be pickled
+    names: dict[str, Any] = vars(program)
     for block in blocks(page):
         output = io.StringIO()
-        with redirect_stdout(output):
-            exec(compile(block, page, "exec"), names)
+        own, sys.modules["__main__"] = sys.modules["__main__"], program
+        try:
+            with redirect_stdout(output):
+                exec(compile(block, page, "exec", dont_inherit=True), names)
+        finally:
+            sys.modules["__main__"] = own
         yield expected(block), output.getvalue().splitlines(), names
 
 
@@ -112,6 +119,7 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
                 "make-a-structure",
                 "add-stops-and-friction",
                 "write-your-own-map-or-flow",
+                "write-your-own-element",
                 "continue-your-own-equations",
             )
         ),

@@ -62,6 +62,21 @@ class Watch:
     order: int = 0
     event: int = SWITCH
 
+    @property
+    def hits(self) -> bool:
+        """Whether an impact happens where it is zero."""
+        return self.event in (IMPACT, JAM)
+
+    @property
+    def halts(self) -> bool:
+        """Whether it is a rate that becomes zero there."""
+        return self.event == HALT
+
+    @property
+    def at_once(self) -> bool:
+        """Whether it matters only just after an event, where it is negative."""
+        return self.event == JUMP
+
 
 @final
 @dataclass(frozen=True)
@@ -97,7 +112,7 @@ class Regime:
     @property
     def halts(self) -> bool:
         """Whether it slips, and may come to a halt."""
-        return self.guards[0].event == HALT
+        return self.guards[0].halts
 
 
 class EventKind(IntEnum):

@@ -45,7 +45,7 @@ class DryFriction(Element):
     ...     DryFriction(0, force=0.5, static=0.8, velocity=0.2),
     ... ])
     >>> block.simulate(impacts=20).events
-    <Events: 0 impacts, 0 contacts, 0 releases, 34 other switches>
+    <Events: 0 impacts, 0 contacts, 0 releases, 39 other switches>
     """
 
     _: KW_ONLY

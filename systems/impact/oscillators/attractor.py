@@ -15,10 +15,11 @@ from dynkit.core.no_motion import NoCrossing
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.attractor import Attractor
-from dynkit.labels.label import OrbitLabel
+from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
 from dynkit.orbits.harmonics import harmonics_needed
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, displacement, draw_points
+from dynkit.systems.impact.records.cycles import period_of
 from dynkit.systems.impact.records.event_counts import event_counts
 from dynkit.systems.impact.records.record import ImpactRecord, batch_size, twin_errors
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
@@ -179,13 +180,14 @@ class ImpactAttractor(Attractor):
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
 
         n, m = self.label.iterates, self.label.periods
-        if m is None:
+        if n is m is None:
             raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
         if n is None:
+            assert m is not None
             return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
-        if self._system._own:
+        if m is None or self._system._own:
             return map_orbit(self._system, record.states)
         return orbit_of_motion(record, n, m)
 
@@ -269,7 +271,7 @@ class _ImpactOrbit:
             def release_error(n: int) -> float:
                 return float(record._until(int(after[n])).error[-1])
 
-        times = (self.clock + record.time) / period
+        times = None if self.system._cycled else (self.clock + record.time) / period
         if self.system._several:
             states = np.column_stack([states, record.element])
         return Window(states, times, releases, release_times, release_error)
@@ -286,15 +288,19 @@ class _ImpactOrbit:
             return np.full(steps, -np.inf)
 
     def named(self, label: OrbitLabel) -> OrbitLabel:
-        """Return the label with its multiplier, and what counts harmonics and events."""
-        if label.periods is None:
+        """Return the label with its multiplier, and functions for period, counts and harmonics."""
+        if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING):
             return label
-        here = self.system, self.record.final, label.periods
-        label = replace(
+        label = self._with_multiplier(label)
+        here = self.system, self.record.final, label
+        return replace(
             label,
+            measure_period=partial(period_of, *here),
             count_harmonics=partial(_harmonics, *here),
-            count_events=partial(event_counts, *here),
+            count_events=partial(_counts, *here),
         )
+
+    def _with_multiplier(self, label: OrbitLabel) -> OrbitLabel:
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label
@@ -329,13 +335,18 @@ def _after_releases(record: ImpactRecord) -> Any:
     return after[after < len(record)]
 
 
-def _harmonics(system: ImpactMap, start: ImpactState, periods: int) -> int:
+def _counts(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> Any:
+    """Counts of events in a period of a motion, from a state on it."""
+    return event_counts(system, start, period_of(system, start, label)[0])
+
+
+def _harmonics(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> int:
     """Number of harmonics needed for the contact coordinate of a periodic motion."""
     motion = ImpactAttractor(system, 0, system.simulate(impacts=1, start=start), None)
-    samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * periods)))
+    samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * (label.periods or 1))))
     coordinate = system.contact % system.degrees_of_freedom
     return harmonics_needed(
         lambda times: motion.time_series(times)[:, coordinate],
-        periods * TWO_PI / system.frequency,
+        period_of(system, start, label)[0],
         samples,
     )

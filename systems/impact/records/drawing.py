@@ -31,7 +31,7 @@ _NUMBERS = 2**20
 def shown_until(period: float, time: Array, ending: Ending) -> float:
     """Up to when the motion of a record is drawn, as `ImpactRecord.plot` says."""
     end = float(time[-1]) if len(time) else 0.0
-    if ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER):
+    if ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.CYCLE_ENDED):
         end = max(end + _AFTER * period, _LEAST * period)
     return min(end, _MOST * period)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.systems.impact.elements.element import EventKind, HardStop, names_of
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
+from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import Ending
 
 if TYPE_CHECKING:
@@ -26,13 +26,13 @@ def element_names(system: ImpactMap) -> list[str]:
     return [name for name, _ in sorted(pairs, key=lambda pair: not isinstance(pair[1], HardStop))]
 
 
-def event_counts(system: ImpactMap, start: ImpactState, periods: int) -> dict[str, float] | None:
-    """Count the events of a periodic motion, in a number of periods, from a state on it.
+def event_counts(system: ImpactMap, start: ImpactState, length: float) -> dict[str, float] | None:
+    """Count the events of a periodic motion, in a period of this length, from a state on it.
 
     For hard stops these are impacts (infinite where they accumulate) and contacts; for other
     elements how often they begin to press, or to stick. None where the motion ends.
     """
-    length, impacts = periods * TWO_PI / system.frequency, 64
+    impacts = 64
     record = system.simulate(impacts=impacts, start=start)
     while not record._run.duration > 3.0 * length:
         if record.ending is not Ending.COUNT_REACHED:

@@ -102,8 +102,9 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
     # Phases that differ by whole turns compare as equal; times do not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
-    angle = system.frequency * late
-    gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
+    if not system._cycled:
+        angle = system.frequency * late
+        gap = np.where(angle > math.pi, np.maximum(gap, angle), gap)
     worst[:k] = np.maximum(worst[:k], gap)
     worst[k:] = np.inf
 
@@ -148,7 +149,7 @@ class ImpactRecord(Result):
     def __repr__(self) -> str:
         events = f"{len(self)} impacts, {len(self.sticking)} contacts"
         if self.system._strobed:
-            events = f"{len(self)} periods"
+            events = f"{len(self)} {'crossings' if self.system._cycled else 'periods'}"
         return f"<ImpactRecord: {events}; {self.ending.value}>"
 
     def _facts(self) -> Facts:
@@ -240,7 +241,9 @@ class ImpactRecord(Result):
     def _without_phase(self) -> Array:
         """Section coordinates (n, 2N - 1) without the phase; all 2N where the phase is constant."""
         if self.system._strobed:
-            return np.concatenate([self.position, self.velocity, self.sliders], axis=1)
+            positions, velocities = self.system._crossed.kept
+            own = self.position[:, positions], self.velocity[:, velocities], self.sliders
+            return np.concatenate(own, axis=1)
         others = np.array(self.system._others)
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]

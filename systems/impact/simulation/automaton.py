@@ -118,7 +118,10 @@ class Automaton:
         self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
         self.parts = Parts(self._elements, structure)
         self._tolerance = tolerance
-        self._hit = any(isinstance(element, HardStop) for element in self._elements)
+        hit = any(isinstance(element, HardStop) for element in self._elements)
+        self._cycled = None if hit or excitation.turns else cycled_by(self._elements)
+        strobed = not hit and self._cycled is None
+        self._period = 2.0 * np.pi / excitation.frequency if strobed else 0.0
         stops = (e for e in self._elements if isinstance(e, HardStop))
         self._laws = [s.restitution for s in stops if isinstance(s.restitution, ImpactLaw)]
         programs = [law.program for law in self._laws]
@@ -350,7 +353,7 @@ class Automaton:
             tails=self._tails,
             change=stack.take("change", len(guards) if self._joined else 0),
             tolerance=self._tolerance,
-            period=0.0 if self._hit else 2.0 * np.pi / self._excitation.frequency,
+            period=self._period,
             clock_rate=self._excitation.frequency if modes[0].layout.table < 0 else 0.0,
             **given,
         )
@@ -392,6 +395,15 @@ class Automaton:
         put("ambiguous", k, guard.ambiguous)
         put("coupled", k, coupled)
         put("rubbed", k, rubbed)
+        put("marks", k, self.marks(guard))
+
+    def marks(self, guard: Guard) -> bool:
+        """Whether the section of cycles is where this guard is zero."""
+        if guard.element != self._cycled:
+            return False
+        if halts(self._elements[guard.element]):
+            return bool(guard.watch.event == HALT)
+        return not self.regimes[guard.mode][guard.element]
 
     def _coupled(self, guard: Guard) -> list[bool]:
         """Of all elements whether an impact at a guard changes the rate of their gaps."""
@@ -412,6 +424,22 @@ def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
     return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
 
 
+def cycled_by(elements: Sequence[Element]) -> int | None:
+    """Number of the element whose events are the section of a machine that nothing drives.
+
+    It is the first friction, where it comes to a halt, else the first soft stop, where its gap
+    closes. None where there is neither.
+    """
+    friction = (k for k, element in enumerate(elements) if halts(element))
+    others = (k for k, element in enumerate(elements) if not element.slider)
+    return next(friction, next(others, None))
+
+
+def halts(element: Element) -> bool:
+    """Whether it may come to a halt."""
+    return any(regime.halts for regime in element.regimes)
+
+
 _OF_GUARDS = (
     "event",
     "order",
@@ -427,6 +455,7 @@ _OF_GUARDS = (
     "ambiguous",
     "coupled",
     "rubbed",
+    "marks",
 )
 
 

@@ -62,9 +62,11 @@ class Tables(NamedTuple):
     ambiguous : (guards,) whether an impact pushes against a closed stop
     coupled : (guards, elements) whether an impact changes the rate of their gaps
     rubbed : (guards, elements) whether they are friction that rests where this stop is closed
+    marks : (guards,) whether the section is there, where nothing drives the machine or is hit
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
         (see `PLACE` for the contact coordinate before it)
-    period : after which the state is written down where nothing impacts; 0 where stops are hit
+    period : after which the state is written down where nothing impacts; 0 where stops are hit, or
+        nothing drives
     clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
     """
 
@@ -93,6 +95,7 @@ class Tables(NamedTuple):
     ambiguous: NDArray[np.bool_]
     coupled: NDArray[np.bool_]
     rubbed: NDArray[np.bool_]
+    marks: NDArray[np.bool_]
     tolerance: float
     period: float
     clock_rate: float

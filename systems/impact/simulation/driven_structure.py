@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import (
     Array,
@@ -29,7 +30,7 @@ from dynkit.systems.impact.modes.structure import (
     place_of,
     structure_of,
 )
-from dynkit.systems.impact.simulation.automaton import Automaton
+from dynkit.systems.impact.simulation.automaton import Automaton, cycled_by, halts
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
@@ -41,6 +42,7 @@ _CACHES = frozenset(
         "_structure",
         "_contact",
         "_contacts",
+        "_crossed",
         "_excitation",
         "_stops",
         "_soft",
@@ -129,8 +131,11 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def dimension(self) -> int:
-        """Number of section coordinates, 2N, and one for each slider of a `Jenkins` element."""
-        return 2 * self.degrees_of_freedom + len(self._sliders)
+        """Number of section coordinates: 2N, and one for each slider of a `Jenkins` element.
+
+        One less where the section is an event of an element, as nothing drives the machine.
+        """
+        return 2 * self.degrees_of_freedom + len(self._sliders) - self._cycled
 
     @property
     def natural_frequencies(self) -> Array:
@@ -210,8 +215,24 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _strobed(self) -> bool:
-        """Whether the section is where a period of the forcing begins: there is no hard stop."""
+        """Whether sections are of positions and velocities: there is no hard stop.
+
+        The section is where a period of the forcing begins, or a cycle.
+        """
         return not self._stops
+
+    @property
+    def _cycled(self) -> bool:
+        """Whether nothing drives it either: then the section is an event of an element."""
+        idle = self._strobed and not self._excitation.turns
+        return idle and cycled_by(self._elements) is not None
+
+    @cached_property
+    def _crossed(self) -> Crossed:
+        """The section without hard stops."""
+        n, k = self.degrees_of_freedom, cycled_by(self._elements) or 0
+        contact = self._structure.contact(self._elements[k].row(self._size))
+        return Crossed(self._elements[k], contact, halts(self._elements[k]), self._cycled, n)
 
     @property
     def _several(self) -> bool:
@@ -251,6 +272,46 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _gaps(self) -> tuple[Any, ...]:
         return tuple(guard.sum for guard in self._automaton.guards[: len(self._stops)])
+
+
+@final
+@dataclass(frozen=True)
+class Crossed:
+    """A section of positions and velocities, all or those that are not fixed on it.
+
+    Attributes
+    ----------
+    element : Element
+        Whose events are the section, where nothing drives the machine.
+    contact : Contact
+        Where it acts.
+    halts : bool
+        Whether the rate of slip is zero on the section, else the gap.
+    cycled : bool
+        Whether nothing drives the machine. Else nothing is fixed.
+    size : int
+        N.
+    """
+
+    element: Element
+    contact: Contact
+    halts: bool
+    cycled: bool
+    size: int
+
+    @property
+    def kept(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Places of the positions and velocities that are section coordinates."""
+        everything = np.arange(self.size)
+        others = self.contact.others[: self.size - 1] if self.cycled else everything
+        return (everything, others) if self.halts else (others, everything)
+
+    def put(self, x: Array, v: Array, *, told: bool = True) -> None:
+        """Put positions and velocities (..., N), or their changes, onto the section."""
+        if self.cycled and self.halts:
+            self.contact.put(v, self.element.drift * told)
+        elif self.cycled:
+            self.contact.put(x, self.element.offset * told)
 
 
 def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:

@@ -418,6 +418,13 @@ def run(
                 own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
             appear(tables, m, target, left)
             enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
+            if tables.marks[best]:
+                if store:
+                    note_impact(
+                        done, tables.partner[best], after.steady, clock, math.nan, y, impacts
+                    )
+                done += 1
+                clock[IMPACTS] += 1.0
             continue
         if tables.event[best] == JAM:
             copy(y, FOUND, START)

@@ -24,6 +24,9 @@ MOST_CELLS = 1_000_000
 MOST_SWITCHES = 1 << 16
 """Switches without an impact after which the run ends in the same way."""
 
+_ON_SECTION = 2.0**-44
+"""Of the terms of a gap, and of its change in a step: rounding leaves less of one that is zero."""
+
 _FEW = 32
 """Initial capacity of the log of switches."""
 
@@ -128,16 +131,25 @@ class Course:
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
         for element in start.closed:
             self._close(element)
+        if oscillator._cycled:
+            self._leave_section()
         self.impacts, self.ending = 0, Ending.COUNT_REACHED
 
     def _close(self, element: int) -> None:
         """Enter contact with a stop on which the motion starts."""
-        clock_kernels, kernels, log_kernels = _kernels()
+        clock_kernels = _kernels()[0]
         automaton, clock = self._oscillator._automaton, self._clock
         number = automaton.guard(automaton.guards[int(clock[clock_kernels.GUARD])].mode, element)
         guard = automaton.guards[number]
         if guard.element != element or guard.watch.event not in (IMPACT, HALT):
             return  # it stays where it is, as others hold it
+        self._switch(number)
+
+    def _switch(self, number: int) -> None:
+        """Enter the mode that a guard leads to."""
+        _, kernels, log_kernels = _kernels()
+        automaton, clock = self._oscillator._automaton, self._clock
+        guard = automaton.guards[number]
         automaton.enter(number)
         self._prepare(0, self._work.states)
         states = self._work.states
@@ -145,6 +157,25 @@ class Course:
         states[kernels.START] = transformed(self._tables.change[number], begin)[0]
         after = automaton.guard(guard.target, self._start.element)
         log_kernels.enter(number, after, clock, 0.0, 0.0, states, self._switches)
+
+    def _leave_section(self) -> None:
+        """A motion that begins on its section is past it; friction is, as it sticks."""
+        clock_kernels, kernels, _ = _kernels()
+        automaton, element = self._oscillator._automaton, self._oscillator._crossed.element
+        k = self._oscillator._elements.index(element)
+        mode = automaton.guards[int(self._clock[clock_kernels.GUARD])].mode
+        number = automaton.guard(mode, k)
+        guard = automaton.guards[number]
+        if not automaton.marks(guard) or guard.watch.event == HALT:
+            return
+        value, rate, size = _value_and_rate(guard.sum, self._work.states[kernels.START])
+        near = _ON_SECTION * (size + abs(rate) * guard.sum.smallest)
+        if abs(value) > near or rate >= 0.0:
+            return
+        self._switch(number)
+        after = automaton.guards[guard.partner].sum
+        rate = _value_and_rate(after, self._work.states[kernels.START])[1]
+        self._left[k, :3] = clock_kernels.SWITCHED, guard.watch.order, rate
 
     def _prepare(self, first: int, states: Array) -> None:
         """Make tables and buffers for the present modes; put these states in, from row 1 on."""
@@ -261,9 +292,11 @@ class Course:
             speed, element, motion = 0.0, hard[0], Motion.TABLE
         elif element >= len(oscillator._stops):
             element, motion = 0, Motion.FLIGHT
-        closed, ending = [k for k in closed if k != element], self.ending
+        closed, ending = [k for k in closed if k != element or oscillator._strobed], self.ending
         if hard and ending is Ending.NO_FURTHER_CONTACT:
             ending = Ending.CONTACT_FOR_EVER
+        if oscillator._cycled and ending in (Ending.NO_FURTHER_CONTACT, Ending.DIED_OUT):
+            ending = Ending.CYCLE_ENDED
         q, sine, cosine = free.parts(state[:, : free.layout.slots])
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
@@ -285,6 +318,13 @@ class Course:
             float(clock[clock_kernels.TIME]),
             int(clock[clock_kernels.AMBIGUOUS]),
         )
+
+
+def _value_and_rate(gap: Any, state: Array) -> tuple[float, float, float]:
+    """An exponential sum at a state (2, slots), its rate of change, and its absolute terms."""
+    terms = gap.rows[:4] * np.vstack([state, state])[:, : gap.rows.shape[1]]
+    size = float(abs(terms[:2]).sum() + abs(gap.offset))
+    return float(terms[:2].sum() + gap.offset), float(terms[2:4].sum()), size
 
 
 def _displaced(tables: Any, terms: Array, parts: Array) -> Any:

@@ -225,9 +225,11 @@ SHEET = 2.0 * TWO_PI
 
 
 def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Section coordinates of a state on a stop; without one positions and velocities, sliders."""
+    """Section coordinates of a state on a stop; without one positions, velocities and sliders."""
     if oscillator._strobed:
-        return np.concatenate([state.position, state.velocity, state.sliders])
+        positions, velocities = oscillator._crossed.kept
+        kept = state.position[positions], state.velocity[velocities], state.sliders
+        return np.concatenate(kept)
     others = oscillator._others[state.element]
     x, v = state.position[others], state.velocity[others]
     phase = state.phase + SHEET * state.element * oscillator._several
@@ -247,9 +249,13 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stops
     if oscillator._strobed:
-        turn, v = np.array([0.0, 1.0]), y[n : 2 * n]
-        x, sticks = placed(oscillator, y[:n], y[2 * n :]), sticking(oscillator, v, turn, ())
-        return state_at(oscillator, x, beside(oscillator, v), turn, 0.0, 0, Motion.FLIGHT, sticks)
+        positions, velocities = oscillator._crossed.kept
+        ends = np.cumsum([len(positions), len(velocities)])
+        turn, (x, v) = np.array([0.0, 1.0]), np.zeros((2, oscillator._size))
+        x[positions], v[velocities], sliders = np.split(y, ends)
+        oscillator._crossed.put(x, v)
+        x, sticks = placed(oscillator, x[:n], sliders), sticking(oscillator, v[:n], turn, ())
+        return state_at(oscillator, x, v, turn, 0.0, 0, Motion.FLIGHT, sticks)
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
         if u < 0.0:

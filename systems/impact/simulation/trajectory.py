@@ -33,6 +33,7 @@ class Ending(Enum):
     JAMMED = "the machine is jammed: a stop is in the way of what others hold"
     COLLAPSED = "stops are hit in turn without end, and in no time"
     HANGS = "a mass hangs at the edge of a preloaded stop, which it crosses without end"
+    CYCLE_ENDED = "nothing drives the motion, and it does not return to its section any more"
 
 
 @final

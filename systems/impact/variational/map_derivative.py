@@ -56,9 +56,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         if not last:
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
-    n = oscillator.degrees_of_freedom
-    others: Any = slice(n)
     law: list[Array] = []
+    kept: tuple[Any, Any]
     if hit:
         stop = oscillator._stops[side]
         before = _row(guard.sum, 2) @ derivative
@@ -66,20 +65,23 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
         derivative += reset(slope, kick.ravel(), before)
         far = side == 1 and oscillator._faces
-        others = oscillator._others[side]
+        kept = oscillator._others[side], oscillator._others[side]
         law.append((slope if far else -slope) * before)
+    else:
+        kept = oscillator._crossed.kept
     if guard.mode:
         derivative = free.seen_from(mode)[:, :-1] @ derivative
 
     q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
     places = free.forced.displacements(q, by_sine, by_cosine).T
-    velocity = free.forced.speeds(q, by_sine, by_cosine).T[others]
+    velocity = free.forced.speeds(q, by_sine, by_cosine).T[kept[1]]
     if hit and free.layout.table >= 0:
         sine, cosine = run.final._turn
         law.append(cosine * by_sine - sine * by_cosine)
     elif hit:
         law.append(oscillator.frequency * time + np.eye(len(time))[-1])
-    return np.vstack([places[others], velocity, places[n:], *law])
+    sliders = places[oscillator.degrees_of_freedom :]
+    return np.vstack([places[kept[0]], velocity, sliders, *law])
 
 
 def parameter_derivative(
@@ -177,8 +179,12 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     by_sine, by_cosine = np.zeros((2, d))
     sliders = range(n, oscillator._size)
     if oscillator._strobed:
-        x[:n, :n], v[n : 2 * n, :n] = np.eye(n), np.eye(n)
-        x[2 * n :, sliders] = np.eye(len(sliders))
+        positions, velocities = oscillator._crossed.kept
+        ends = np.cumsum([len(positions), len(velocities)])
+        x[: ends[0], positions] = np.eye(len(positions))
+        v[ends[0] : ends[1], velocities] = np.eye(len(velocities))
+        x[ends[1] :, sliders] = np.eye(len(sliders))
+        oscillator._crossed.put(x, v, told=False)
     else:
         contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
         sine, cosine = state._turn
