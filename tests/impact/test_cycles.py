@@ -80,7 +80,7 @@ def test_coulombs_friction_takes_as_much_in_each_half_cycle() -> None:
     assert record.position[:, 0] == pytest.approx(expected, abs=1e-14)
     assert record.time == pytest.approx(pi * turns, rel=1e-14)
     assert abs(expected[-1]) <= force < abs(expected[-2])
-    with pytest.raises(NoCrossing, match="comes to its section no more"):
+    with pytest.raises(NoCrossing, match="does not return to its section"):
         ground(record.states[-1])
     assert ground.attractor().label.kind.value == "at rest"
 
