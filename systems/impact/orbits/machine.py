@@ -215,6 +215,21 @@ class Machine:
         whole[n : 2 * n] = self.elements[element].sign * out / (own @ out)
         return whole
 
+    def caught(self, mode: Regimes, after: Regimes) -> Any:
+        """(2N + 3, 2N + 3): of what holds or sticks after an event, and not before, rates are lost.
+
+        By impulses along all that then holds.
+        """
+        out: Any = np.eye(len(self._given[0]))
+        if set(after.held) - set(mode.held):
+            n, rows = self.size, self._rows(after.held)
+            signs = [self.elements[k].sign for k in after.held]
+            rates = np.array([self.rate(k) for k in after.held]) * np.array(signs)[:, None]
+            response = np.linalg.solve(self.mass, rows.T)
+            out = out.astype(rates.dtype)
+            out[n : 2 * n] -= response @ np.linalg.solve(rows @ response, rates)
+        return out
+
     def _mode(self, mode: Regimes) -> tuple[Any, Any]:
         """Its flow, and rows of the forces along what is held."""
         if mode not in self._modes:
