@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, positive_integer
 from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.systems.impact.motion import sample_run
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations, simulated
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Happening,
@@ -26,8 +28,23 @@ from dynkit.systems.impact.state import TWO_PI, ImpactState
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
+_SAMPLES, _TRANSIENT = 64, 700
 _CYCLE = 256
 """Periods of the forcing, or impacts, within which a cycle that nothing drives comes again."""
+
+
+def orbit_from(
+    system: ImpactMap, periods: object, start: ImpactState | None, others: Mapping[str, object]
+) -> ImpactOrbit:
+    """The orbit near the motion from a state; ValueError where something else is given."""
+    for name, given in others.items():
+        if given is not None:
+            raise ValueError(f"{name} must not be given with elements; got {given!r}")
+    m = positive_integer("periods", periods)
+    state = system._entered(start)
+    if start is None:
+        state = system._run(state, _TRANSIENT, store=False).final
+    return orbit_near(system, state, m)
 
 
 def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrbit:
@@ -48,14 +65,13 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     if driven:
         length = periods * TWO_PI / system.frequency
         seen = of_period(simulated(system, state, 3.0 * length), 2.5 * length, length)
-        begins = state.phase
     else:
         run = system._run(state, _CYCLE, store=True)
         seen, length = of_cycle(events_seen(system, run))
-        periods, begins = 1, 0.0
+        periods = 1
     if not len(seen.events):
-        seen, begins = _quiet(system, state), 0.0
-    problem, guess = _guess(system, seen, periods, length, begins, driven)
+        seen = _quiet(system, state)
+    problem, guess = _guess(system, state, seen, periods, length, driven)
     x, history = _solved(problem, guess)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     return ImpactOrbit(*problem.in_turn(x), history, cost)
@@ -72,20 +88,30 @@ def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
 
 
 def _guess(
-    system: ImpactMap, seen: Seen, periods: int, length: float, begins: float, driven: bool
+    system: ImpactMap, state: ImpactState, seen: Seen, periods: int, length: float, driven: bool
 ) -> tuple[ItineraryEquations, Array]:
     """Equations with the itinerary of a motion, and its unknowns."""
-    n = system.degrees_of_freedom
-    sizes = [float(abs(part).max()) for part in np.split(seen.states, [n], axis=1)]
-    sizes = [size or 1.0 for size in sizes]
     clock = system.frequency if driven else TWO_PI / length
-    phases = begins + clock * seen.times
+    phases = (state.phase if seen.times.any() else 0.0) + clock * seen.times
     if not driven:
         phases = phases - phases[0]
         phases[0] = length
+    sizes = _sizes(system, state, seen, length)
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven)
     impulses = _impulses(problem, seen)
     return problem, np.concatenate([phases, impulses, seen.states.ravel()])
+
+
+def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
+    """Largest position and velocity, of motions that do not stand still."""
+    x, v = [seen.states[:, : system.degrees_of_freedom]], [seen.states[:, system.degrees_of_freedom :]]
+    run = system._run(state, 1, store=True)
+    while run.duration < length and run.impacts:
+        run = system._run(state, 2 * run.impacts, store=True)
+    times = np.linspace(0.0, min(length, run.duration), _SAMPLES)
+    for part, more in zip((x, v), sample_run(system, run, times), strict=True):
+        part.append(more)
+    return [float(abs(np.concatenate(part)).max()) or 1.0 for part in (x, v)]
 
 
 def _impulses(problem: ItineraryEquations, seen: Seen) -> Array:

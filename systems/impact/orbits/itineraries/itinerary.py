@@ -21,7 +21,7 @@ _AT_ONCE = 2.0**-40
 """Parts of a period: events that are so near happen at once."""
 
 _ZERO = 1e-6
-"""Of the sum of its absolute terms: a guard that is smaller has ended a mode."""
+"""Of the sum of its largest absolute terms: a guard that is smaller has ended a mode."""
 
 _SAME = 1e-2
 """States of a cycle, a period apart, differ by no more, relative: then it is one cycle."""
@@ -111,6 +111,8 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
     times, events, states = [], [], []
     at_once = _AT_ONCE * max(run.duration, 1.0 / oscillator.frequency)
     last, lasting, now = -np.inf, parts.mode[0], set[int]()
+    reached = _reached(run)
+    sizes = abs(reached).max(axis=0, initial=0.0)
     for k in range(1, len(parts.begin)):
         hit = parts.kind[k] == EventKind.IMPACT
         if hit and oscillator._strobed:
@@ -129,16 +131,13 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
             before = lasting
         last = begin
         mode, regime = mode_of(before), automaton.parts.now(run.regimes[before])[guard.element]
-        x, v = _reached(automaton.modes[parts.mode[k - 1]], parts, k)
-        number = _number(regime.guards, guard.watch)
-        phase = run.start.phase + oscillator.frequency * begin
-        z = np.concatenate([x, v, [np.sin(phase), np.cos(phase), 1.0]])
+        number, z = _number(regime.guards, guard.watch), reached[k - 1]
         if not hit:
             row = machine.watched(mode, guard.element, number)
             if (
                 guard.element in now
                 or guard.watch.event == JUMP
-                or abs(row @ z) > _ZERO * (abs(row) @ abs(z))
+                or abs(row @ z) > _ZERO * (abs(row) @ sizes)
             ):
                 continue
         kicked = mode_of(int(parts.mode[k - 1])) if hit else None
@@ -152,12 +151,16 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
 
 
-def _reached(mode: Any, parts: Any, k: int) -> tuple[Array, Array]:
-    """Positions and velocities (N,) at the end of the segment before segment number `k`."""
-    start = parts.of(mode, [k - 1])
-    lasts = parts.begin[k : k + 1] - parts.begin[k - 1]
-    x, v = mode.motion(mode.after(start, np.zeros(1, dtype=np.intp), lasts))
-    return x[0], v[0]
+def _reached(run: Trajectory) -> Array:
+    """States (k, D) just before all events."""
+    parts, lasts = run.segments, np.diff(run.segments.begin)
+    phases = run.start.phase + run.start._system.frequency * parts.begin[1:]
+    x, v = np.empty((2, len(lasts), run.start._system.degrees_of_freedom))
+    for mode, here in run.modes(parts.mode[:-1]):
+        some = np.flatnonzero(here)
+        x[here], v[here] = mode.motion(mode.after(parts.of(mode, some), np.arange(len(some)), lasts[here]))
+    turning = [np.sin(phases), np.cos(phases), np.ones_like(phases)]
+    return np.concatenate([x, v, np.stack(turning, axis=1)], axis=1)
 
 
 def of_period(seen: Seen, end: float, length: float) -> Seen:
