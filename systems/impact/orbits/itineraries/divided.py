@@ -13,11 +13,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary
+from dynkit.systems.impact.orbits.machine import exponentials
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -128,5 +128,5 @@ def _rows(s: ItinerarySolution, j: int, row: Any, most: int) -> list[Any]:
     big[: most - 1, 1:most] = np.eye(most - 1)
     big[most - 1, most:] = row * m
     big[most:, most:] = s.flows[j] * m / m[:, None] * s.durations[j]
-    found = expm(big)[:most, most:] / m
+    found = exponentials(big[None])[0, :most, most:] / m
     return [row, *found[::-1]]

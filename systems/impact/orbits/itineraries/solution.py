@@ -6,12 +6,11 @@ from functools import cached_property
 from typing import Any, NamedTuple, final
 
 import numpy as np
-from scipy.linalg import expm
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Itinerary
-from dynkit.systems.impact.orbits.machine import Machine
+from dynkit.systems.impact.orbits.machine import Machine, exponentials
 from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.state import SHEET, TWO_PI
 
@@ -281,4 +280,4 @@ def _run_through(flow: Array, start: Array, times: Array, measures: Array) -> Ar
 def moved(flows: Any, lasts: Any, measures: Array) -> Any:
     """exp(A t), (n, D, D), in units in which states are of order one."""
     scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
-    return np.asarray(expm(scaled)) * measures[:, None] / measures
+    return np.asarray(exponentials(scaled)) * measures[:, None] / measures
