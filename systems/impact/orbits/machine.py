@@ -378,23 +378,27 @@ def residual_change(
 def exponentials(matrices: Any) -> Any:
     """exp(A), (k, d, d), of small matrices, real or with imaginary changes, by scaled series.
 
-    A library's function takes ten times as long for those of a few rows.
+    A library's function takes ten times as long for those of a few rows. Infinite where they
+    overflow.
     """
     norms = abs(matrices).sum(axis=1).max(axis=1)
+    if not (norms < _LONGEST).all():
+        raise NoSolution("the time between two events is too long for the fastest mode")
     halvings = np.ceil(np.log2(np.maximum(norms, 1.0))).astype(int)
     scaled = matrices * (0.5**halvings)[:, None, None]
     unit = np.eye(matrices.shape[1])
     out = unit + scaled / _TERMS
     for k in range(_TERMS - 1, 0, -1):
         out = unit + scaled @ out / k
-    for k in range(int(halvings.max(initial=0))):
-        some = halvings > k
-        out[some] = out[some] @ out[some]
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(int(halvings.max(initial=0))):
+            some = halvings > k
+            out[some] = out[some] @ out[some]
     return out
 
 
-_TERMS = 18
-"""Of a series of exp(A) where A is of norm one: the next one is below 1e-17."""
+_TERMS, _LONGEST = 18, 2.0**50
+"""Of a series of exp(A) where A is of norm one: the next one is below 1e-17; largest norms."""
 
 
 def _norm(flow: Any) -> float:

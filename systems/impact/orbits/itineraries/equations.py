@@ -166,7 +166,8 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         return np.concatenate([units, np.full(k, self.sizes[1]), np.tile(m[:d], n)])
 
     def residual(self, x: Array, p: Array) -> Array:
-        return np.asarray(self._left(self.at(x, p)) / self._units)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self._left(self.at(x, p)) / self._units)
 
     def _left(self, s: ItinerarySolution) -> Any:
         """What is left of the equations, (m,): complex where the machine is."""

@@ -28,6 +28,8 @@ from dynkit.systems.impact.state import TWO_PI, ImpactState
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
+_SINGULAR = 1e-13
+"""Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
 _SAMPLES, _TRANSIENT = 64, 700
 _CYCLE = 256
 """Periods of the forcing, or impacts, within which a cycle that nothing drives comes again."""
@@ -127,7 +129,13 @@ def _impulses(problem: ItineraryEquations, seen: Seen) -> Array:
 
 def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[float, ...]]:
     x, history = solve(problem, guess, NONE)
-    s = problem.at(x, NONE)
+    s, scale = problem.at(x, NONE), problem.scale(x)
     if s.events > 1 and not (abs(s.durations) > 0.0).all():
         raise NoConvergence("no periodic orbit found from the guess, but one whose events merge")
+    sizes = np.linalg.svd(problem.linearization(x, NONE) * scale, compute_uv=False)
+    if not sizes[-1] > _SINGULAR * sizes[0]:
+        raise NoConvergence(
+            "no isolated periodic orbit found from the guess: it is one of a family, of which each "
+            "is a periodic motion"
+        )
     return x, history

@@ -115,8 +115,8 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
     sizes = abs(reached).max(axis=0, initial=0.0)
     for k in range(1, len(parts.begin)):
         hit = parts.kind[k] == EventKind.IMPACT
-        if hit and oscillator._strobed:
-            continue  # a period begins
+        if (hit and oscillator._strobed) or parts.begin[k] <= at_once:
+            continue  # a period begins, or the motion, in the regimes that its start is in
         begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
         guard = automaton.guards[parts.guard[k]]
         if parts.kind[k] == EventKind.CONTACT and parts.speed[k] > 0.0:
