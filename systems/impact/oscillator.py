@@ -214,11 +214,11 @@ class ImpactOscillator(ImpactMap):
         from dynkit.systems.impact.orbits.finding import orbit_at
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_from
 
-        if self._own:
-            given = {"impacts": impacts, "phases": phases, "sides": sides}
-            return orbit_from(self, periods, start, given | {"sticking": sticking or None})
+        others = impacts is phases is sides is None and not boolean("sticking", sticking)
+        if self._own and others:
+            return orbit_from(self, periods, start)
         if start is not None:
-            raise ValueError(f"start must not be given without elements; got {start!r}")
+            raise ValueError(f"start must be given with elements, and periods alone; got {start!r}")
         if boolean("sticking", sticking):
             for name, given in (("impacts", impacts), ("phases", phases), ("sides", sides)):
                 if given is not None:

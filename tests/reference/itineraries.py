@@ -34,7 +34,7 @@ class ExactMachine:
                 flow += part.kick * part.force
             elif isinstance(part, Rub) and regime in (1, 2):
                 flow += part.kick * part.forces[regime - 1]
-            elif (isinstance(part, Table) and regime == 1) or (isinstance(part, Rub) and regime == 3):
+            elif (type(part), regime) in ((Table, 1), (Rub, 3)):
                 held.append(k)
         forces = {}
         if held:
@@ -63,7 +63,8 @@ class ExactMachine:
 
     def kick(self, regimes: tuple[int, ...], stop: Gap) -> Any:
         """What an impulse does that changes the rate of a gap by one, other stops closed."""
-        held = [p for p, r in zip(self.parts, regimes, strict=True) if isinstance(p, Table) and r == 1]
+        pairs = zip(self.parts, regimes, strict=True)
+        held = [part for part, regime in pairs if isinstance(part, Table) and regime == 1]
         out = stop.kick.copy()
         if held:
             inertia = mp.matrix([[(a.rate * b.kick)[0] for b in held] for a in held])
@@ -123,8 +124,8 @@ class ExactOrbit:
                 guards.append((self.machine.guard(regimes, event.element, event.guard) * z)[0])
             if event.kicked:
                 stop = self.machine.parts[event.element]
-                rate = (stop.rate * z)[0]
-                z = z - (1 + stop.restitution) * rate * self.machine.kick(event.kicked.numbers, stop)
+                change = (1 + stop.restitution) * (stop.rate * z)[0]
+                z = z - change * self.machine.kick(event.kicked.numbers, stop)
             after = self.itinerary[(i + 1) % self.count].mode.numbers
             z = mp.expm(self.flows[after] * ((phases[i + 1] - phases[i]) / clock)) * z
             states.append(list(z))

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
@@ -158,7 +157,7 @@ class Machine:
         first, forces, matrices, *self._own = np.split(numbers, ends[:-1])
         self.frequency = first[0]
         self.mass, self.damping, self.stiffness = matrices.reshape(3, n, n)
-        self._given = np.hstack([-self.stiffness, -self.damping, forces.reshape(3, n).T])
+        self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.reshape(3, n).T])
         self._modes: dict[Regimes, tuple[Any, Any]] = {}
 
     def closed(self, element: int) -> Regimes:
@@ -241,13 +240,13 @@ class Machine:
         for k, element in enumerate(self.elements):
             push, stiffness, damping = self._regime(mode, k)[:3]
             if push or stiffness or damping:
-                force = -stiffness * self.gap(k) - damping * self.rate(k)
+                force: Any = -stiffness * self.gap(k) - damping * self.rate(k)
                 force[-1] += push
                 given += element.sign * np.outer(element.row(n), force)
         rows = self._rows(mode.held)
         both = np.linalg.solve(self.mass, np.hstack([given, rows.T]))
         accelerations, by_force = both[:, : 2 * n + 3], both[:, 2 * n + 3 :]
-        forces = np.zeros((0, 2 * n + 3))
+        forces: Any = np.zeros((0, 2 * n + 3))
         if mode.held:
             told = np.array([self._place(k) for k in mode.held])
             told[:, -3:-1] *= -w * w

@@ -183,6 +183,20 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     def state_error(self, x: Array, p: Array, residual: float) -> float:
         """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
 
+    @final
+    def states_moved(self, x: Array, p: Array, moved: Array) -> float:
+        """Largest change of a section coordinate, where unknowns are off by as much, (m,)."""
+        states, scale, worst = self.at(x, p).section_states, self.scale(x), 0.0
+        if not np.isfinite(moved).all():
+            return math.inf
+        for k in np.flatnonzero(moved):
+            h = 1e-6 * scale[k]
+            there = x.copy()
+            there[k] += h
+            change = self.oscillator.difference(self.at(there, p).section_states, states)
+            worst += float(abs(change).max() / h * moved[k])
+        return worst
+
     def shortest(self, x: Array) -> tuple[Self, Array]:
         for k, periods, changes in self._repetitions(x):
             if abs(changes).max() < REPEATED:
@@ -251,7 +265,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
 
     def borders(self, solution: AnySolution) -> list[Border]:
         """All that is watched."""
-        return borders(self, solution)
+        known: tuple[Any, Any] = self, solution
+        return borders(*known)
 
     def touching(self, event: int, x: Array, own: Array, p: Array) -> Mapping[str, float]:
         """Return phase in [0, 2 pi), time from the first state, and side."""

@@ -12,7 +12,7 @@ from dynkit.systems.impact.mode import Transitions
 from dynkit.systems.impact.orbits.flights import Curve, Flight
 from dynkit.systems.impact.orbits.impulses.responses import FreeMotion
 from dynkit.systems.impact.orbits.impulses.terms import Terms
-from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.solution import TableSolution
 from dynkit.systems.impact.state import TWO_PI
 from dynkit.systems.impact.structure import Contact
 
@@ -24,7 +24,7 @@ LATE = 2.0 * 2.0**-52
 
 
 @final
-class ImpulseSolution(Solution):
+class ImpulseSolution(TableSolution):
     """What the equations need at one place: all responses to all impulses.
 
     Its states are those just after the impacts.

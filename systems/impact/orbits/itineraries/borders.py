@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from dynkit.systems.impact.elements import HALT, IMPACT, HardStop
 from dynkit.systems.impact.orbits.borders import Border, Touching, VanishingImpulse
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary, regimes_of
+from dynkit.systems.impact.orbits.machine import Regimes
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
     from dynkit.systems.impact.orbits.itineraries.solution import ItinerarySolution
 
 
-def borders_of(problem: ItineraryEquations, s: ItinerarySolution) -> Iterator[Border]:
+def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
     """Impulses, times between events, and what elements watch in between."""
     for k in range(len(s.hits)):
         yield VanishingImpulse(problem, 0, k)
@@ -31,6 +31,87 @@ def borders_of(problem: ItineraryEquations, s: ItinerarySolution) -> Iterator[Bo
     for i in range(n):
         for element, guard in problem.itinerary[(i + 1) % n].mode.watched:
             yield TouchingGuard(problem, i, element, guard)
+    for begun in problem.beginnings:
+        yield Beginning(problem, begun)
+
+
+_ZERO = 16.0
+"""Roundings of a curve: one that begins with less begins at zero."""
+
+
+class Begun(NamedTuple):
+    """What an element would watch just after an event, were it in some mode.
+
+    Positive where it holds, or sticks, from then on; or not so, where it does not.
+    """
+
+    event: int
+    mode: Regimes
+    element: int
+    guard: int
+    sign: float
+
+
+def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
+    """Where something begins to hold or to stick, and where it might and does not."""
+    found = []
+    for i, event in enumerate(itinerary):
+        k, after = event.element, itinerary[(i + 1) % len(itinerary)].mode
+        found += [
+            Begun(i, after, k, guard, 1.0)
+            for element, guard in after.watched
+            if element == k and k in after.held and k not in event.mode.held
+        ]
+        regimes = system._elements[k].regimes
+        watch = regimes[event.mode.numbers[k]].guards[event.guard]
+        if k >= 0 and watch.event == HALT and k not in after.held:
+            numbers = list(after.numbers)
+            numbers[k] = watch.to
+            stuck = regimes_of(system, system._automaton.parts.settled(numbers))
+            way = [g for g, w in enumerate(regimes[watch.to].guards) if w.to == after.numbers[k]]
+            if k in stuck.held and way:
+                found.append(Begun(i, stuck, k, way[0], -1.0))
+    return found
+
+
+@final
+class Beginning(Border):
+    """What begins to hold, or to stick, could as well not do so; or the other way round."""
+
+    problem: Any
+
+    def __init__(self, problem: Any, begun: Begun) -> None:
+        super().__init__(problem, begun.event, begun.guard, begun.element)
+        self.begun, self.ends = begun, False
+        hard = isinstance(problem.oscillator._elements[begun.element], HardStop)
+        self.kind = BifurcationKind.CB if hard else BifurcationKind.GR
+
+    def value(self, solution: ItinerarySolution) -> float:
+        event, mode, element, guard, sign = self.begun
+        row = solution.machine.watched(mode, element, guard)
+        size = abs(row) @ solution.measures
+        return float(sign * (row @ solution.after[event]) / size)
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self.value(solution)]
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return float(solution.event_phases[self.part]), self.side
+
+    def name(self, solution: ItinerarySolution) -> str:  # noqa: ARG002
+        """What happens, in the field's words."""
+        if self.kind is BifurcationKind.CB:
+            return "contact"
+        return "switching-sliding" if self.begun.sign > 0.0 else "crossing-sliding"
+
+    def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
+        event, mode, element, guard, sign = self.begun
+        if sign > 0.0:
+            return None
+        phase = float(self.problem.at(x, p).event_phases[event])
+        more = [Happening(mode, element, guard)]
+        found: tuple[Problem, Array] = self.problem.with_events(x, p, event, phase, more)
+        return found
 
 
 @final
@@ -41,6 +122,7 @@ class VanishingInterval(Border):
     """
 
     kind = BifurcationKind.GR
+    problem: Any
 
     def value(self, solution: ItinerarySolution) -> float:
         first, second = self._events(solution.itinerary)
@@ -80,7 +162,8 @@ class VanishingInterval(Border):
             return None
         after = s._following[j].mode
         gone = [i, j] if first.mode == after else [j]
-        return self.problem.without(x, p, gone)
+        found: tuple[Problem, Array] | None = self.problem.without(x, p, gone)
+        return found
 
 
 @final
@@ -96,6 +179,7 @@ class TouchingGuard(Touching):
     """
 
     kind = BifurcationKind.GR
+    problem: Any
 
     def __init__(self, problem: Any, part: int, element: int, guard: int) -> None:
         super().__init__(problem, part, guard, element)
@@ -107,14 +191,23 @@ class TouchingGuard(Touching):
     def measures(self, solution: ItinerarySolution) -> Array:
         mode = solution._following[self.part].mode
         row = abs(solution.machine.watched(mode, self.side, self.number)) @ solution.measures
-        return row * np.array([1.0, solution.frequency])
+        return np.asarray(row * np.array([1.0, solution.frequency]))
 
     def value(self, solution: ItinerarySolution) -> float:
         if solution.durations[self.part] <= 0.0:
             return math.nan
         ends = [self.part, (self.part + 1) % solution.events]
-        pulls = [solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends if i in solution.hits]
-        return math.nan if any(pulls) else self.curve(solution)[0].seen
+        pulls = [
+            solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends if i in solution.hits
+        ]
+        if any(pulls):
+            return math.nan
+        curve = self.curve(solution)[0]
+        begin, rate, bend = curve.nodes[1][:, 0].tolist()
+        slow = abs(rate) * curve.lasts <= _ZERO * curve.rounding
+        if abs(begin) <= _ZERO * curve.rounding and (bend if slow else rate) < 0.0:
+            return math.nan  # what begins so is watched where it begins
+        return curve.seen
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return float(own[0]), self.side
@@ -132,22 +225,28 @@ class TouchingGuard(Touching):
         mode, k = s._following[self.part].mode, self.side
         regimes, number = system._elements[k].regimes, mode.numbers[k]
         watch = regimes[number].guards[self.number]
-        phase = float(self.begin(s)[0])
         if watch.event == IMPACT:
-            return self.problem.with_events(x, p, self.part, phase, [Happening(mode, k, self.number, mode)])
+            return self._with(x, p, [Happening(mode, k, self.number, mode)])
         numbers = list(mode.numbers)
         numbers[k] = watch.to
         there = regimes_of(system, system._automaton.parts.settled(numbers))
-        back = [g for g, w in enumerate(regimes[watch.to].guards) if w.to == number or w.event == HALT]
+        back = [
+            g for g, w in enumerate(regimes[watch.to].guards) if w.to == number or w.event == HALT
+        ]
         back = [g for g in back if (k, g) in there.watched]
         if there.numbers[k] != watch.to or not back:
             return None
         both = [Happening(mode, k, self.number), Happening(there, k, back[0])]
-        return self.problem.with_events(x, p, self.part, phase, both)
+        return self._with(x, p, both)
+
+    def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array]:
+        phase = float(self.begin(self.problem.at(x, p))[0])
+        found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
+        return found
 
 
 def named(border: Border, solution: ItinerarySolution) -> str:
     """What happens where a border is met."""
-    if isinstance(border, VanishingInterval | TouchingGuard):
+    if isinstance(border, Beginning | VanishingInterval | TouchingGuard):
         return border.name(solution)
     return "grazing"

@@ -108,7 +108,7 @@ def rounding(s: ItinerarySolution, i: int, pair: Pair) -> float:
         terms = (row + abs(_rows(s, j, s.guards[i], pair.order)[pair.order])) @ power
         level = float(terms @ measures) * float((abs(s.after[j]) / measures).max())
         found = max(found, (16.0 + norm) * level)
-    return _ROUNDING * found * (1.0 + abs(s.lap.phases).max())
+    return _ROUNDING * found * float(1.0 + abs(s.lap.phases).max())
 
 
 def _whole(s: ItinerarySolution, among: list[int]) -> Any:

@@ -15,7 +15,7 @@ from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries import divided
-from dynkit.systems.impact.orbits.itineraries.borders import borders_of, named
+from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Happening,
     Itinerary,
@@ -111,6 +111,11 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         return divided.pairs(self.oscillator, self.itinerary)
 
     @cached_property
+    def beginnings(self) -> list[Begun]:
+        """Where something begins to hold or to stick, and where it might and does not."""
+        return beginnings(self.oscillator, self.itinerary)
+
+    @cached_property
     def _measures(self) -> Array:
         n = self.oscillator.degrees_of_freedom
         length, speed = self.sizes
@@ -131,7 +136,7 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
     def _solution(self, x: Array, scene: Scene) -> ItinerarySolution:
         return ItinerarySolution(scene, self.itinerary, self._lap(x), self.driven)
 
-    # --- equations ----------------------------------------------------------------------------------
+    # --- equations --------------------------------------------------------------------------------
 
     @property
     def size(self) -> int:
@@ -140,7 +145,9 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
     @cached_property
     def _scale(self) -> Array:
         n, k, d = self.layout
-        found = np.concatenate([np.ones(n), np.full(k, self.sizes[1]), np.tile(self._measures[:d], n)])
+        found = np.concatenate(
+            [np.ones(n), np.full(k, self.sizes[1]), np.tile(self._measures[:d], n)]
+        )
         if not self.driven:
             found[0] = self.sizes[0] / self.sizes[1]
         found.setflags(write=False)
@@ -184,7 +191,7 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
 
     def rounding(self, x: Array, p: Array) -> Array:
         s = self.at(x, p)
-        n, k, d = self.layout
+        d = self.layout.dimension
         turned = 8.0 + abs(s.event_phases)
         guards = turned * (abs(s.guards) * abs(s.before)).sum(axis=1)
         rates = turned[s.hits] * (abs(s.rates) * abs(s.before[s.hits])).sum(axis=1)
@@ -199,8 +206,8 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
         s = self.at(x, p)
-        n, k, d = self.layout
-        kind = complex if isinstance(multiplier, complex | np.complexfloating) else float
+        n, d = self.layout.events, self.layout.dimension
+        kind: Any = np.result_type(multiplier, 1.0)
         out = np.zeros((self.size, self.size), dtype=kind)
         by_phase = np.zeros_like(s.before)
         by_phase[:, -3], by_phase[:, -2] = s.before[:, -2], -s.before[:, -3]
@@ -286,7 +293,7 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
             left = self._left(self._solution(x, scene))
         return np.asarray(left.imag / STEP / self._units)
 
-    # --- orbits -------------------------------------------------------------------------------------
+    # --- orbits -----------------------------------------------------------------------------------
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:
         fixed = self.remade(oscillator=self.system(p), names=())
@@ -335,12 +342,8 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         return super().returns(x, p)
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
-        """Of unknowns; from the states before impacts, rates after them and phases follow."""
-        n, k, d = self.layout
         bound = orbit_bound(self, x, p)
-        if not self.driven:
-            bound[0] *= self.periods
-        return float(bound.max()) * (1.0 + len(self.at(x, p).hits) / n)
+        return max(float(bound.max()), self.states_moved(x, p, bound))
 
     def _may_repeat(self, k: int) -> bool:
         return bool(self.itinerary == self.itinerary[k:] + self.itinerary[:k])
@@ -388,7 +391,7 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         period = [] if self.driven else [lap.turn / self._scale[0]]
         return np.concatenate([np.concatenate(moments) / n, period])
 
-    # --- what is watched ----------------------------------------------------------------------------
+    # --- what is watched --------------------------------------------------------------------------
 
     def borders(self, solution: ItinerarySolution) -> list[Border]:
         return list(borders_of(self, solution))

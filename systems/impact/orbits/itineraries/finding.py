@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,13 +34,8 @@ _CYCLE = 256
 """Periods of the forcing, or impacts, within which a cycle that nothing drives comes again."""
 
 
-def orbit_from(
-    system: ImpactMap, periods: object, start: ImpactState | None, others: Mapping[str, object]
-) -> ImpactOrbit:
-    """The orbit near the motion from a state; ValueError where something else is given."""
-    for name, given in others.items():
-        if given is not None:
-            raise ValueError(f"{name} must not be given with elements; got {given!r}")
+def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) -> ImpactOrbit:
+    """The orbit near the motion from a state, or that of the attractor."""
     m = positive_integer("periods", periods)
     state = system._entered(start)
     if start is None:
@@ -106,7 +100,10 @@ def _guess(
 
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
     """Largest position and velocity, of motions that do not stand still."""
-    x, v = [seen.states[:, : system.degrees_of_freedom]], [seen.states[:, system.degrees_of_freedom :]]
+    x, v = (
+        [seen.states[:, : system.degrees_of_freedom]],
+        [seen.states[:, system.degrees_of_freedom :]],
+    )
     run = system._run(state, 1, store=True)
     while run.duration < length and run.impacts:
         run = system._run(state, 2 * run.impacts, store=True)
@@ -124,7 +121,7 @@ def _impulses(problem: ItineraryEquations, seen: Seen) -> Array:
     phases = problem.oscillator.frequency * seen.times
     x[:n] = phases if problem.driven else np.append(1.0, phases[1:])
     s = problem.at(x, NONE)
-    return -(s.rates * s.before[s.hits]).sum(axis=1) / (1.0 - s.returned)
+    return np.asarray(-(s.rates * s.before[s.hits]).sum(axis=1) / (1.0 - s.returned))
 
 
 def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[float, ...]]:

@@ -158,7 +158,9 @@ def _reached(run: Trajectory) -> Array:
     x, v = np.empty((2, len(lasts), run.start._system.degrees_of_freedom))
     for mode, here in run.modes(parts.mode[:-1]):
         some = np.flatnonzero(here)
-        x[here], v[here] = mode.motion(mode.after(parts.of(mode, some), np.arange(len(some)), lasts[here]))
+        x[here], v[here] = mode.motion(
+            mode.after(parts.of(mode, some), np.arange(len(some)), lasts[here])
+        )
     turning = [np.sin(phases), np.cos(phases), np.ones_like(phases)]
     return np.concatenate([x, v, np.stack(turning, axis=1)], axis=1)
 

@@ -68,7 +68,7 @@ class ItinerarySolution(Solution):
         self.sides = np.array([itinerary[i].element for i in self.hits], dtype=np.intp)
         self.parts = [range(self.events)]
 
-    # --- what equations ask for; with complex numbers of a machine complex --------------------------
+    # --- what equations ask for; with complex numbers of a machine complex ------------------------
 
     @cached_property
     def durations(self) -> Any:
@@ -111,7 +111,7 @@ class ItinerarySolution(Solution):
         pushed = self.before.astype(self.kicks.dtype)
         for i, k in self.impulse_of.items():
             pushed[i] = pushed[i] + self.impulses[k] * self.kicks[i]
-        return (self.resets @ pushed[:, :, None])[:, :, 0]
+        return np.asarray((self.resets @ pushed[:, :, None])[:, :, 0])
 
     @cached_property
     def flows(self) -> Any:
@@ -163,7 +163,7 @@ class ItinerarySolution(Solution):
         late = turned / self.clock * abs(self.flows @ self.reached[:, :, None])[:, :, 0]
         return np.asarray(_ROUNDING * ((8.0 + norms[:, None]) * level * m + 2.0 * late))
 
-    # --- the motion ---------------------------------------------------------------------------------
+    # --- the motion -------------------------------------------------------------------------------
 
     @property
     def frequency(self) -> float:  # type: ignore[override]
@@ -178,12 +178,12 @@ class ItinerarySolution(Solution):
     @property
     def impact_phases(self) -> Array:  # type: ignore[override]
         """Phases (k,) of the impacts."""
-        return self.event_phases[self.hits]
+        return np.asarray(self.event_phases[self.hits])
 
     @property
     def relative_velocity(self) -> Array:
         u = self.returned * np.maximum(self.impulses, 0.0)
-        return np.where((self.sides == 1) & self.oscillator._faces, -u, u)
+        return np.asarray(np.where((self.sides == 1) & self.oscillator._faces, -u, u))
 
     @property
     def phases(self) -> Array:  # type: ignore[override]
@@ -222,12 +222,12 @@ class ItinerarySolution(Solution):
 
     @property
     def contact_phases(self) -> Array:
-        stops = range(len(self.oscillator._stops))
-        found = []
-        for i, (event, after) in enumerate(zip(self.itinerary, self._following, strict=True)):
-            for k in stops:
-                if k in after.mode.held and k not in event.mode.held:
-                    found.append([self.event_phases[i], self._released(i, k)])
+        found = [
+            [self.event_phases[i], self._released(i, k)]
+            for i, (event, after) in enumerate(zip(self.itinerary, self._following, strict=True))
+            for k in range(len(self.oscillator._stops))
+            if k in after.mode.held and k not in event.mode.held
+        ]
         return np.array(found).reshape(-1, 2)
 
     def _released(self, i: int, stop: int) -> float:
@@ -239,7 +239,7 @@ class ItinerarySolution(Solution):
                 return float(self.event_phases[k] + turns * lasts)
         return float("inf")
 
-    # --- what is watched ----------------------------------------------------------------------------
+    # --- what is watched --------------------------------------------------------------------------
 
     def curve(self, i: int, element: int, guard: int) -> Curve:
         """What an element watches from event number `i` to the next."""
@@ -255,13 +255,6 @@ class ItinerarySolution(Solution):
         ends = np.maximum(abs(start), abs(self.reached[i]))
         sizes = float(abs(rows[0]) @ ends), float(abs(rows[2]) @ ends)
         return Curve(values, float(self.durations[i]), sizes)
-
-    def flight(self, i: int, side: int) -> Any:
-        raise NotImplementedError
-
-    def acceleration(self, i: int) -> float:
-        z, mode = self.after[self.hits[i]], self._following[self.hits[i]].mode
-        return float(self.rates[i] @ (self.machine.flow(mode) @ z))
 
 
 def _run_through(flow: Array, start: Array, times: Array, measures: Array) -> Array:
