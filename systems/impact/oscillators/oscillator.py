@@ -174,6 +174,7 @@ class ImpactOscillator(ImpactMap):
         phases: object = None,
         sides: object = None,
         sticking: bool = False,
+        start: ImpactState | None = None,
     ) -> ImpactOrbit:
         """Return a periodic orbit P(n,m), or P(inf,m) that sticks, stable or not.
 
@@ -189,6 +190,10 @@ class ImpactOscillator(ImpactMap):
             of a play.
         sticking : bool
             P(inf,m), found as `periodic_orbits` says; without impacts, phases and sides.
+        start : ImpactState, optional
+            Of a machine with elements, whose orbits are found from a motion: a state near the orbit
+            from which it takes the way that the orbit takes, for three of its periods. By default
+            that after 700 impacts.
 
         Raises
         ------
@@ -196,6 +201,8 @@ class ImpactOscillator(ImpactMap):
             When there is none, or nothing drives the system.
         NoConvergence
             When Newton's method finds none from the guess.
+        NotImplementedError
+            When an orbit on other elements than a table chatters.
 
         Examples
         --------
@@ -205,7 +212,13 @@ class ImpactOscillator(ImpactMap):
         ('P(inf,2)', True, 0.864601)
         """
         from dynkit.systems.impact.orbits.finding import orbit_at
+        from dynkit.systems.impact.orbits.itineraries.finding import orbit_from
 
+        others = impacts is phases is sides is None and not boolean("sticking", sticking)
+        if self._own and others:
+            return orbit_from(self, periods, start)
+        if start is not None:
+            raise ValueError(f"start must be given with elements, and periods alone; got {start!r}")
         if boolean("sticking", sticking):
             for name, given in (("impacts", impacts), ("phases", phases), ("sides", sides)):
                 if given is not None:

@@ -156,6 +156,8 @@ class Segments:
         Number of impacts before.
     mode, element : (k,)
         Numbers of the mode, and of the element of the event that they begin with.
+    guard : (k,)
+        Number of the guard of that event; of the start, of an element.
     rest, speed : (k,)
         How long bounces last that are left out at first, and how fast the first of them is.
     kind : (k,) of int
@@ -172,6 +174,7 @@ class Segments:
     speed: Array
     kind: Indices
     states: Array
+    guard: Indices
 
     def of(self, mode: Mode, some: Any) -> Array:
         """States (n, 2, slots) of some of them, which are in this mode."""
@@ -320,6 +323,7 @@ class Trajectory:
             np.insert(np.zeros(len(point)), place, s.speed),
             kind,
             states,
+            guards,
         )
 
     def closed(self, guard: int) -> list[int]:
