@@ -42,7 +42,7 @@ SEARCHED = {
 
 @cache
 def settled(frequency: float) -> ImpactOrbit:
-    return ImpactChain(frequency=frequency).attractor().periodic_orbit()  # type: ignore[return-value]
+    return ImpactChain(frequency=frequency).attractor().periodic_orbit()
 
 
 @cache

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from pathlib import Path
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -147,7 +148,8 @@ def test_bounces_are_admissible_where_simulation_finds_them(seed: int) -> None:
     )
     orbit = ball.periodic_orbit(periods=periods, phases=[state[1]])
     assert abs(ball.difference(orbit.states[0], state)).max() <= orbit.error + 1e-15 * state.max()
-    (flight,) = orbit._solution.flights
+    solution: Any = orbit._solution
+    (flight,) = solution.flights
     inside = np.linspace(0.0, flight.gap.lasts, 20001)[1:-1]
     gaps = flight.gap.values(inside, 1)[0]
     dips = np.flatnonzero((gaps[1:-1] < gaps[:-2]) & (gaps[1:-1] < gaps[2:])) + 1

@@ -19,7 +19,7 @@ from dynkit.orbits.events import Condition
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve, Flight
-from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.solution import TableSolution
 
 
 class BorderedEquations(Protocol):
@@ -97,10 +97,10 @@ class VanishingImpulse(Border):
 
     kind, ends = BifurcationKind.GR, False
 
-    def value(self, solution: Solution) -> float:
+    def value(self, solution: TableSolution) -> float:
         return float(solution.impulses[self.number])
 
-    def left(self, solution: Solution, own: Array) -> Any:  # noqa: ARG002
+    def left(self, solution: TableSolution, own: Array) -> Any:  # noqa: ARG002
         return [self.value(solution) / self.problem.units(solution)[1]]
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
@@ -114,20 +114,20 @@ class VanishingAcceleration(Border):
     With rebound accelerations do not matter. P(n,m) goes on beyond as no motion of the oscillator.
     """
 
-    def value(self, solution: Solution) -> float:
+    def value(self, solution: TableSolution) -> float:
         self.ends = self.problem.sticks
         return _acceleration(solution, self.number)
 
-    def begin(self, solution: Solution) -> Array:
+    def begin(self, solution: TableSolution) -> Array:
         unit = self.problem.units(solution)[2]
         self.rounding = solution.acceleration_rounding(self.number) / unit
         return np.empty(0)
 
-    def left(self, solution: Solution, own: Array) -> Any:  # noqa: ARG002
+    def left(self, solution: TableSolution, own: Array) -> Any:  # noqa: ARG002
         return [solution.acceleration(self.number) / self.problem.units(solution)[2]]
 
 
-def _acceleration(solution: Solution, i: int) -> float:
+def _acceleration(solution: TableSolution, i: int) -> float:
     """Of the gap just after an impact that does not rebound; infinite where it does."""
     return solution.acceleration(i) if solution.restitution == 0.0 else math.inf
 
@@ -148,11 +148,11 @@ class Touching(Border):
     def measures(self, solution: Any) -> Array:
         """What the curve and its rate are measured in."""
 
-    def begin(self, solution: Solution) -> Array:
+    def begin(self, solution: TableSolution) -> Array:
         curve, begins = self.curve(solution)
         return np.array([begins + solution.frequency * curve.smallest[1]])
 
-    def left(self, solution: Solution, own: Array) -> Any:
+    def left(self, solution: TableSolution, own: Array) -> Any:
         curve, begins = self.curve(solution)
         return curve.values((own - begins) / solution.frequency, 2)[:, 0] / self.measures(solution)
 
@@ -167,14 +167,14 @@ class TouchingGap(Touching):
 
     kind = BifurcationKind.GR
 
-    def curve(self, solution: Solution) -> tuple[Curve, float]:
+    def curve(self, solution: TableSolution) -> tuple[Curve, float]:
         flight = solution.flight(self.number, self.side)
         return flight.gap, flight.begins
 
-    def measures(self, solution: Solution) -> Array:
+    def measures(self, solution: TableSolution) -> Array:
         return np.array(self.problem.units(solution)[:2])
 
-    def value(self, solution: Solution) -> float:
+    def value(self, solution: TableSolution) -> float:
         flight = self._flight(solution)
         impacts = [i for i in (flight.start, flight.end) if i >= 0]
         if (solution.impulses[impacts] < 0.0).any():
@@ -183,14 +183,14 @@ class TouchingGap(Touching):
             return math.nan
         return flight.gap.seen if self.problem.sticks else flight.gap.smallest[0]
 
-    def place(self, solution: Solution, own: Array) -> tuple[float, int]:  # noqa: ARG002
+    def place(self, solution: TableSolution, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return float(own[0]), self.side
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         solution = self.problem.at(x, p)
         return self.problem.with_impact(x, self._flight(solution), float(self.begin(solution)[0]))
 
-    def _flight(self, solution: Solution) -> Flight:
+    def _flight(self, solution: TableSolution) -> Flight:
         return solution.flights[self.number * solution.stops + self.side]
 
 
@@ -252,7 +252,7 @@ def _force(problem: BorderedEquations, solution: Any) -> float:
     return problem.units(solution)[2] * float(mass.max())
 
 
-def borders(problem: BorderedEquations, solution: Solution) -> list[Border]:
+def borders(problem: BorderedEquations, solution: TableSolution) -> list[Border]:
     """All that is watched: impulses, flights and accelerations, then contacts and releases."""
     found: list[Border] = []
     sides = range(solution.stops)

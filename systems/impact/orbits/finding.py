@@ -128,6 +128,7 @@ def orbit_at(
         sides not 0 or 1.
     NoConvergence
     """
+    has_table_alone(oscillator)
     m = positive_integer("periods", periods)
     given = finite_array("phases", phases, (None,))
     if impacts is not None and positive_integer("impacts", impacts) != len(given):
@@ -179,5 +180,6 @@ def sticking_orbit_of(system: ImpactMap, state: ImpactState, periods: int) -> Im
     ValueError
         When it does not stick, or not a period later.
     """
+    has_table_alone(system)
     began = time.perf_counter()
     return _solved(*course_of(system, state, periods), began)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
@@ -27,6 +28,7 @@ class OrbitEquations(Protocol):
     """What an orbit asks of the equations that it solves."""
 
     sticks: ClassVar[bool]
+    driven: bool
     oscillator: ImpactMap
     periods: int
     itinerary: Any
@@ -43,6 +45,9 @@ class OrbitEquations(Protocol):
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether the solution is a motion of the oscillator."""
 
+    def counts(self) -> dict[str, float]:
+        """How often what happens in a period, by element."""
+
     def state_error(self, x: Array, p: Array, residual: float) -> float:
         """Largest error of a section coordinate, where so large a residual is left."""
 
@@ -53,10 +58,13 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. The states of P(n,m)
     are those just after its impacts, those of P(inf,m) at its releases, where the relative velocity
-    and the contact force are zero. The unknowns of P(n,m) are phases and impulses, (2n,), and the
-    modes that no spring holds; those of P(inf,m) are, from one release to the next, places at the
-    release, and the phases of the release and of the impacts before the chatter. It is admissible
-    when simulation from each state finds the next.
+    and the contact force are zero. Without a hard stop they are those where periods of the forcing
+    begin, and of a cycle that nothing drives those just after its events, the phase counted from
+    the first one on. The unknowns of P(n,m) are phases and impulses, (2n,), and the modes that no
+    spring holds; those of P(inf,m) are, from one release to the next, places at the release, and
+    the phases of the release and of the impacts before the chatter. Of a machine with elements they
+    are phases, impulses and states of its events: see `counts`. It is admissible when simulation
+    from each state finds the next.
     """
 
     _problem: OrbitEquations
@@ -87,12 +95,23 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     @property
     def impacts(self) -> Any:
         """The number n of impacts, an int; infinite for P(inf,m)."""
-        return np.inf if self.sticks else len(self._problem.itinerary)
+        return np.inf if self.sticks else len(self._solution.impulses)
 
     @property
     def label(self) -> str:
-        """``P(n,m)`` or ``P(inf,m)``."""
-        return f"P({self.impacts},{self.periods})"
+        """``P(n,m)`` or ``P(inf,m)``; ``cycle`` where nothing drives it.
+
+        Without a hard stop n is the number of periods, as of the label of an attractor.
+        """
+        if not self._problem.driven:
+            return "cycle"
+        count = self.periods if self.system._strobed else self.impacts
+        return f"P({count},{self.periods})"
+
+    @cached_property
+    def counts(self) -> Mapping[str, float]:
+        """How often what happens in a period, by element, as `OrbitLabel.counts`."""
+        return self._problem.counts()
 
     @property
     def periods(self) -> int:
@@ -102,7 +121,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     @property
     def period(self) -> float:
         """Time until it repeats."""
-        return self.periods * TWO_PI / self.system.frequency
+        return float(self._solution.period)
 
     # --- its states -------------------------------------------------------------------------------
 
@@ -162,7 +181,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def time(self) -> Array:
         """Times (n,) of the impacts, from the first of its states on."""
         solution = self._solution
-        return np.asarray((solution.impact_phases - solution.phases[0]) / self.system.frequency)
+        return np.asarray((solution.impact_phases - solution.phases[0]) / solution.frequency)
 
     @property
     def relative_velocity(self) -> Array:
@@ -176,7 +195,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         (l, 3), chatter down to the cut included; how many there are depends on the cut.
         """
         phases, speeds = self._solution.bounces
-        time = (phases - self.phases[0]) / self.system.frequency
+        time = (phases - self.phases[0]) / self._solution.frequency
         impacts = np.stack([time, phases % TWO_PI, speeds], axis=1)
         impacts.setflags(write=False)
         return impacts
@@ -189,7 +208,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         P(n,m) has none, (0, 2).
         """
         since = self._solution.contact_phases - self.phases[0]
-        times = np.asarray(since / self.system.frequency)
+        times = np.asarray(since / self._solution.frequency)
         times.setflags(write=False)
         return times
 

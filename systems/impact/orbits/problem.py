@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, final
@@ -16,10 +17,10 @@ from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem, fractions
 from dynkit.systems.impact.orbits.borders import Border, borders
-from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.orbits.machine import Changes
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
@@ -30,8 +31,6 @@ REPEATED = 1e-7
 
 APART = 1e-6
 """Two solutions that differ by less, scaled, are the same orbit."""
-
-_ARGUMENTS = ("oscillator", "names", "periods", "itinerary", "sizes")
 
 AnySolution = TypeVar("AnySolution", bound=Solution)
 
@@ -65,6 +64,9 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
 
     sticks: ClassVar[bool]
     """Whether orbits are P(inf,m)."""
+    driven = True
+    """Whether the motion has the period of the forcing, or some; else one of its own."""
+    _arguments: ClassVar[tuple[str, ...]] = "oscillator", "names", "periods", "itinerary", "sizes"
 
     def __init__(
         self,
@@ -74,7 +76,6 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         itinerary: Any,
         sizes: Any,
     ) -> None:
-        has_table_alone(oscillator)
         self.oscillator = oscillator
         self._names = names
         self.periods = periods
@@ -87,11 +88,11 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     @final
     def remade(self, **changes: Any) -> Self:
         """The same equations with other arguments of the constructor."""
-        return type(self)(*(changes.get(name, getattr(self, name)) for name in _ARGUMENTS))
+        return type(self)(*(changes.get(name, getattr(self, name)) for name in self._arguments))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Without what is kept for the next call.
-        return type(self), tuple(getattr(self, name) for name in _ARGUMENTS)
+        return type(self), tuple(getattr(self, name) for name in self._arguments)
 
     # --- parameters -------------------------------------------------------------------------------
 
@@ -167,9 +168,34 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         fixed = self.remade(oscillator=self.system(p), names=())
         return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
 
+    def counts(self) -> dict[str, float]:
+        """How often what happens in a period, by element: see `OrbitLabel.counts`."""
+        passed = [word.sides for word in self.itinerary] if self.sticks else [self.itinerary]
+        sides = np.concatenate([np.asarray(part) for part in passed]).tolist()
+        stuck = [part[-1] for part in passed] if self.sticks else []
+        found: dict[str, float] = {}
+        for k, name in enumerate(element_names(self.oscillator)):
+            found[f"{name}.impacts"] = math.inf if k in stuck else sides.count(k)
+            found[f"{name}.contacts"] = stuck.count(k)
+        return found
+
     @abstractmethod
     def state_error(self, x: Array, p: Array, residual: float) -> float:
         """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
+
+    @final
+    def states_moved(self, x: Array, p: Array, moved: Array) -> float:
+        """Largest change of a section coordinate, where unknowns are off by as much, (m,)."""
+        states, scale, worst = self.at(x, p).section_states, self.scale(x), 0.0
+        if not np.isfinite(moved).all():
+            return math.inf
+        for k in np.flatnonzero(moved):
+            h = 1e-6 * scale[k]
+            there = x.copy()
+            there[k] += h
+            change = self.oscillator.difference(self.at(there, p).section_states, states)
+            worst += float(abs(change).max() / h * moved[k])
+        return worst
 
     def shortest(self, x: Array) -> tuple[Self, Array]:
         for k, periods, changes in self._repetitions(x):
@@ -224,7 +250,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     @final
     def events(self, x: Array, p: Array) -> list[Event]:
         solution = self.at(x, p)
-        watched = [(border, border.value(solution)) for border in borders(self, solution)]
+        watched = [(border, border.value(solution)) for border in self.borders(solution)]
         return [Event(border.kind, border.part, value, border.ends) for border, value in watched]
 
     @final
@@ -235,9 +261,13 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     @final
     def border(self, event: int, x: Array, p: Array) -> Border:
         """What event number `event` watches."""
-        return borders(self, self.at(x, p))[event]
+        return self.borders(self.at(x, p))[event]
 
-    @final
+    def borders(self, solution: AnySolution) -> list[Border]:
+        """All that is watched."""
+        known: tuple[Any, Any] = self, solution
+        return borders(*known)
+
     def touching(self, event: int, x: Array, own: Array, p: Array) -> Mapping[str, float]:
         """Return phase in [0, 2 pi), time from the first state, and side."""
         solution = self.at(x, p)
@@ -258,10 +288,6 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     @abstractmethod
     def units(self, solution: AnySolution) -> tuple[float, float, float]:
         """What gaps, their rates and their accelerations are measured in."""
-
-    @abstractmethod
-    def with_impact(self, x: Array, flight: Flight, phase: float) -> tuple[Self, Array]:
-        """The same motion with one impact more, where a gap touches zero."""
 
     @abstractmethod
     def without_impact(self, x: Array, p: Array, i: int) -> tuple[Self, Array] | None:

@@ -55,23 +55,6 @@ class Solution(ABC):
         """Section coordinates (k, 2N) of the states."""
 
     @abstractmethod
-    def flight(self, i: int, side: int) -> Flight:
-        """The gap of a stop in flight number `i`: P(n,m) after that impact, P(inf,m) before it."""
-
-    @cached_property
-    def flights(self) -> list[Flight]:
-        """The flights (n * stops,), of each in turn as seen from each stop."""
-        return [self.flight(i, side) for i in range(len(self.sides)) for side in range(self.stops)]
-
-    @abstractmethod
-    def acceleration(self, i: int) -> float:
-        """Acceleration of the gap just after impact number `i`, if that does not rebound."""
-
-    def acceleration_rounding(self, i: int) -> float:  # noqa: ARG002
-        """What rounding leaves in it beyond that of the equations, if that is known."""
-        return 0.0
-
-    @abstractmethod
     def sample(self, since: Array) -> tuple[Array, Array]:
         """Positions and velocities (j, N) at times (j,) from the first state on, in one period."""
 
@@ -88,6 +71,30 @@ class Solution(ABC):
     @property
     def chatter_error(self) -> float:
         """Largest change of a position or velocity by replacing the rest of a chatter."""
+        return 0.0
+
+
+class TableSolution(Solution):
+    """The motion of an orbit of a table alone: flights and impacts, and contact with it.
+
+    A subclass must implement what is abstract here.
+    """
+
+    @abstractmethod
+    def flight(self, i: int, side: int) -> Flight:
+        """The gap of a stop in flight number `i`: P(n,m) after that impact, P(inf,m) before it."""
+
+    @cached_property
+    def flights(self) -> list[Flight]:
+        """The flights (n * stops,), of each in turn as seen from each stop."""
+        return [self.flight(i, side) for i in range(len(self.sides)) for side in range(self.stops)]
+
+    @abstractmethod
+    def acceleration(self, i: int) -> float:
+        """Acceleration of the gap just after impact number `i`, if that does not rebound."""
+
+    def acceleration_rounding(self, i: int) -> float:  # noqa: ARG002
+        """What rounding leaves in it beyond that of the equations, if that is known."""
         return 0.0
 
 

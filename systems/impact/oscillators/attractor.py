@@ -30,8 +30,8 @@ from dynkit.systems.impact.variational.tangents import growth, returned
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from dynkit.orbits.problem import PeriodicOrbit
     from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.orbits.orbit import ImpactOrbit
     from dynkit.systems.impact.records.second_moments import SecondMoments
 
 TWO_PI = 2.0 * math.pi
@@ -161,24 +161,28 @@ class ImpactAttractor(Attractor):
         orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
         return orbit.named(settled_label(orbit, kept=kept, budget=budget))
 
-    def periodic_orbit(self) -> PeriodicOrbit:
+    def periodic_orbit(self) -> ImpactOrbit:
         """Return the periodic orbit of this attractor, refined by Newton's method.
 
         Returns
         -------
         ImpactOrbit
-            For a machine with elements, a `MapOrbit`.
 
         Raises
         ------
         ValueError
-            When the attractor is neither P(n,m) nor P(inf,m).
+            When the attractor is neither P(n,m) nor P(inf,m), nor a cycle that nothing drives.
         NoConvergence
             When the motion is still too far from the orbit.
+        NotImplementedError
+            When it chatters on other elements than a table; `dynkit.periodic_orbit` finds orbits of
+            the map.
         """
-        from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
+        from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
 
+        if self._system._own and not self._system._excitation.turns:
+            return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
         if n is m is None:
             raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
@@ -187,8 +191,8 @@ class ImpactAttractor(Attractor):
             return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
-        if m is None or self._system._own:
-            return map_orbit(self._system, record.states)
+        if self._system._own or m is None:
+            return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
 
     def second_moments(self, batches: int = 32) -> SecondMoments:

@@ -180,6 +180,7 @@ class ImpactOscillator(ImpactMap):
         phases: object = None,
         sides: object = None,
         sticking: bool = False,
+        start: ImpactState | None = None,
     ) -> ImpactOrbit:
         """Return a periodic orbit, stable or unstable: P(n,m), or P(inf,m), which sticks.
 
@@ -196,6 +197,10 @@ class ImpactOscillator(ImpactMap):
         sticking : bool
             Return an orbit P(inf,m), found as `periodic_orbits` describes. Not together with
             impacts, phases or sides.
+        start : ImpactState, optional
+            For a machine with elements, whose orbits are found from a motion: a state near the
+            orbit, from which the motion follows the orbit for three of its periods. By default the
+            state after 700 impacts.
 
         Raises
         ------
@@ -203,6 +208,8 @@ class ImpactOscillator(ImpactMap):
             When no such orbit is found, or nothing drives the system.
         NoConvergence
             When Newton's method does not converge from the guess.
+        NotImplementedError
+            When an orbit on other elements than a table chatters.
 
         Examples
         --------
@@ -212,7 +219,13 @@ class ImpactOscillator(ImpactMap):
         ('P(inf,2)', True, 0.864601)
         """
         from dynkit.systems.impact.orbits.finding import orbit_at
+        from dynkit.systems.impact.orbits.itineraries.finding import orbit_from
 
+        others = impacts is phases is sides is None and not boolean("sticking", sticking)
+        if self._own and others:
+            return orbit_from(self, periods, start)
+        if start is not None:
+            raise ValueError(f"start must be given with elements, and periods alone; got {start!r}")
         if boolean("sticking", sticking):
             for name, given in (("impacts", impacts), ("phases", phases), ("sides", sides)):
                 if given is not None:

@@ -158,6 +158,8 @@ class Segments:
         Number of impacts before the segment.
     mode, element : (k,)
         Number of the mode, and of the element of the event at the begin.
+    guard : (k,)
+        Number of the guard of the event at the begin; for the start, one of its element.
     rest, speed : (k,)
         Duration of the bounces omitted at the begin, and speed of the first of them.
     kind : (k,) of int
@@ -174,6 +176,7 @@ class Segments:
     speed: Array
     kind: Indices
     states: Array
+    guard: Indices
 
     def of(self, mode: Mode, some: Any) -> Array:
         """States (n, 2, slots) at the begin of some segments, all in this mode."""
@@ -322,6 +325,7 @@ class Trajectory:
             np.insert(np.zeros(len(point)), place, s.speed),
             kind,
             states,
+            guards,
         )
 
     def closed(self, guard: int) -> list[int]:

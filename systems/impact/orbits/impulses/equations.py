@@ -222,12 +222,7 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
         moved *= scale
         states = s.section_states
         worst = ROUNDING * float(abs(states).max()) + float(moved[:n].max())
-        for k in np.flatnonzero(moved):
-            h = 1e-6 * scale[k]
-            there = x.copy()
-            there[k] += h
-            change = self.oscillator.difference(self.at(there, p).section_states, states)
-            worst += float(abs(change).max() / h * moved[k])
+        worst += self.states_moved(x, p, moved)
         return worst + float(s.rounded.max())
 
     def in_turn(self, x: Array) -> tuple[Self, Array]:

@@ -13,7 +13,7 @@ from dynkit.systems.impact.modes.mode import Transitions
 from dynkit.systems.impact.modes.structure import Contact
 from dynkit.systems.impact.orbits.flights import Curve, Flight
 from dynkit.systems.impact.orbits.impulses.terms import Terms
-from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.solution import TableSolution
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 ROUNDING = 32.0 * 2.0**-52
@@ -24,7 +24,7 @@ LATE = 2.0 * 2.0**-52
 
 
 @final
-class ImpulseSolution(Solution):
+class ImpulseSolution(TableSolution):
     """What the equations need at one place: all responses to all impulses.
 
     Its states are those just after the impacts.

@@ -11,12 +11,12 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.orbits.passages.passage import Passage
-from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.solution import TableSolution
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 
 @final
-class PassageSolution(Solution):
+class PassageSolution(TableSolution):
     """The passages (k,) from each release to the next; its states are those at the releases.
 
     The impacts are those that words name, passage by passage.

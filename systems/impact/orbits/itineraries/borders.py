@@ -1,0 +1,252 @@
+"""What is watched along a branch of orbits of one itinerary: where an event appears or vanishes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.kinds import BifurcationKind
+from dynkit.systems.impact.elements.element import HALT, IMPACT, HardStop
+from dynkit.systems.impact.orbits.borders import Border, Touching, VanishingImpulse
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary, regimes_of
+from dynkit.systems.impact.orbits.machine import Regimes
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.itineraries.solution import ItinerarySolution
+
+
+def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
+    """Impulses, times between events, and what elements watch in between."""
+    for k in range(len(s.hits)):
+        yield VanishingImpulse(problem, 0, k)
+    n = s.events
+    for i in range(n):
+        yield VanishingInterval(problem, i)
+    for i in range(n):
+        for element, guard in problem.itinerary[(i + 1) % n].mode.watched:
+            yield TouchingGuard(problem, i, element, guard)
+    for begun in problem.beginnings:
+        yield Beginning(problem, begun)
+
+
+_ZERO = 16.0
+"""Roundings of a curve: one that begins with less begins at zero."""
+
+
+class Begun(NamedTuple):
+    """What an element would watch just after an event, were it in some mode.
+
+    Positive where it holds, or sticks, from then on; or not so, where it does not.
+    """
+
+    event: int
+    mode: Regimes
+    element: int
+    guard: int
+    sign: float
+
+
+def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
+    """Where something begins to hold or to stick, and where it might and does not."""
+    found = []
+    for i, event in enumerate(itinerary):
+        k, after = event.element, itinerary[(i + 1) % len(itinerary)].mode
+        found += [
+            Begun(i, after, k, guard, 1.0)
+            for element, guard in after.watched
+            if element == k and k in after.held and k not in event.mode.held
+        ]
+        regimes = system._elements[k].regimes
+        watch = regimes[event.mode.numbers[k]].guards[event.guard]
+        if k >= 0 and watch.event == HALT and k not in after.held:
+            numbers = list(after.numbers)
+            numbers[k] = watch.to
+            stuck = regimes_of(system, system._automaton.parts.settled(numbers))
+            way = [g for g, w in enumerate(regimes[watch.to].guards) if w.to == after.numbers[k]]
+            if k in stuck.held and way:
+                found.append(Begun(i, stuck, k, way[0], -1.0))
+    return found
+
+
+@final
+class Beginning(Border):
+    """What begins to hold, or to stick, could as well not do so; or the other way round."""
+
+    problem: Any
+
+    def __init__(self, problem: Any, begun: Begun) -> None:
+        super().__init__(problem, begun.event, begun.guard, begun.element)
+        self.begun, self.ends = begun, False
+        hard = isinstance(problem.oscillator._elements[begun.element], HardStop)
+        self.kind = BifurcationKind.CB if hard else BifurcationKind.GR
+
+    def value(self, solution: ItinerarySolution) -> float:
+        event, mode, element, guard, sign = self.begun
+        row = solution.machine.watched(mode, element, guard)
+        size = abs(row) @ solution.measures
+        return float(sign * (row @ solution.after[event]) / size)
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self.value(solution)]
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return float(solution.event_phases[self.part]), self.side
+
+    def name(self, solution: ItinerarySolution) -> str:  # noqa: ARG002
+        """What happens, in the field's words."""
+        if self.kind is BifurcationKind.CB:
+            return "contact"
+        return "switching-sliding" if self.begun.sign > 0.0 else "crossing-sliding"
+
+    def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
+        event, mode, element, guard, sign = self.begun
+        if sign > 0.0:
+            return None
+        phase = float(self.problem.at(x, p).event_phases[event])
+        more = [Happening(mode, element, guard)]
+        found: tuple[Problem, Array] = self.problem.with_events(x, p, event, phase, more)
+        return found
+
+
+@final
+class VanishingInterval(Border):
+    """Two events happen at once: of one element a regime that vanishes, else another order.
+
+    Beyond there is no such orbit where it is of one element.
+    """
+
+    kind = BifurcationKind.GR
+    problem: Any
+
+    def value(self, solution: ItinerarySolution) -> float:
+        first, second = self._events(solution.itinerary)
+        self.ends = first.element == second.element
+        if solution.events == 1:
+            return math.inf
+        return float(solution.durations[self.part] / solution.period)
+
+    def _events(self, itinerary: Itinerary) -> tuple[Happening, Happening]:
+        return itinerary[self.part], itinerary[(self.part + 1) % len(itinerary)]
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self.value(solution)]
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return float(solution.event_phases[self.part]), solution.itinerary[self.part].element
+
+    def name(self, solution: ItinerarySolution) -> str:
+        """What happens, in the field's words."""
+        first, second = self._events(solution.itinerary)
+        elements = solution.oscillator._elements
+        if first.element != second.element or first.element < 0:
+            return "at once"
+        if isinstance(elements[first.element], HardStop):
+            return "contact"
+        if first.element in second.mode.held:
+            after = solution._following[(self.part + 1) % solution.events].mode
+            same = after.numbers[first.element] == first.mode.numbers[first.element]
+            return "grazing-sliding" if same else "crossing-sliding"
+        return "adding-sliding" if first.element in first.mode.held else "grazing"
+
+    def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
+        s, i = self.problem.at(x, p), self.part
+        n, first = s.events, s.itinerary[i]
+        j = (i + 1) % n
+        if first.element != s.itinerary[j].element or first.kicked or s.itinerary[j].kicked:
+            return None
+        after = s._following[j].mode
+        gone = [i, j] if first.mode == after else [j]
+        found: tuple[Problem, Array] | None = self.problem.without(x, p, gone)
+        return found
+
+
+@final
+class TouchingGuard(Touching):
+    """What an element watches touches zero between two events.
+
+    Parameters
+    ----------
+    problem : ItineraryEquations
+    part : int
+        Number of the event before.
+    element, guard : int
+    """
+
+    kind = BifurcationKind.GR
+    problem: Any
+
+    def __init__(self, problem: Any, part: int, element: int, guard: int) -> None:
+        super().__init__(problem, part, guard, element)
+
+    def curve(self, solution: ItinerarySolution) -> tuple[Curve, float]:
+        curve = solution.curve(self.part, self.side, self.number)
+        return curve, float(solution.event_phases[self.part])
+
+    def measures(self, solution: ItinerarySolution) -> Array:
+        mode = solution._following[self.part].mode
+        row = abs(solution.machine.watched(mode, self.side, self.number)) @ solution.measures
+        return np.asarray(row * np.array([1.0, solution.frequency]))
+
+    def value(self, solution: ItinerarySolution) -> float:
+        if solution.durations[self.part] <= 0.0:
+            return math.nan
+        ends = [self.part, (self.part + 1) % solution.events]
+        pulls = [
+            solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends if i in solution.hits
+        ]
+        if any(pulls):
+            return math.nan
+        curve = self.curve(solution)[0]
+        begin, rate, bend = curve.nodes[1][:, 0].tolist()
+        slow = abs(rate) * curve.lasts <= _ZERO * curve.rounding
+        if abs(begin) <= _ZERO * curve.rounding and (bend if slow else rate) < 0.0:
+            return math.nan  # what begins so is watched where it begins
+        return curve.seen
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return float(own[0]), self.side
+
+    def name(self, solution: ItinerarySolution) -> str:
+        """What happens, in the field's words."""
+        element = solution.oscillator._elements[self.side]
+        if not any(regime.sticks for regime in element.regimes):
+            return "grazing"
+        held = self.side in solution._following[self.part].mode.held
+        return "adding-sliding" if held else "grazing-sliding"
+
+    def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
+        s, system = self.problem.at(x, p), self.problem.oscillator
+        mode, k = s._following[self.part].mode, self.side
+        regimes, number = system._elements[k].regimes, mode.numbers[k]
+        watch = regimes[number].guards[self.number]
+        if watch.event == IMPACT:
+            return self._with(x, p, [Happening(mode, k, self.number, mode)])
+        numbers = list(mode.numbers)
+        numbers[k] = watch.to
+        there = regimes_of(system, system._automaton.parts.settled(numbers))
+        back = [
+            g for g, w in enumerate(regimes[watch.to].guards) if w.to == number or w.event == HALT
+        ]
+        back = [g for g in back if (k, g) in there.watched]
+        if there.numbers[k] != watch.to or not back:
+            return None
+        both = [Happening(mode, k, self.number), Happening(there, k, back[0])]
+        return self._with(x, p, both)
+
+    def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array]:
+        phase = float(self.begin(self.problem.at(x, p))[0])
+        found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
+        return found
+
+
+def named(border: Border, solution: ItinerarySolution) -> str:
+    """What happens where a border is met."""
+    if isinstance(border, Beginning | VanishingInterval | TouchingGuard):
+        return border.name(solution)
+    return "grazing"

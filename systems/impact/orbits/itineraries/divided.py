@@ -1,0 +1,132 @@
+"""Divided differences of guards that are zero by nature at an earlier event.
+
+A soft stop is left where the gap is zero that was zero where it was touched; what begins to slip is
+halted where the rate of slip is zero that was zero before. With the second event at the time of the
+first one the guard is zero whatever the motion: a trivial solution, which the equation divided by
+the time between the two, or by its square, has not. So it is regular where the two events merge,
+and the branch ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary
+from dynkit.systems.impact.orbits.machine import exponentials
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.orbits.itineraries.solution import ItinerarySolution
+
+_ROUNDING = 2.0**-52
+
+
+class Pair(NamedTuple):
+    """The event at which a guard was zero, and how many of its derivatives were, with itself."""
+
+    first: int
+    order: int
+
+
+def pairs(oscillator: ImpactMap, itinerary: Itinerary) -> list[Pair | None]:
+    """Of each event, (n,), the one before it at which its guard was zero by nature."""
+    return [_pair(oscillator, itinerary, i) for i in range(len(itinerary))]
+
+
+def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
+    event, n = itinerary[i], len(itinerary)
+    if event.element < 0 or event.kicked:
+        return None
+    number = event.mode.numbers[event.element]
+    own = _watch(oscillator, event)
+    for back in range(1, n):
+        first = (i - back) % n
+        other = itinerary[first]
+        if other.element != event.element or other.kicked:
+            continue
+        before = _watch(oscillator, other)
+        sticks = other.element in other.mode.held
+        if sticks and back == 1 and own.rate and not (own.gap or own.force):
+            return Pair(first, max(before.order, 1))
+        gaps = own.gap and before.gap and not (own.rate or own.force or before.rate or before.force)
+        if gaps and number and not other.mode.numbers[other.element]:
+            return Pair(first, 1)
+    return None
+
+
+def _watch(oscillator: ImpactMap, event: Happening) -> Any:
+    regimes = oscillator._elements[event.element].regimes
+    return regimes[event.mode.numbers[event.element]].guards[event.guard]
+
+
+def _between(s: ItinerarySolution, i: int, pair: Pair) -> list[int]:
+    """Numbers of the events after which there is a part of the time between."""
+    n = s.events
+    return [k % n for k in range(pair.first, i if pair.first < i else i + n)]
+
+
+def value(s: ItinerarySolution, i: int, pair: Pair) -> Any:
+    """The guard of event `i`, over the time since the first one, to the power of the order."""
+    among, row = _between(s, i, pair), s.guards[i]
+    if len(among) == 1:
+        j, q = among[0], pair.order
+        return _rows(s, j, row, q)[q] @ (np.linalg.matrix_power(s.flows[j], q) @ s.after[j])
+    rises = [s.durations[j] * (_rows(s, j, row, 1)[1] @ (s.flows[j] @ s.after[j])) for j in among]
+    return sum(rises) / _whole(s, among)
+
+
+def derivatives(s: ItinerarySolution, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]]:
+    """Derivatives of it by each state (D,) just after an event, and by the time to the next."""
+    among, row = _between(s, i, pair), s.guards[i]
+    if len(among) == 1:
+        j, q = among[0], pair.order
+        rows, flow = _rows(s, j, row, q + 1), s.flows[j]
+        power = np.linalg.matrix_power(flow, q)
+        late = (rows[q] - q * rows[q + 1]) @ (flow @ (power @ s.after[j]))
+        yield j, rows[q] @ power, float(late)
+        return
+    whole, ratio = _whole(s, among), value(s, i, pair)
+    for j in among:
+        by_state = s.durations[j] * (_rows(s, j, row, 1)[1] @ s.flows[j]) / whole
+        late = row @ (s.flows[j] @ s.reached[j])
+        yield j, by_state, float((late - ratio) / whole)
+
+
+def rounding(s: ItinerarySolution, i: int, pair: Pair) -> float:
+    """What rounding may make of the value, to first order."""
+    among, row = _between(s, i, pair), abs(s.guards[i])
+    found, measures = 0.0, s.measures
+    for j in among:
+        flow, lasts = abs(s.flows[j]), abs(float(s.durations[j]))
+        norm = float((flow * measures / measures[:, None]).sum(axis=1).max()) * lasts
+        power = np.linalg.matrix_power(flow, pair.order)
+        terms = (row + abs(_rows(s, j, s.guards[i], pair.order)[pair.order])) @ power
+        level = float(terms @ measures) * float((abs(s.after[j]) / measures).max())
+        found = max(found, (16.0 + norm) * level)
+    return _ROUNDING * found * float(1.0 + abs(s.lap.phases).max())
+
+
+def _whole(s: ItinerarySolution, among: list[int]) -> Any:
+    whole = sum(s.durations[j] for j in among)
+    if whole == 0.0:
+        raise NoSolution("several events of one element happen at once")
+    return whole
+
+
+def _rows(s: ItinerarySolution, j: int, row: Any, most: int) -> list[Any]:
+    """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
+
+    phi_0 is the exponential function, and x phi_k+1(x) = phi_k(x) - 1/k!.
+    """
+    m, d = s.measures, len(row)
+    big = np.zeros((most + d, most + d), dtype=np.result_type(row, s.flows, s.durations))
+    big[: most - 1, 1:most] = np.eye(most - 1)
+    big[most - 1, most:] = row * m
+    big[most:, most:] = s.flows[j] * m / m[:, None] * s.durations[j]
+    found = exponentials(big[None])[0, :most, most:] / m
+    return [row, *found[::-1]]

@@ -1,0 +1,138 @@
+"""Orbits by itinerary, from motions near them."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array, positive_integer
+from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations, simulated
+from dynkit.systems.impact.orbits.itineraries.itinerary import (
+    Happening,
+    Seen,
+    check_elements,
+    events_seen,
+    of_cycle,
+    of_period,
+    regimes_of,
+)
+from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
+from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+
+_SINGULAR = 1e-13
+"""Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
+_SAMPLES, _TRANSIENT = 64, 700
+_CYCLE = 256
+"""Periods of the forcing, or impacts, within which a cycle that nothing drives comes again."""
+
+
+def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) -> ImpactOrbit:
+    """The orbit near the motion from a state, or that of the attractor."""
+    m = positive_integer("periods", periods)
+    state = system._entered(start)
+    if start is None:
+        state = system._run(state, _TRANSIENT, store=False).final
+    return orbit_near(system, state, m)
+
+
+def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrbit:
+    """The orbit near the motion from a state, of so many periods of the forcing.
+
+    Of a machine that nothing drives it is the cycle that the motion makes, whatever the periods.
+
+    Raises
+    ------
+    NotImplementedError
+        Where it chatters until it sticks, or what an element does is not known.
+    NoConvergence
+        When the motion is too far from an orbit, or the orbit is one of a family.
+    """
+    began = time.perf_counter()
+    check_elements(system)
+    driven = system._excitation.turns
+    if driven:
+        length = periods * TWO_PI / system.frequency
+        seen = of_period(simulated(system, state, 3.0 * length), 2.5 * length, length)
+    else:
+        run = system._run(state, _CYCLE, store=True)
+        seen, length = of_cycle(events_seen(system, run))
+        periods = 1
+    if not len(seen.events):
+        seen = _quiet(system, state)
+    problem, guess = _guess(system, state, seen, periods, length, driven)
+    x, history = _solved(problem, guess)
+    cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
+    return ImpactOrbit(*problem.in_turn(x), history, cost)
+
+
+def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
+    """A motion in which nothing happens, where a period begins."""
+    run = system._run(state, 2, store=True)
+    numbers = run.regimes[run.segments.mode[-1]]
+    final = run.final
+    marked = Happening(regimes_of(system, numbers), -1, 0)
+    states = np.concatenate([final.position, final.velocity])[None]
+    return Seen(np.zeros(1), (marked,), states)
+
+
+def _guess(
+    system: ImpactMap, state: ImpactState, seen: Seen, periods: int, length: float, driven: bool
+) -> tuple[ItineraryEquations, Array]:
+    """Equations with the itinerary of a motion, and its unknowns."""
+    clock = system.frequency if driven else TWO_PI / length
+    phases = (state.phase if seen.times.any() else 0.0) + clock * seen.times
+    if not driven:
+        phases = phases - phases[0]
+        phases[0] = length
+    sizes = _sizes(system, state, seen, length)
+    problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven)
+    impulses = _impulses(problem, seen)
+    return problem, np.concatenate([phases, impulses, seen.states.ravel()])
+
+
+def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
+    """Largest position and velocity, of motions that do not stand still."""
+    x, v = (
+        [seen.states[:, : system.degrees_of_freedom]],
+        [seen.states[:, system.degrees_of_freedom :]],
+    )
+    run = system._run(state, 1, store=True)
+    while run.duration < length and run.impacts:
+        run = system._run(state, 2 * run.impacts, store=True)
+    times = np.linspace(0.0, min(length, run.duration), _SAMPLES)
+    for part, more in zip((x, v), sample_run(system, run, times), strict=True):
+        part.append(more)
+    return [float(abs(np.concatenate(part)).max()) or 1.0 for part in (x, v)]
+
+
+def _impulses(problem: ItineraryEquations, seen: Seen) -> Array:
+    """Those that the law gives."""
+    k = problem.layout.impacts
+    n = len(seen.events)
+    x = np.concatenate([np.ones(n), np.zeros(k), seen.states.ravel()])
+    phases = problem.oscillator.frequency * seen.times
+    x[:n] = phases if problem.driven else np.append(1.0, phases[1:])
+    s = problem.at(x, NONE)
+    return np.asarray(-(s.rates * s.before[s.hits]).sum(axis=1) / (1.0 - s.returned))
+
+
+def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[float, ...]]:
+    x, history = solve(problem, guess, NONE)
+    s, scale = problem.at(x, NONE), problem.scale(x)
+    if s.events > 1 and not (abs(s.durations) > 0.0).all():
+        raise NoConvergence("no periodic orbit found from the guess, but one whose events merge")
+    sizes = np.linalg.svd(problem.linearization(x, NONE) * scale, compute_uv=False)
+    if not sizes[-1] > _SINGULAR * sizes[0]:
+        raise NoConvergence(
+            "no isolated periodic orbit found from the guess: it is one of a family, of which each "
+            "is a periodic motion"
+        )
+    return x, history

@@ -1,0 +1,216 @@
+"""Itineraries: the modes of a periodic motion in their order, and the events that join them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoConvergence
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JUMP, EventKind, HardStop
+from dynkit.systems.impact.orbits.machine import Machine, Regimes
+from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.systems.impact.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+
+_AT_ONCE = 2.0**-40
+"""Parts of a period: events that are so near happen at once."""
+
+_ZERO = 1e-6
+"""Of the sum of its largest absolute terms: a guard that is smaller has ended a mode."""
+
+_SAME = 1e-2
+"""States of a cycle, a period apart, differ by no more, relative: then it is one cycle."""
+
+
+class Happening(NamedTuple):
+    """What ends a mode.
+
+    Attributes
+    ----------
+    mode : Regimes
+    element, guard : int
+        The guard that is zero: of an element, by its number in the regime; element -1 is none, a
+        period of the forcing that begins.
+    kicked : Regimes or None
+        Of an impact the mode in which it happens: what it opens is open, what it moves slips.
+    """
+
+    mode: Regimes
+    element: int
+    guard: int
+    kicked: Regimes | None = None
+
+
+Itinerary = tuple[Happening, ...]
+"""Events in their order; each mode follows the event before."""
+
+
+class Seen(NamedTuple):
+    """Events of a motion: their times (k,), what they are, states (k, 2N) just before them."""
+
+    times: Array
+    events: Itinerary
+    states: Array
+
+    def part(self, low: int, high: int) -> Seen:
+        """Some of them."""
+        return Seen(self.times[low:high], self.events[low:high], self.states[low:high])
+
+
+def check_elements(oscillator: ImpactMap) -> None:
+    """Raise NotImplementedError where what an element does is not known here."""
+    for element in oscillator._elements:
+        law = getattr(element, "restitution", 0.0)
+        if element.slider or not isinstance(law, float):
+            raise NotImplementedError(
+                f"orbits by itinerary know no sliders and no impact laws; got {element!r}: "
+                "dynkit.periodic_orbit finds orbits of the map"
+            )
+
+
+def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
+    """A mode of an oscillator: what holds in it, and what is watched."""
+    automaton = oscillator._automaton
+    mode, parts = automaton.mode(tuple(numbers)), automaton.parts
+    now, watched = parts.now(numbers), []
+    for guard in automaton.guards:
+        k = guard.element
+        rests = now[k].guards[0].event == HALT and numbers[k] == 0
+        if automaton.modes[guard.mode] is mode and guard.watch.event != JUMP and not rests:
+            watched.append((k, _number(now[k].guards, guard.watch)))
+    return Regimes(tuple(numbers), tuple(sorted(sum(parts.grips(numbers), ()))), tuple(watched))
+
+
+def _number(guards: Sequence[Any], watch: Any) -> int:
+    """Which of the guards of a regime it is: what it does may depend on what others hold."""
+    own = watch.to, watch.gap, watch.rate, watch.force, watch.level
+    return [(w.to, w.gap, w.rate, w.force, w.level) for w in guards].index(own)
+
+
+def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
+    """The events of a motion that end modes; what only follows at once is left out.
+
+    Raises
+    ------
+    NotImplementedError
+        Where chatter is followed by contact.
+    """
+    automaton, parts, machine = oscillator._automaton, run.segments, Machine(oscillator)
+    known: dict[int, Regimes] = {}
+
+    def mode_of(number: int) -> Regimes:
+        if number not in known:
+            known[number] = regimes_of(oscillator, run.regimes[number])
+        return known[number]
+
+    times, events, states = [], [], []
+    at_once = _AT_ONCE * max(run.duration, 1.0 / oscillator.frequency)
+    last, lasting, now = -np.inf, parts.mode[0], set[int]()
+    reached = _reached(run)
+    sizes = abs(reached).max(axis=0, initial=0.0)
+    for k in range(1, len(parts.begin)):
+        hit = parts.kind[k] == EventKind.IMPACT
+        if (hit and oscillator._strobed) or parts.begin[k] <= at_once:
+            continue  # a period begins, or the motion, in the regimes that its start is in
+        begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
+        guard = automaton.guards[parts.guard[k]]
+        if parts.kind[k] == EventKind.CONTACT and parts.speed[k] > 0.0:
+            name = element_names(oscillator)[guard.element]
+            raise NotImplementedError(
+                f"orbits by itinerary must not chatter; the one found does, at {name}: "
+                "dynkit.periodic_orbit finds orbits of the map"
+            )
+        if begin - last > at_once:
+            lasting, now = before, set()
+        elif not now:
+            before = lasting
+        last = begin
+        mode, regime = mode_of(before), automaton.parts.now(run.regimes[before])[guard.element]
+        number, z = _number(regime.guards, guard.watch), reached[k - 1]
+        if not hit:
+            row = machine.watched(mode, guard.element, number)
+            if (
+                guard.element in now
+                or guard.watch.event == JUMP
+                or abs(row @ z) > _ZERO * (abs(row) @ sizes)
+            ):
+                continue
+        kicked = mode_of(int(parts.mode[k - 1])) if hit else None
+        if now and hit:
+            mode = kicked or mode
+        now.add(guard.element)
+        times.append(begin)
+        events.append(Happening(mode, guard.element, number, kicked))
+        states.append(z[:-3])
+    shape = len(times), 2 * machine.size
+    return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
+
+
+def _reached(run: Trajectory) -> Array:
+    """States (k, D) just before all events."""
+    parts, lasts = run.segments, np.diff(run.segments.begin)
+    phases = run.start.phase + run.start._system.frequency * parts.begin[1:]
+    x, v = np.empty((2, len(lasts), run.start._system.degrees_of_freedom))
+    for mode, here in run.modes(parts.mode[:-1]):
+        some = np.flatnonzero(here)
+        x[here], v[here] = mode.motion(
+            mode.after(parts.of(mode, some), np.arange(len(some)), lasts[here])
+        )
+    turning = [np.sin(phases), np.cos(phases), np.ones_like(phases)]
+    return np.concatenate([x, v, np.stack(turning, axis=1)], axis=1)
+
+
+def of_period(seen: Seen, end: float, length: float) -> Seen:
+    """The events of the last period before a time, which begins where nothing happens for long."""
+    border = np.append(end - length, seen.times[(seen.times > end - length) & (seen.times < end)])
+    border = np.append(border, end)
+    longest = int(np.argmax(np.diff(border)))
+    middle = 0.5 * (border[longest] + border[longest + 1])
+    low, high = np.searchsorted(seen.times, [middle - length, middle]).tolist()
+    return seen.part(low, high)
+
+
+def of_cycle(seen: Seen) -> tuple[Seen, float]:
+    """The events of a motion that nothing drives until it comes again, and its period.
+
+    Raises
+    ------
+    NoConvergence
+        Where it does not.
+    """
+    count = len(seen.times)
+    size = abs(seen.states).max(axis=0, initial=0.0)
+    for k in range(1, count // 2 + 1):
+        if seen.events[-k:] == seen.events[-2 * k : -k]:
+            changes = abs(seen.states[-k:] - seen.states[-2 * k : -k])
+            if (changes <= _SAME * size).all():
+                length = seen.times[-1] - seen.times[-1 - k]
+                return seen.part(count - k - 1, count - 1), float(length)
+    raise NoConvergence(f"the motion does not come again within {count} events")
+
+
+def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
+    """How often what happens in a period, by element: see `OrbitLabel.counts`."""
+    found: dict[str, float] = {}
+    for k, (name, element) in enumerate(
+        zip(element_names(oscillator), oscillator._elements, strict=True)
+    ):
+        if isinstance(element, HardStop):
+            hits = (e.kicked is not None and e.element == k for e in itinerary)
+            found[f"{name}.impacts"] = sum(hits)
+        doing = [element.doing[event.mode.numbers[k]] for event in itinerary]
+        for what in sorted(filter(None, set(element.doing))):
+            begun = zip(doing, [doing[-1], *doing[:-1]], strict=True)
+            found[f"{name}.{what}"] = sum(now == what != before for now, before in begun)
+    return found
+
+
+def is_impact(oscillator: ImpactMap, mode: Regimes, element: int, guard: int) -> bool:
+    """Whether a guard is that of an impact."""
+    regime = oscillator._elements[element].regimes[mode.numbers[element]]
+    return regime.guards[guard].event == IMPACT

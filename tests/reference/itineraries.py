@@ -1,0 +1,160 @@
+"""Orbits of machines with elements in many digits, by shooting with the modes that they pass.
+
+Of the orbit at hand only the order of its events and a guess are taken. Exponentials of matrices in
+mpmath and Newton's method with differences: no modes, no divided differences, no derivatives.
+"""
+
+from typing import Any
+
+from mpmath import mp
+
+from dynkit.systems import ImpactChain, SoftStop
+from tests.reference.friction import Cushion, Gap, Rub, Table
+from tests.reference.soft_stops import SoftStopReference
+
+DIGITS = 45
+
+
+class ExactMachine:
+    """The modes of a chain with elements, hard stops first, by the regimes of all of these."""
+
+    def __init__(self, chain: ImpactChain) -> None:
+        own = SoftStopReference(chain, elements=chain._elements)
+        self.size, self.free, self.masses = own.size, own.free, own.masses
+        self.parts: list[Any] = [*own.tables]
+        for element in chain._elements[len(own.tables) :]:
+            kind = Cushion if isinstance(element, SoftStop) else Rub
+            self.parts.append(kind(element, self.masses, own.frequency))  # type: ignore[arg-type]
+
+    def mode(self, regimes: tuple[int, ...]) -> tuple[Any, dict[int, Any]]:
+        """The generator, and rows of the forces by which elements hold or stick."""
+        flow, held = self.free.copy(), []
+        for k, (part, regime) in enumerate(zip(self.parts, regimes, strict=True)):
+            if isinstance(part, Cushion) and regime == 1:
+                flow += part.kick * part.force
+            elif isinstance(part, Rub) and regime in (1, 2):
+                flow += part.kick * part.forces[regime - 1]
+            elif (type(part), regime) in ((Table, 1), (Rub, 3)):
+                held.append(k)
+        forces = {}
+        if held:
+            fixed = [self.parts[k] for k in held]
+            inertia = mp.matrix([[(a.rate * b.kick)[0] for b in fixed] for a in fixed])
+            rates = mp.matrix([(part.rate * flow).tolist()[0] for part in fixed])
+            rows = -mp.inverse(inertia) * rates
+            forces = {k: rows[i, :] for i, k in enumerate(held)}
+            for k, part in zip(held, fixed, strict=True):
+                flow += part.kick * forces[k]
+        return flow, forces
+
+    def guard(self, regimes: tuple[int, ...], element: int, number: int) -> Any:
+        """The row that is zero where a mode ends."""
+        part, regime = self.parts[element], regimes[element]
+        if isinstance(part, Cushion):
+            return part.watched[regime][number][0]
+        force = self.mode(regimes)[1].get(element)
+        if isinstance(part, Rub) and regime == 3:
+            one = mp.zeros(1, part.rate.cols)
+            one[one.cols - 1] = part.static
+            return one - force if number == 0 else one + force
+        if isinstance(part, Rub):
+            return part.rate
+        return part.gap if force is None else force
+
+    def kick(self, regimes: tuple[int, ...], stop: Gap) -> Any:
+        """What an impulse does that changes the rate of a gap by one, other stops closed."""
+        pairs = zip(self.parts, regimes, strict=True)
+        held = [part for part, regime in pairs if isinstance(part, Table) and regime == 1]
+        out = stop.kick.copy()
+        if held:
+            inertia = mp.matrix([[(a.rate * b.kick)[0] for b in held] for a in held])
+            answer = mp.inverse(inertia) * mp.matrix([(a.rate * out)[0] for a in held])
+            for share, part in zip(answer, held, strict=True):
+                out -= part.kick * share
+        return out / (stop.rate * out)[0]
+
+
+class ExactOrbit:
+    """The orbit of a machine near one that was found: phases and states of its events.
+
+    Attributes
+    ----------
+    phases, states
+        Just before the events; of what nothing drives the first phase is the period.
+    """
+
+    def __init__(self, orbit: Any) -> None:
+        with mp.workdps(DIGITS):
+            problem = orbit._problem
+            self.itinerary, self.driven, chain = problem.itinerary, problem.driven, orbit.system
+            self.machine = ExactMachine(chain)
+            self.frequency, self.turn = mp.mpf(chain.frequency), 2 * mp.pi * problem.periods
+            self.count, self.dimension = len(self.itinerary), 2 * self.machine.size
+            k = sum(event.kicked is not None for event in self.itinerary)
+            x = [mp.mpf(number) for number in orbit.unknowns.tolist()]
+            state = x[self.count + k : self.count + k + self.dimension]
+            modes = {event.mode.numbers for event in self.itinerary}
+            self.flows = {numbers: self.machine.mode(numbers)[0] for numbers in modes}
+            y = mp.matrix([*x[: self.count], *state])
+            for _ in range(8):
+                left = self.left(y)
+                if mp.norm(left, mp.inf) < mp.mpf(10) ** (8 - DIGITS):
+                    break
+                y = y - mp.lu_solve(self.derivative(y, left), left)
+            else:
+                raise RuntimeError(f"Newton's method in many digits must converge; left {left}")
+            self.phases = [y[i] for i in range(self.count)]
+            self.states = [z[: self.dimension] for z in self.passed(y)[0]]
+
+    def passed(self, y: Any) -> tuple[list[Any], list[Any]]:
+        """States just before the events and a period later, and the guards."""
+        phases = [y[i] for i in range(self.count)]
+        clock = self.frequency
+        if not self.driven:
+            clock, phases[0] = 2 * mp.pi / phases[0], mp.mpf(0)
+        phases.append(phases[0] + self.turn)
+        z = mp.matrix([*[y[self.count + i] for i in range(self.dimension)]])
+        z = mp.matrix([*z, mp.sin(phases[0]), mp.cos(phases[0]), 1])
+        states, guards = [list(z)], []
+        for i, event in enumerate(self.itinerary):
+            regimes = event.mode.numbers
+            if event.element < 0:
+                guards.append(mp.sin(phases[i]))
+            else:
+                guards.append((self.machine.guard(regimes, event.element, event.guard) * z)[0])
+            if event.kicked:
+                stop = self.machine.parts[event.element]
+                change = (1 + stop.restitution) * (stop.rate * z)[0]
+                z = z - change * self.machine.kick(event.kicked.numbers, stop)
+            after = self.itinerary[(i + 1) % self.count].mode.numbers
+            z = mp.expm(self.flows[after] * ((phases[i + 1] - phases[i]) / clock)) * z
+            states.append(list(z))
+        return states, guards
+
+    def left(self, y: Any) -> Any:
+        """Guards at the events, and what the state misses a period later."""
+        states, guards = self.passed(y)
+        missing = [states[-1][i] - states[0][i] for i in range(self.dimension)]
+        return mp.matrix([*guards, *missing])
+
+    def derivative(self, y: Any, left: Any) -> Any:
+        """By differences, right to half of the digits."""
+        out, step = mp.zeros(len(y)), mp.mpf(10) ** (-DIGITS // 2)
+        for k in range(len(y)):
+            there = y.copy()
+            there[k] += step
+            change = (self.left(there) - left) / step
+            for i in range(len(y)):
+                out[i, k] = change[i]
+        return out
+
+
+def actual_error(orbit: Any) -> float:
+    """How far phases and states of the events are from the exact ones."""
+    with mp.workdps(DIGITS):
+        exact, n = ExactOrbit(orbit), len(orbit._problem.itinerary)
+        x = [mp.mpf(number) for number in orbit.unknowns.tolist()]
+        states = [number for state in exact.states[:-1] for number in state]
+        own = x[len(x) - len(states) :]
+        pairs = [*zip(x[:n], exact.phases, strict=True), *zip(own, states, strict=True)]
+        return float(max(abs(a - b) for a, b in pairs))
