@@ -23,5 +23,9 @@ from .impact.single import SingleImpactOscillator as SingleImpactOscillator
 from .impact.state import ImpactState as ImpactState
 from .maps.henon import Henon as Henon
 from .maps.high_bounce import HighBounce as HighBounce
-from .maps.logistic import Logistic as Logistic
+from .maps.ikeda import Ikeda as Ikeda
+from .maps.logistic import DelayedLogistic as DelayedLogistic, Logistic as Logistic
+from .maps.standard import StandardMap as StandardMap
+from .maps.towel import FoldedTowel as FoldedTowel
 from .structure.lagrangian import LagrangianStructure as LagrangianStructure
+from .symbolic.maps import CompiledMap as CompiledMap, SymbolicMap as SymbolicMap

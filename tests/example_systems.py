@@ -12,36 +12,6 @@ from dynkit.dynamics.section import PoincareSection
 
 
 @dataclass(frozen=True)
-class DelayedLogistic(Map):
-    """x' = rate x (s - y), y' = x: an invariant circle is born (NS) at rate s = 2.
-
-    The multipliers of the fixed point s - 1/rate are the roots of mu^2 - mu + rate s - 1; their
-    angle at NS is pi/3. D. G. Aronson, M. A. Chory, G. R. Hall, R. P. McGehee, Commun. Math. Phys.
-    83 (1982) 303-354.
-    """
-
-    rate: float
-    s: float = 1.0
-
-    @property
-    def dimension(self) -> int:
-        return 2
-
-    def __call__(self, state: Array) -> Array:
-        x, y = finite_array("state", state, (2,))
-        return np.array([self.rate * x * (self.s - y), x])
-
-    def jacobian(self, state: Array) -> Array:
-        x, y = finite_array("state", state, (2,))
-        return np.array([[self.rate * (self.s - y), -self.rate * x], [1.0, 0.0]])
-
-    def parameter_derivative(self, state: Array, name: str) -> Array:
-        x, y = finite_array("state", state, (2,))
-        self.value_of(name)
-        return np.array([x * (self.s - y) if name == "rate" else self.rate * x, 0.0])
-
-
-@dataclass(frozen=True)
 class Ricker(Map):
     """x exp(growth (1 - x / capacity)): multiplier 1 - growth at x = capacity, P(2) from 2 on."""
 

@@ -129,7 +129,7 @@ class SmoothMap(Family, ABC):
         """The jacobian, (d, d), by differences, and its error."""
         here = finite_array("state", state, (self.dimension,))
         return numerical_derivative(
-            self.next_state, here, accuracy=self.accuracy, difference=self.difference
+            self.image, here, accuracy=self.accuracy, difference=self.difference
         )
 
     def difference(self, a: Array, b: Array) -> Array:
@@ -244,7 +244,7 @@ class SmoothMap(Family, ABC):
 
     def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
         """The next state, the factors of the jacobian, and the time; NaN for none."""
-        return self.next_state(state), self.jacobian_factors(state), np.nan
+        return self.image(state), self.jacobian_factors(state), np.nan
 
     @final
     def iterate(self, state: Array, n: int) -> Array:
@@ -274,14 +274,26 @@ class SmoothMap(Family, ABC):
         within_memory("n", count, 8.0 * count * self.dimension)
         states = np.empty((count + 1, self.dimension))
         states[0] = finite_array("state", state, (self.dimension,))
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            for i in range(count):
-                states[i + 1] = self(states[i])
-                refuse_infinite(states[i + 1], i + 1)
+        self.iterate_into(states)
         return states
 
+    def iterate_into(self, states: Array) -> None:
+        """Fill the rows of states (n + 1, d), from the second on, with the iterates of the first.
+
+        Raises
+        ------
+        Diverged
+            When an iterate is not finite.
+        NoMotion
+            When there is no next state for another reason.
+        """
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            for i in range(1, len(states)):
+                states[i] = self(states[i - 1])
+                refuse_infinite(states[i], i)
+
     @final
-    def next_state(self, state: Array) -> Array:
+    def image(self, state: Array) -> Array:
         """Return the next state, (d,), which is finite.
 
         Raises

@@ -38,7 +38,8 @@ class Map(SmoothMap):
        otherwise it is found by differences.
     8. ``jacobian_factors(state)``, when the derivative is a product along the way, whose small
        eigenvalues would be lost in the product itself; `jacobian` multiplies them.
-    9. ``stretching(state, n)``, when it knows a faster way to what Lyapunov exponents are made of.
+    9. ``iterate_into(states)`` and ``stretching(state, n)``, when it knows a faster way to many
+       iterates, and to what Lyapunov exponents are made of.
 
     What sweeps, parameter planes and basins use has a default, and belongs together where the
     motion starts from states of another kind than the map's own, as impact oscillators do:

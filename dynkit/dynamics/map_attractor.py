@@ -160,7 +160,7 @@ class MapAttractor(Attractor):
         largest = 0.0
         for i in range(self._last + 1):
             try:
-                twin = self._system.next_state(twin) if i else twin
+                twin = self._system.image(twin) if i else twin
             except NoMotion:
                 return np.inf
             twin += noise * abs(twin).max() * signs.choice((-1.0, 1.0), size=twin.size)
@@ -224,7 +224,7 @@ class MapAttractor(Attractor):
 
         if self._system.dimension > 1:
             return draw_points(ax, self._states[:, :2], ("state[0]", "state[1]"))
-        beyond = self._system.next_state(self._states[-1])
+        beyond = self._system.image(self._states[-1])
         points = np.column_stack([self._states, np.append(self._states[1:], beyond)])
         return draw_points(ax, points, ("state[0]", "next state[0]"))
 
@@ -307,5 +307,5 @@ class _MapOrbit:
                 return np.full(steps, -np.inf)
             logs[i] = np.log(length)
             direction = direction / length
-            state = self.system.next_state(state)
+            state = self.system.image(state)
         return logs

@@ -34,7 +34,7 @@ class MapCalls:
 
     def next(self, state: Array) -> Array:
         """Return the next state, (d,)."""
-        return self._called(self.system.next_state, state, state.shape)
+        return self._called(self.system.image, state, state.shape)
 
     def derivative(self, state: Array) -> Array:
         """Return the derivative of the next state by the state, (d, d)."""

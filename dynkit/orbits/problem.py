@@ -84,7 +84,7 @@ class PeriodicProblem(Problem):
         def jacobian(state: Array) -> Array:
             out = system.jacobian(state)
             for _ in range(count - 1):
-                state = system.next_state(state)
+                state = system.image(state)
                 out = system.jacobian(state) @ out
             return out
 

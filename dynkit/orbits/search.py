@@ -334,7 +334,7 @@ def _iterates(system: SmoothMap, state: Array, period: int) -> Array:
     states = [state]
     try:
         for _ in range(period - 1):
-            states.append(system.next_state(states[-1]))
+            states.append(system.image(states[-1]))
     except NoMotion:
         return np.full((period, len(state)), np.nan)
     return np.array(states)

@@ -1,15 +1,13 @@
 """The map of Henon."""
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from dynkit.core.validation import Array, finite_array, finite_scalar
-from dynkit.dynamics.map import Map
+from dynkit.systems.symbolic.maps import SymbolicMap
 
 
 @dataclass(frozen=True)
-class Henon(Map):
+class Henon(SymbolicMap):
     """The map of Henon: x' = 1 - a x^2 + y, y' = b x.
 
     Its determinant is -b everywhere. Two fixed points are born at a = -(1 - b)^2 / 4, and one of
@@ -42,23 +40,5 @@ class Henon(Map):
     a: float = 1.4
     b: float = 0.3
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "a", finite_scalar("a", self.a))
-        object.__setattr__(self, "b", finite_scalar("b", self.b))
-
-    @property
-    def dimension(self) -> int:
-        return 2
-
-    def __call__(self, state: Array) -> Array:
-        x, y = finite_array("state", state, (2,))
-        return np.array([1.0 - self.a * x * x + y, self.b * x])
-
-    def jacobian(self, state: Array) -> Array:
-        x, _ = finite_array("state", state, (2,))
-        return np.array([[-2.0 * self.a * x, 1.0], [self.b, 0.0]])
-
-    def parameter_derivative(self, state: Array, name: str) -> Array:
-        x, _ = finite_array("state", state, (2,))
-        self.value_of(name)
-        return np.array([-x * x, 0.0] if name == "a" else [0.0, x])
+    def next_state(self, x: Any, y: Any) -> tuple[Any, ...]:
+        return 1 - self.a * x**2 + y, self.b * x

@@ -1,17 +1,14 @@
 """A ball on a vibrating table, as Holmes's map for high bounces."""
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
-import numpy as np
-
-from dynkit.core.validation import Array, finite_array, in_interval, non_negative
-from dynkit.dynamics.map import Map
-
-_TURN = 2.0 * np.pi
+from dynkit.core.validation import in_interval, non_negative
+from dynkit.systems.symbolic.maps import SymbolicMap
 
 
 @dataclass(frozen=True)
-class HighBounce(Map):
+class HighBounce(SymbolicMap):
     """A ball that bounces high above a vibrating table: phi' = phi + v, v' = r v - gamma cos(phi').
 
     r is the restitution. The state holds the table's phase phi at an impact and the ball's velocity
@@ -50,12 +47,15 @@ class HighBounce(Map):
 
     Examples
     --------
+    >>> import numpy as np
     >>> ball = HighBounce(restitution=0.8, gamma=2.0)
     >>> phase = np.arccos(-2 * np.pi * 0.2 / 2.0)  # of the bounce that takes one table period
     >>> state = np.array([2 * np.pi - phase, 2 * np.pi])
     >>> bool(abs(ball.difference(ball(state), state)).max() < 1e-14)
     True
     """
+
+    angles: ClassVar = ("phase",)
 
     restitution: float
     gamma: float
@@ -64,27 +64,8 @@ class HighBounce(Map):
         object.__setattr__(self, "restitution", in_interval("restitution", self.restitution, 0, 1))
         object.__setattr__(self, "gamma", non_negative("gamma", self.gamma))
 
-    @property
-    def dimension(self) -> int:
-        return 2
+    def next_state(self, phase: Any, velocity: Any) -> tuple[Any, ...]:
+        from sympy import Mod, cos, pi
 
-    def __call__(self, state: Array) -> Array:
-        phase, velocity = finite_array("state", state, (2,))
-        arrival = (phase + velocity) % _TURN
-        return np.array([arrival, self.restitution * velocity - self.gamma * np.cos(arrival)])
-
-    def jacobian(self, state: Array) -> Array:
-        phase, velocity = finite_array("state", state, (2,))
-        slope = self.gamma * np.sin((phase + velocity) % _TURN)
-        return np.array([[1.0, 1.0], [slope, self.restitution + slope]])
-
-    def parameter_derivative(self, state: Array, name: str) -> Array:
-        phase, velocity = finite_array("state", state, (2,))
-        self.value_of(name)
-        return np.array([0.0, velocity if name == "restitution" else -np.cos(phase + velocity)])
-
-    def difference(self, a: Array, b: Array) -> Array:
-        """Return a - b, the phase wrapped to the shortest way; (..., 2) arrays."""
-        gap = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
-        gap[..., 0] -= _TURN * np.rint(gap[..., 0] / _TURN)
-        return gap
+        arrival = Mod(phase + velocity, 2 * pi)
+        return arrival, self.restitution * velocity - self.gamma * cos(arrival)

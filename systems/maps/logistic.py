@@ -1,15 +1,13 @@
-"""The logistic map."""
+"""The logistic map, and the one with a delay."""
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from dynkit.core.validation import Array, finite_array, finite_scalar
-from dynkit.dynamics.map import Map
+from dynkit.systems.symbolic.maps import SymbolicMap
 
 
 @dataclass(frozen=True)
-class Logistic(Map):
+class Logistic(SymbolicMap):
     """The logistic map: x' = rate x (1 - x).
 
     For rates in [0, 4] it maps [0, 1] into itself. Its fixed point 1 - 1/rate doubles its period at
@@ -39,22 +37,41 @@ class Logistic(Map):
 
     rate: float = 4.0
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rate", finite_scalar("rate", self.rate))
+    def next_state(self, x: Any) -> tuple[Any, ...]:
+        return (self.rate * x * (1 - x),)
 
-    @property
-    def dimension(self) -> int:
-        return 1
 
-    def __call__(self, state: Array) -> Array:
-        x = finite_array("state", state, (1,))
-        return self.rate * x * (1.0 - x)
+@dataclass(frozen=True)
+class DelayedLogistic(SymbolicMap):
+    """The logistic map with a delay: x' = rate x (s - y), y' = x.
 
-    def jacobian(self, state: Array) -> Array:
-        (x,) = finite_array("state", state, (1,))
-        return np.array([[self.rate * (1.0 - 2.0 * x)]])
+    The multipliers of its fixed point s - 1/rate are the roots of mu^2 - mu + rate s - 1: at rate s
+    = 2 an invariant circle is born (NS), on which the motion turns by pi/3 an iterate.
 
-    def parameter_derivative(self, state: Array, name: str) -> Array:
-        x = finite_array("state", state, (1,))
-        self.value_of(name)
-        return x * (1.0 - x)
+    Parameters
+    ----------
+    rate, s : float
+
+    Raises
+    ------
+    ValueError
+        When a parameter is not finite.
+
+    References
+    ----------
+    D. G. Aronson, M. A. Chory, G. R. Hall, R. P. McGehee, Bifurcations from an invariant circle for
+    two-parameter families of maps of the plane: a computer-assisted study, Commun. Math. Phys. 83
+    (1982) 303-354.
+
+    Examples
+    --------
+    >>> from dynkit import MapAttractor
+    >>> print(MapAttractor(DelayedLogistic(2.05), [0.5, 0.5], 1000, 1000).label)
+    quasi-periodic, rotation number 0.161772
+    """
+
+    rate: float
+    s: float = 1.0
+
+    def next_state(self, x: Any, y: Any) -> tuple[Any, ...]:
+        return self.rate * x * (self.s - y), x

@@ -15,6 +15,7 @@ from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.systems import (
+    DelayedLogistic,
     Duffing,
     Henon,
     HighBounce,
@@ -23,7 +24,7 @@ from dynkit.systems import (
     Lorenz,
     Rossler,
 )
-from tests.example_systems import CircleRotation, DampedRotation, DelayedLogistic
+from tests.example_systems import CircleRotation, DampedRotation
 
 # J. C. Sprott, Chaos and Time-Series Analysis, Oxford 2003, appendix A.
 HENON, LORENZ = (0.41922, -1.62319), (0.9056, 0.0, -14.5723)

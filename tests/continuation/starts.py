@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dynkit.dynamics.map import Map
-from dynkit.systems import Henon, Logistic
+from dynkit.systems import DelayedLogistic, Henon, Logistic
 from tests.continuation.families import Cycle, Flat
-from tests.example_systems import DelayedLogistic
 
 
 def iterated(system: Map, state: list[float], period: int) -> Cycle:

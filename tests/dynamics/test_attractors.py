@@ -11,8 +11,8 @@ from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane
 from dynkit.labels.label import OrbitKind
-from dynkit.systems import Henon, ImpactChain, Logistic
-from tests.example_systems import CircleRotation, DampedRotation, DelayedLogistic
+from dynkit.systems import DelayedLogistic, Henon, ImpactChain, Logistic
+from tests.example_systems import CircleRotation, DampedRotation
 
 GOLDEN_TURN = np.pi * (np.sqrt(5.0) - 1.0)
 

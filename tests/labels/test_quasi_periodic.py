@@ -16,8 +16,8 @@ from dynkit.labels.labelling import Window, label_orbit
 from dynkit.labels.recurrence import Recurrences
 from dynkit.labels.rotation import Rotation, rotation_of
 from dynkit.orbits.periodic_orbit import periodic_orbit
-from dynkit.systems import Henon, ImpactChain, Logistic
-from tests.example_systems import CircleRotation, DelayedLogistic
+from dynkit.systems import DelayedLogistic, Henon, ImpactChain, Logistic
+from tests.example_systems import CircleRotation
 
 GOLDEN = (3.0 - np.sqrt(5.0)) / 2.0
 ACCURACY = 2.0**-52

@@ -4,23 +4,28 @@ import numpy as np
 import pytest
 
 from dynkit import Map, MapAttractor
-from dynkit.systems import Henon, HighBounce, Logistic
+from dynkit.systems import FoldedTowel, Henon, HighBounce, Ikeda, Logistic, StandardMap
 from dynkit.testing import AttractorCheck, MapCheck, attractor_checks, check_name, map_checks
 
 CHAOTIC: dict[str, Map] = {
     "logistic": Logistic(4.0),
     "henon": Henon(),
     "high bounce": HighBounce(restitution=0.5, gamma=10.0),
+    "ikeda": Ikeda(),
+    "towel": FoldedTowel(),
+    "kicked rotor": StandardMap(k=5.0),
 }
 PERIODIC: dict[str, Map] = {
     "logistic, period 4": Logistic(3.5),
     "henon, period 2": Henon(0.385),
     "high bounce, period 1": HighBounce(restitution=0.8, gamma=2.0),
     "dead ball": HighBounce(restitution=0.0, gamma=2.0),
-    "standard map": HighBounce(restitution=1.0, gamma=0.9),
+    "ikeda, period 1": Ikeda(u=0.4),
+    "standard map": StandardMap(k=0.9),
+    "area preserving": HighBounce(restitution=1.0, gamma=0.9),
 }
 MAPS = CHAOTIC | PERIODIC
-START = np.array([0.3, 0.2])
+START = np.array([0.3, 0.2, 0.1])
 
 
 @pytest.mark.parametrize("check", map_checks, ids=check_name)

@@ -6,8 +6,8 @@ import pytest
 from dynkit import Map, MapAttractor
 from dynkit.core.validation import Array, finite_array
 from dynkit.orbits.newton import NoConvergence
-from dynkit.systems import Henon, HighBounce, Logistic
-from tests.example_systems import CircleRotation, DelayedLogistic
+from dynkit.systems import DelayedLogistic, Henon, HighBounce, Logistic
+from tests.example_systems import CircleRotation
 
 
 @pytest.mark.parametrize(

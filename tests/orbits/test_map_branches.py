@@ -20,8 +20,7 @@ from dynkit import (
     continue_orbit,
     periodic_orbit,
 )
-from dynkit.systems import BouncingBall, Duffing, Henon, HighBounce, Logistic
-from tests.example_systems import DelayedLogistic
+from dynkit.systems import BouncingBall, DelayedLogistic, Duffing, Henon, HighBounce, Logistic
 
 TEN_DIGITS = 1e-10
 

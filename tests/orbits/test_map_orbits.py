@@ -14,8 +14,8 @@ from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.orbits.newton import NoConvergence
-from dynkit.systems import Henon, HighBounce, Logistic
-from tests.example_systems import CircleRotation, DelayedLogistic
+from dynkit.systems import DelayedLogistic, Henon, HighBounce, Logistic
+from tests.example_systems import CircleRotation
 from tests.orbits.references import cycles_at_four, eigenvalues, exact_orbit
 
 ROUNDING = 2.0**-52

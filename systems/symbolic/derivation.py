@@ -1,0 +1,196 @@
+"""What a class of expressions says of its motion: symbols in, expressions and derivatives out."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias, final
+
+from dynkit.core.parameters import Family
+from dynkit.core.validation import finite_scalar
+
+if TYPE_CHECKING:
+    import sympy
+
+Structure: TypeAlias = tuple[tuple[str, Any], ...]
+"""Fields of a family that are no parameters, such as words: expressions depend on them."""
+
+_REAL_NUMBERS = ("float", float)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Expressions:
+    """Expressions (d,) of coordinates (d,) and parameters (m,), and their derivatives."""
+
+    coordinates: tuple[sympy.Symbol, ...]
+    parameters: tuple[sympy.Symbol, ...]
+    values: tuple[sympy.Expr, ...]
+
+    @cached_property
+    def jacobian(self) -> tuple[sympy.Expr, ...]:
+        """The derivatives by the coordinates, (d, d), row by row."""
+        return tuple(derivatives(self.values, self.coordinates))
+
+    @cached_property
+    def by_parameters(self) -> tuple[sympy.Expr, ...]:
+        """The derivatives by the parameters, (d, m), row by row."""
+        return tuple(derivatives(self.values, self.parameters))
+
+
+def coordinate_names(function: Callable[..., Any], others: Iterable[str] = ()) -> tuple[str, ...]:
+    """Return the names of a function's arguments but for self and others.
+
+    Raises
+    ------
+    TypeError
+        When it has no other arguments, or one that is no plain name.
+    """
+    names = []
+    for name, argument in inspect.signature(function).parameters.items():
+        if argument.kind is not inspect.Parameter.POSITIONAL_OR_KEYWORD:
+            raise TypeError(
+                f"{function.__qualname__} must name its coordinates, as in (self, x, y); "
+                f"got {argument}"
+            )
+        names.append(name)
+    found = tuple(name for name in names if name not in ("self", *others))
+    if not found:
+        raise TypeError(f"{function.__qualname__} must take coordinates; got none")
+    return found
+
+
+def checked_parameters(family: Any) -> None:
+    """Make the fields of a dataclass that are annotated as float finite floats.
+
+    Raises
+    ------
+    ValueError
+        Naming the field and the value.
+    """
+    for entry in dataclasses.fields(family):
+        if entry.type in _REAL_NUMBERS:
+            number = finite_scalar(entry.name, getattr(family, entry.name))
+            object.__setattr__(family, entry.name, number)
+
+
+def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
+    """Return the fields of a family, by name, that are none of its parameters."""
+    rest = set(family.identity) - set(parameters)
+    return tuple((name, family.identity[name]) for name in sorted(rest))
+
+
+def expressions_of(
+    kind: type, method: str, parameters: tuple[str, ...], structure: Structure
+) -> Expressions:
+    """Call a method of a class with symbols, and return its expressions.
+
+    The attributes of ``self`` that are parameters are symbols there, too.
+
+    Raises
+    ------
+    TypeError, ValueError
+        When the method compares symbols, returns no expressions, or not as many as coordinates.
+    """
+    from sympy import Symbol
+
+    function: Callable[..., Any] = getattr(kind, method)
+    coordinates = tuple(Symbol(name, real=True) for name in coordinate_names(function))
+    taken = {symbol.name for symbol in coordinates} & set(parameters)
+    if taken:
+        raise TypeError(
+            f"{_called(function)} must not name a coordinate as a field; got {min(taken)}"
+        )
+    symbols = tuple(Symbol(name, real=True) for name in parameters)
+    subject: Any = object.__new__(kind)
+    for name, value in (*structure, *zip(parameters, symbols, strict=True)):
+        object.__setattr__(subject, name, value)
+    try:
+        found = function(subject, *coordinates)
+    except TypeError as fault:
+        if "truth value" in str(fault):
+            raise TypeError(
+                f"{_called(function)} must not compare symbols, as `if x > 0` does: "
+                "sympy.Piecewise says what holds where"
+            ) from fault
+        fault.add_note(
+            f"{_called(function)} is called with SymPy symbols: use sympy.sin, not math.sin"
+        )
+        raise
+    values = _checked(_called(function), found, len(coordinates), {*coordinates, *symbols})
+    return Expressions(coordinates, symbols, values)
+
+
+def _called(function: Callable[..., Any]) -> str:
+    return function.__qualname__
+
+
+def _checked(
+    name: str, found: object, count: int, known: set[sympy.Symbol]
+) -> tuple[sympy.Expr, ...]:
+    """The expressions of a result, which are as many as there are coordinates."""
+    from sympy import Expr, Float, Integer
+
+    if not isinstance(found, tuple | list):
+        raise ValueError(f"{name} must return a tuple of {count} expressions; got {found!r}")
+    if len(found) != count:
+        raise ValueError(
+            f"{name} must return {count} expressions, one for each coordinate; got {len(found)}"
+        )
+    values = []
+    for i, value in enumerate(found):
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            value = Integer(value) if isinstance(value, int) else Float(value)
+        if not isinstance(value, Expr):
+            raise ValueError(f"{name}: result {i} must be an expression; got {value!r}")
+        strange = sorted(symbol.name for symbol in value.free_symbols - known)
+        if strange:
+            raise ValueError(
+                f"{name}: result {i} must hold coordinates and fields only; got {strange[0]}"
+            )
+        values.append(value)
+    return tuple(values)
+
+
+def derivatives(values: Iterable[sympy.Expr], symbols: Iterable[sympy.Symbol]) -> list[sympy.Expr]:
+    """Return the derivatives of values by symbols, row by row.
+
+    Steps (floor, ceiling, sign, Heaviside's function) have the derivative zero: that is theirs
+    wherever they have one.
+    """
+    symbols = tuple(symbols)
+    rows = []
+    for value in values:
+        steps: dict[sympy.Expr, sympy.Symbol] = {}
+        smooth = _without_steps(value, steps)
+        back: Mapping[sympy.Symbol, sympy.Expr] = {dummy: step for step, dummy in steps.items()}
+        for symbol in symbols:
+            slope = smooth.diff(symbol)
+            while slope.free_symbols & back.keys():  # a step may lie within another
+                slope = slope.xreplace(back)
+            rows.append(slope)
+    return rows
+
+
+def _without_steps(value: sympy.Expr, steps: dict[sympy.Expr, sympy.Symbol]) -> sympy.Expr:
+    """The expression with a constant in the place of each step function."""
+    from sympy import Dummy, Heaviside, Mod, ceiling, floor, frac, sign
+
+    def constant(step: sympy.Expr) -> sympy.Symbol:
+        return steps.setdefault(step, Dummy(real=True))
+
+    if not value.args:
+        return value
+    inner = [_without_steps(argument, steps) for argument in value.args]
+    made = value.func(*inner)
+    if isinstance(made, Mod):
+        dividend, divisor = made.args
+        return dividend - divisor * constant(floor(dividend / divisor))
+    if isinstance(made, frac):
+        return made.args[0] - constant(floor(made.args[0]))
+    if isinstance(made, floor | ceiling | sign | Heaviside):
+        return constant(made)
+    return made

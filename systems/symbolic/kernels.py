@@ -1,0 +1,217 @@
+"""Loops over iterates of maps whose machine code is called by its address."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import types
+from numba.extending import intrinsic
+
+from dynkit.core.jit import kernel
+from dynkit.core.stretching import CLEAR
+from dynkit.core.validation import Array
+
+_settings: Any = numba.config
+
+INTERPRETED = bool(_settings.DISABLE_JIT)
+"""Whether Numba's compiler is switched off: then code is a function of Python."""
+
+
+@intrinsic
+def _called(_context: Any, _address: Any, state: Any, parameters: Any, out: Any) -> Any:
+    """Call machine code: void(state, parameters, out), of pointers to doubles."""
+    from llvmlite import ir
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        arrays = zip(signature.args[1:], values[1:], strict=True)
+        pointers = [context.make_array(kind)(context, builder, v).data for kind, v in arrays]
+        called = ir.FunctionType(ir.VoidType(), [pointer.type for pointer in pointers])
+        builder.call(builder.inttoptr(values[0], called.as_pointer()), pointers)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, state, parameters, out), code
+
+
+def _plain(
+    function: Callable[[Array, Array, Array], None], state: Array, parameters: Array, out: Array
+) -> None:
+    function(state, parameters, out)
+
+
+_call: Any = _plain if INTERPRETED else _called
+
+
+@kernel(entry=True)
+def apply(code: Any, state: Array, parameters: Array, out: Array) -> None:
+    """Fill out, modified in place, by one call."""
+    _call(code, state, parameters, out)
+
+
+@kernel(entry=True)
+def iterate(code: Any, parameters: Array, states: Array) -> int:
+    """Fill rows 1, 2, ... of states (n + 1, d), modified in place, by iterates of row 0.
+
+    Returns
+    -------
+    int
+        The first row that is not finite, at which it stops; zero where all are.
+    """
+    for i in range(1, len(states)):
+        _call(code, states[i - 1], parameters, states[i])
+        if not _finite(states[i]):
+            return i
+    return 0
+
+
+@kernel(entry=True)
+def stretch(
+    code: Any,
+    parameters: Array,
+    state: Array,
+    frame: Array,
+    accuracy: float,
+    room: Array,
+    logs: Array,
+    errors: Array,
+) -> int:
+    """Carry a frame along iterates, as `dynkit.core.stretching.stretched` does.
+
+    Parameters
+    ----------
+    code
+        Fills the room with the next state, (d,), and below it the jacobian, (d, d).
+    parameters : (m,) array
+    state : (d,) array
+        Modified in place: the last state.
+    frame : (d, d) array
+        Modified in place: its columns are orthonormal.
+    accuracy : float
+        Error of an entry of the jacobian, relative to its norm.
+    room : (d + 1, d) array
+        Modified in place.
+    logs, errors : (n, d) arrays
+        Modified in place: logarithms of lengths, and their errors.
+
+    Returns
+    -------
+    int
+        The first iterate that is not finite, at which it stops; zero where all are.
+    """
+    d = len(state)
+    moved = room[1:]
+    for i in range(len(logs)):
+        _call(code, state, parameters, room)
+        for k in range(d):
+            state[k] = room[0, k]
+        if not _finite(state):
+            return i + 1
+        error = 0.0
+        for j in range(d):
+            for k in range(d):
+                error += moved[j, k] * moved[j, k]
+        error = accuracy * np.sqrt(error)
+        for j in range(d):
+            _row_times(moved[j], frame, errors[i])
+        _decompose(moved, frame, logs[i])
+        for k in range(d):
+            length = logs[i, k]
+            logs[i, k] = np.log(length)
+            errors[i, k] = error / length if length != 0.0 else 0.0
+            if 0.0 < length <= CLEAR * error:
+                logs[i, k] = np.nan
+    return 0
+
+
+@kernel()
+def _finite(state: Array) -> bool:
+    found = True
+    for x in state:
+        found = found and np.isfinite(x)
+    return found
+
+
+@kernel()
+def _row_times(row: Array, frame: Array, room: Array) -> None:
+    """Multiply a row, modified in place, by a frame."""
+    d = len(row)
+    for k in range(d):
+        total = 0.0
+        for j in range(d):
+            total += row[j] * frame[j, k]
+        room[k] = total
+    for k in range(d):
+        row[k] = room[k]
+
+
+@kernel()
+def _decompose(matrix: Array, frame: Array, lengths: Array) -> None:
+    """QR of a matrix (d, d): the frame is Q, the lengths are R's diagonal; all are modified.
+
+    By Gram and Schmidt, each column twice where the first time leaves less than half of it: W.
+    Hoffmann, Iterative algorithms for Gram-Schmidt orthogonalization, Computing 41 (1989) 335-348.
+    """
+    d = len(matrix)
+    for k in range(d):
+        before = _size(matrix, k)
+        _make_orthogonal(matrix, k)
+        lengths[k] = _size(matrix, k)
+        if lengths[k] < 0.5 * before:
+            _make_orthogonal(matrix, k)
+            lengths[k] = _size(matrix, k)
+        if lengths[k] == 0.0:
+            _complete(matrix, k)
+        else:
+            for j in range(d):
+                matrix[j, k] /= lengths[k]
+    for j in range(d):
+        for k in range(d):
+            frame[j, k] = matrix[j, k]
+
+
+@kernel()
+def _complete(matrix: Array, k: int) -> None:
+    """Make column k, modified in place, any direction orthogonal to those before it."""
+    d = len(matrix)
+    for place in range(d):
+        for j in range(d):
+            matrix[j, k] = 1.0 if j == place else 0.0
+        _make_orthogonal(matrix, k)
+        _make_orthogonal(matrix, k)
+        size = _size(matrix, k)
+        if size > 0.5 / d:  # one of the d unit vectors is as far from k others
+            for j in range(d):
+                matrix[j, k] /= size
+            return
+
+
+@kernel()
+def _make_orthogonal(matrix: Array, k: int) -> None:
+    """Make column k of a matrix, modified in place, orthogonal to those before it."""
+    d = len(matrix)
+    for column in range(k):
+        along = 0.0
+        for j in range(d):
+            along += matrix[j, column] * matrix[j, k]
+        for j in range(d):
+            matrix[j, k] -= along * matrix[j, column]
+
+
+@kernel()
+def _size(matrix: Array, k: int) -> float:
+    """The length of column k; where squares would vanish or overflow, too."""
+    total = 0.0
+    for j in range(len(matrix)):
+        total += matrix[j, k] * matrix[j, k]
+    if 1e-250 < total < 1e250:
+        return float(np.sqrt(total))
+    largest, total = 0.0, 0.0
+    for j in range(len(matrix)):
+        largest = max(largest, abs(matrix[j, k]))
+    if largest == 0.0 or not np.isfinite(largest):
+        return largest
+    for j in range(len(matrix)):
+        total += (matrix[j, k] / largest) ** 2
+    return float(largest * np.sqrt(total))

@@ -1,0 +1,198 @@
+"""Machine code of expressions: LLVM's instructions, built one by one; no text is evaluated."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Sequence, Sized
+from dataclasses import dataclass
+from itertools import count
+from typing import TYPE_CHECKING, Any, TypeAlias, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.symbolic.kernels import INTERPRETED
+from dynkit.systems.symbolic.translation import Value, translate
+
+if TYPE_CHECKING:
+    import sympy
+
+Function: TypeAlias = Callable[[Array, Array, Array], None]
+
+_numbers = count()
+
+_COMPARISONS = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Code:
+    """What kernels call: an address, and what keeps the machine code at it.
+
+    Where Numba's compiler is switched off it is a Python function of three arrays.
+    """
+
+    address: Any
+    owner: Any
+
+
+def compiled(
+    name: str,
+    values: Sequence[sympy.Expr],
+    coordinates: Sequence[sympy.Symbol],
+    parameters: Sequence[sympy.Symbol],
+) -> Code:
+    """Return code that takes coordinates (d,) and parameters (m,) to the values.
+
+    The operations are those of the expressions, each rounded, in the order in which `translate`
+    reads them.
+
+    Raises
+    ------
+    ValueError
+        As `translate`.
+    """
+    from llvmlite import ir
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.registry import cpu_target
+
+    if INTERPRETED:
+        function = _plain(name, values, coordinates, parameters)
+        return Code(function, function)
+    label = f"dynkit_symbolic_{next(_numbers)}"
+    with global_compiler_lock:
+        library = cpu_target.target_context.codegen().create_library(label)
+        module = library.create_ir_module(label)
+        double = ir.DoubleType()
+        kind = ir.FunctionType(ir.VoidType(), [double.as_pointer()] * 3)
+        function = ir.Function(module, kind, label)
+        builder = ir.IRBuilder(function.append_basic_block())
+
+        def place(k: int, i: int) -> Any:
+            return builder.gep(function.args[k], [ir.Constant(ir.IntType(64), i)])
+
+        groups = enumerate((coordinates, parameters))
+        symbols = {s: builder.load(place(k, i)) for k, g in groups for i, s in enumerate(g)}
+        found = translate(name, values, symbols, _Instructions(builder, module))
+        for i, value in enumerate(found):
+            builder.store(value, place(2, i))
+        builder.ret_void()
+        library.add_ir_module(module)
+        library.finalize()
+        return Code(library.get_pointer_to_function(label), library)
+
+
+@final
+class _Instructions:
+    """LLVM's instructions, as an `Arithmetic`."""
+
+    def __init__(self, builder: Any, module: Any) -> None:
+        from llvmlite import ir
+
+        self._double, self._ir = ir.DoubleType(), ir
+        self._builder, self._module = builder, module
+        self.add, self.subtract = builder.fadd, builder.fsub
+        self.multiply, self.divide = builder.fmul, builder.fdiv
+        self.both, self.either, self.choose = builder.and_, builder.or_, builder.select
+
+    def number(self, value: float) -> Value:
+        return self._ir.Constant(self._double, value)
+
+    def call(self, name: str, *arguments: Value) -> Value:
+        if name in ("sqrt", "fabs", "floor", "ceil"):  # instructions of the processor
+            function = self._module.declare_intrinsic(f"llvm.{name}", [self._double])
+        else:
+            kind = self._ir.FunctionType(self._double, [self._double] * len(arguments))
+            known = self._module.globals
+            function = known.get(name) or self._ir.Function(self._module, kind, name)
+        return self._builder.call(function, arguments)
+
+    def compare(self, sign: str, a: Value, b: Value) -> Value:
+        if sign == "!=":  # true of what is not a number, as in Python
+            return self._builder.fcmp_unordered(sign, a, b)
+        return self._builder.fcmp_ordered(sign, a, b)
+
+
+@final
+class _Numbers:
+    """NumPy's operations, as an `Arithmetic`."""
+
+    number = staticmethod(np.float64)
+    add, subtract = staticmethod(np.add), staticmethod(np.subtract)
+    multiply, divide = staticmethod(np.multiply), staticmethod(np.divide)
+    both, either = staticmethod(np.logical_and), staticmethod(np.logical_or)
+    choose = staticmethod(np.where)
+
+    def call(self, name: str, *arguments: Value) -> Value:
+        from scipy import special
+
+        return getattr(special if name in ("erf", "erfc") else np, name)(*arguments)
+
+    def compare(self, sign: str, a: Value, b: Value) -> Value:
+        return _COMPARISONS[sign](a, b)
+
+
+def _plain(
+    name: str,
+    values: Sequence[sympy.Expr],
+    coordinates: Sequence[sympy.Symbol],
+    parameters: Sequence[sympy.Symbol],
+) -> Function:
+    """The same as a Python function, which reads the expressions at each call."""
+
+    def function(state: Array, given: Array, out: Array) -> None:
+        symbols = dict(zip((*coordinates, *parameters), (*state, *given), strict=True))
+        out.reshape(-1)[:] = translate(name, values, symbols, _Numbers())
+
+    return function
+
+
+def wrapped(name: str, function: Any, dimension: int, parameters: int) -> Code:
+    """Return code that calls a function of ``numba.njit`` with coordinates and parameters.
+
+    Raises
+    ------
+    ValueError
+        When it does not return a tuple of as many numbers as coordinates.
+    """
+    import numba as module
+    from numba.core import types
+    from numba.np.unsafe import ndarray
+
+    numba: Any = module
+    fixed_tuple: Any = ndarray.to_fixed_tuple
+    if INTERPRETED:
+
+        def plain(state: Array, given: Array, out: Array) -> None:
+            out[:] = _returned(name, function(*state, *given), dimension)
+
+        return Code(plain, plain)
+    function.compile((types.float64,) * (dimension + parameters))
+    (returned,) = {each.signature.return_type for each in function.overloads.values()}
+    _returned(name, returned if isinstance(returned, types.BaseTuple) else None, dimension)
+    number: Any = types.float64
+    pointer = types.CPointer(number)  # type: ignore[no-untyped-call]
+
+    @numba.cfunc(types.void(pointer, pointer, pointer), error_model="numpy")  # type: ignore[untyped-decorator]
+    def call(state: Any, given: Any, out: Any) -> None:
+        numbers = fixed_tuple(numba.carray(state, (dimension,)), dimension)
+        more = fixed_tuple(numba.carray(given, (parameters,)), parameters)
+        i = 0
+        for value in numba.literal_unroll(function(*(numbers + more))):
+            out[i] = value
+            i += 1  # noqa: SIM113  Numba unrolls tuples only
+
+    return Code(call.address, call)
+
+
+def _returned(name: str, found: Any, count: int) -> Any:
+    if not isinstance(found, Sized) or len(found) != count:
+        raise ValueError(f"{name} must return a tuple of {count} numbers; got {found}")
+    return found

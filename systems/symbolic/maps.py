@@ -1,0 +1,284 @@
+"""Maps whose step is machine code, made of a user's expressions or by a user's own compiler."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, final
+
+import numpy as np
+
+from dynkit.core.smooth_map import refuse_infinite
+from dynkit.core.stretching import Stretching
+from dynkit.core.validation import Array, finite_array, non_negative_integer
+from dynkit.dynamics.map import Map
+from dynkit.systems.symbolic.derivation import (
+    Structure,
+    checked_parameters,
+    coordinate_names,
+    expressions_of,
+    structure_of,
+)
+
+if TYPE_CHECKING:
+    from dynkit.systems.symbolic.machine_code import Code
+
+_TURN = 2.0 * np.pi
+_MADE = ("_step", "_program", "_numbers", "dimension")
+
+
+class CompiledMap(Map):
+    """A map whose next state is a function of numbers that Numba compiles.
+
+    A subclass owes ``next_state``, a static method and a function of ``numba.njit``, which takes
+    the coordinates and then the parameters by their names, and returns a tuple of the coordinates'
+    next values. The fields of the class, ``rate: float = 3.0``, are its parameters; those that are
+    annotated as float are checked to be finite. Its derivatives are found by differences, unless
+    the subclass offers a `jacobian`.
+
+    Attributes
+    ----------
+    angles : tuple of str
+        A class variable: the names of coordinates that are angles. Their `difference` is wrapped to
+        the shortest way.
+
+    Raises
+    ------
+    ValueError
+        When a number is not finite.
+    TypeError
+        When it is first called, and ``next_state`` is not of this kind.
+
+    Examples
+    --------
+    >>> import numba
+    >>> class Tent(CompiledMap):
+    ...     slope: float = 1.5
+    ...
+    ...     @staticmethod
+    ...     @numba.njit
+    ...     def next_state(x, slope):
+    ...         return (slope * min(x, 1.0 - x),)
+    >>> Tent().iterate([0.25], 2)
+    array([[0.25  ],
+           [0.375 ],
+           [0.5625]])
+    """
+
+    angles: ClassVar[Sequence[str]] = ()
+
+    def __post_init__(self) -> None:
+        checked_parameters(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what was given; machine code is made anew where it arrives."""
+        return {name: value for name, value in vars(self).items() if name not in _MADE}
+
+    if TYPE_CHECKING:
+        next_state: Any  # any arguments, of a method or a static one
+    else:
+
+        @abstractmethod
+        def next_state(self, *coordinates: Any) -> tuple[Any, ...]:
+            """Return the next values of the coordinates, as a tuple."""
+
+    @cached_property
+    def dimension(self) -> int:
+        return len(self._coordinates)
+
+    def __call__(self, state: Array) -> Array:
+        out = np.empty(self.dimension)
+        self._apply(self._step, state, out)
+        return out
+
+    @final
+    def iterate_into(self, states: Array) -> None:
+        from dynkit.systems.symbolic import kernels
+
+        stop = kernels.iterate(self._step.address, self._numbers, states)
+        if stop:
+            refuse_infinite(states[stop], stop)
+
+    def difference(self, a: Array, b: Array) -> Array:
+        """Return a - b, the `angles` wrapped to the shortest way; (..., d) arrays."""
+        gap = super().difference(a, b)
+        if self.angles:
+            places = [self._coordinates.index(name) for name in self.angles]
+            gap[..., places] -= _TURN * np.rint(gap[..., places] / _TURN)
+        return gap
+
+    @property
+    def _coordinates(self) -> tuple[str, ...]:
+        return _names_of_static(type(self), tuple(self.parameters))
+
+    @cached_property
+    def _step(self) -> Code:
+        return _static_step(type(self), tuple(self.parameters))
+
+    @cached_property
+    def _numbers(self) -> Array:
+        return np.array(list(self.parameters.values()), dtype=np.float64)
+
+    def _apply(self, code: Code, state: Array, out: Array) -> None:
+        from dynkit.systems.symbolic import kernels
+
+        here = finite_array("state", state, (self.dimension,))
+        kernels.apply(code.address, np.ascontiguousarray(here), self._numbers, out)
+
+
+class SymbolicMap(CompiledMap):
+    """A map given by expressions: SymPy finds its derivatives, and LLVM compiles them.
+
+    A subclass owes ``next_state(self, x, y, ...)``, which takes one SymPy symbol for each
+    coordinate and returns a tuple of as many expressions. The fields of the class, ``a: float =
+    1.4``, are its parameters: within the method ``self.a`` is a symbol, too. The names of the
+    arguments name the coordinates. Other fields, such as words and tuples, are what they are.
+
+    The method is called once for a class, not for each value of a parameter. So it must not compare
+    symbols; ``sympy.Piecewise``, ``Min``, ``Max`` and ``Abs`` choose between expressions. The
+    functions that can be compiled are those of C's mathematical library, powers, ``Mod``, ``sign``
+    and ``Heaviside``. A step between two values has the derivative zero.
+
+    Next states, the `jacobian`, derivatives by parameters, `iterate` and `stretching` are machine
+    code: one of them takes about a microsecond when Python asks for it, and some nanoseconds within
+    a loop.
+
+    Attributes
+    ----------
+    angles : tuple of str
+        A class variable: the names of coordinates that are angles.
+
+    Raises
+    ------
+    ValueError
+        When a number is not finite; when it is first called, and ``next_state`` returns no tuple of
+        expressions, not as many as coordinates, or a function that cannot be compiled.
+    TypeError
+        When it is first called, and ``next_state`` compares symbols.
+
+    Examples
+    --------
+    >>> import sympy
+    >>> class Ikeda(SymbolicMap):
+    ...     u: float = 0.6
+    ...
+    ...     def next_state(self, x, y):
+    ...         t = 0.4 - 6 / (1 + x**2 + y**2)
+    ...         turned = x * sympy.cos(t) - y * sympy.sin(t), x * sympy.sin(t) + y * sympy.cos(t)
+    ...         return 1 + self.u * turned[0], self.u * turned[1]
+    >>> Ikeda()([0.0, 0.0])
+    array([1., 0.])
+    >>> bool(abs(np.linalg.det(Ikeda(u=0.9).jacobian([0.3, 0.2])) - 0.9**2) < 1e-14)
+    True
+    """
+
+    def jacobian(self, state: Array) -> Array:
+        d = self.dimension
+        out = np.empty((d + 1, d))
+        self._apply(self._program.tangent, state, out)
+        return out[1:].copy()
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        self.value_of(name)
+        names = list(self.parameters)
+        out = np.empty((self.dimension, len(names)))
+        self._apply(self._program.by_parameters, state, out)
+        return out[:, names.index(name)].copy()
+
+    def stretching(self, state: Array, n: int) -> Stretching:
+        from dynkit.systems.symbolic import kernels
+
+        count, d = non_negative_integer("n", n), self.dimension
+        here = np.array(finite_array("state", state, (d,)))
+        room, (logs, errors) = np.empty((d + 1, d)), np.empty((2, count, d))
+        stop = kernels.stretch(
+            self._program.tangent.address,
+            self._numbers,
+            here,
+            np.eye(d),
+            self.accuracy,
+            room,
+            logs,
+            errors,
+        )
+        if stop:
+            refuse_infinite(here, stop)
+        return Stretching(logs, errors, None, here)
+
+    @property
+    def _coordinates(self) -> tuple[str, ...]:
+        return _names_of_method(type(self))
+
+    @cached_property
+    def _step(self) -> Code:
+        return self._program.step
+
+    @cached_property
+    def _program(self) -> _Program:
+        return _program(type(self), tuple(self.parameters), structure_of(self, self.parameters))
+
+
+@final
+class _Program:
+    """The code of a class of maps, each part made when it is first called."""
+
+    def __init__(self, kind: type, parameters: tuple[str, ...], structure: Structure) -> None:
+        self._name = f"{kind.__name__}.next_state"
+        self._expressions = expressions_of(kind, "next_state", parameters, structure)
+
+    def _compiled(self, values: Sequence[Any]) -> Code:
+        from dynkit.systems.symbolic.machine_code import compiled
+
+        given = self._expressions
+        return compiled(self._name, values, given.coordinates, given.parameters)
+
+    @cached_property
+    def step(self) -> Code:
+        return self._compiled(self._expressions.values)
+
+    @cached_property
+    def tangent(self) -> Code:
+        return self._compiled([*self._expressions.values, *self._expressions.jacobian])
+
+    @cached_property
+    def by_parameters(self) -> Code:
+        return self._compiled(self._expressions.by_parameters)
+
+
+_program = cache(_Program)
+
+
+@cache
+def _names_of_method(kind: type[SymbolicMap]) -> tuple[str, ...]:
+    return coordinate_names(kind.next_state)
+
+
+@cache
+def _names_of_static(kind: type[CompiledMap], parameters: tuple[str, ...]) -> tuple[str, ...]:
+    from numba.extending import is_jitted
+
+    from dynkit.systems.symbolic.kernels import INTERPRETED
+
+    function = kind.next_state
+    if not (is_jitted(function) or INTERPRETED):
+        raise TypeError(
+            f"{kind.__name__}.next_state must be a static method that numba.njit compiles; got "
+            f"{function!r}"
+        )
+    function = getattr(function, "py_func", function)
+    found = coordinate_names(function)
+    if parameters != found[len(found) - len(parameters) :]:
+        raise TypeError(
+            f"{kind.__name__}.next_state must take coordinates, then {', '.join(parameters)}; got "
+            f"{', '.join(found)}"
+        )
+    return coordinate_names(function, parameters)
+
+
+@cache
+def _static_step(kind: type[CompiledMap], parameters: tuple[str, ...]) -> Code:
+    from dynkit.systems.symbolic.machine_code import wrapped
+
+    count = len(_names_of_static(kind, parameters))
+    return wrapped(f"{kind.__name__}.next_state", kind.next_state, count, len(parameters))
