@@ -14,21 +14,17 @@ from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array, non_negative_integer
 from dynkit.dynamics.map import Map
 from dynkit.systems.symbolic.derivation import (
-    Structure,
-    checked_parameters,
     coordinate_names,
-    expressions_of,
-    structure_of,
 )
+from dynkit.systems.symbolic.family import CodedFamily, Program, program_of
 
 if TYPE_CHECKING:
     from dynkit.systems.symbolic.machine_code import Code
 
 _TURN = 2.0 * np.pi
-_MADE = ("_step", "_program", "_numbers", "dimension")
 
 
-class CompiledMap(Map):
+class CompiledMap(CodedFamily, Map):
     """A map whose next state is a function of numbers that Numba compiles.
 
     A subclass owes ``next_state``, a static method and a function of ``numba.njit``, which takes
@@ -68,13 +64,6 @@ class CompiledMap(Map):
 
     angles: ClassVar[Sequence[str]] = ()
 
-    def __post_init__(self) -> None:
-        checked_parameters(self)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what was given; machine code is made anew where it arrives."""
-        return {name: value for name, value in vars(self).items() if name not in _MADE}
-
     if TYPE_CHECKING:
         next_state: Any  # any arguments, of a method or a static one
     else:
@@ -83,14 +72,8 @@ class CompiledMap(Map):
         def next_state(self, *coordinates: Any) -> tuple[Any, ...]:
             """Return the next values of the coordinates, as a tuple."""
 
-    @cached_property
-    def dimension(self) -> int:
-        return len(self._coordinates)
-
     def __call__(self, state: Array) -> Array:
-        out = np.empty(self.dimension)
-        self._apply(self._step, state, out)
-        return out
+        return self._filled(self._step, state, (self.dimension,))
 
     @final
     def iterate_into(self, states: Array) -> None:
@@ -115,16 +98,6 @@ class CompiledMap(Map):
     @cached_property
     def _step(self) -> Code:
         return _static_step(type(self), tuple(self.parameters))
-
-    @cached_property
-    def _numbers(self) -> Array:
-        return np.array(list(self.parameters.values()), dtype=np.float64)
-
-    def _apply(self, code: Code, state: Array, out: Array) -> None:
-        from dynkit.systems.symbolic import kernels
-
-        here = finite_array("state", state, (self.dimension,))
-        kernels.apply(code.address, np.ascontiguousarray(here), self._numbers, out)
 
 
 class SymbolicMap(CompiledMap):
@@ -175,16 +148,13 @@ class SymbolicMap(CompiledMap):
 
     def jacobian(self, state: Array) -> Array:
         d = self.dimension
-        out = np.empty((d + 1, d))
-        self._apply(self._program.tangent, state, out)
-        return out[1:].copy()
+        return self._filled(self._program.tangent, state, (d + 1, d))[1:].copy()
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
         self.value_of(name)
         names = list(self.parameters)
-        out = np.empty((self.dimension, len(names)))
-        self._apply(self._program.by_parameters, state, out)
-        return out[:, names.index(name)].copy()
+        shape = self.dimension, len(names)
+        return self._filled(self._program.by_parameters, state, shape)[:, names.index(name)].copy()
 
     def stretching(self, state: Array, n: int) -> Stretching:
         from dynkit.systems.symbolic import kernels
@@ -215,38 +185,8 @@ class SymbolicMap(CompiledMap):
         return self._program.step
 
     @cached_property
-    def _program(self) -> _Program:
-        return _program(type(self), tuple(self.parameters), structure_of(self, self.parameters))
-
-
-@final
-class _Program:
-    """The code of a class of maps, each part made when it is first called."""
-
-    def __init__(self, kind: type, parameters: tuple[str, ...], structure: Structure) -> None:
-        self._name = f"{kind.__name__}.next_state"
-        self._expressions = expressions_of(kind, "next_state", parameters, structure)
-
-    def _compiled(self, values: Sequence[Any]) -> Code:
-        from dynkit.systems.symbolic.machine_code import compiled
-
-        given = self._expressions
-        return compiled(self._name, values, given.coordinates, given.parameters)
-
-    @cached_property
-    def step(self) -> Code:
-        return self._compiled(self._expressions.values)
-
-    @cached_property
-    def tangent(self) -> Code:
-        return self._compiled([*self._expressions.values, *self._expressions.jacobian])
-
-    @cached_property
-    def by_parameters(self) -> Code:
-        return self._compiled(self._expressions.by_parameters)
-
-
-_program = cache(_Program)
+    def _program(self) -> Program:
+        return program_of(self, "next_state")
 
 
 @cache

@@ -1,0 +1,101 @@
+"""What maps and flows of machine code share: parameters as an array, and nothing made is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.parameters import Family
+from dynkit.core.validation import Array, finite_array
+from dynkit.systems.symbolic.derivation import (
+    Structure,
+    checked_parameters,
+    expressions_of,
+    structure_of,
+)
+
+if TYPE_CHECKING:
+    from dynkit.systems.symbolic.machine_code import Code
+
+
+class CodedFamily(Family):
+    """Systems whose parameters are the arguments of machine code, which is made once a class."""
+
+    def __post_init__(self) -> None:
+        checked_parameters(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what was given; what was made of it is made anew where it arrives."""
+        made = {
+            name
+            for kind in type(self).__mro__
+            for name, value in vars(kind).items()
+            if isinstance(value, cached_property)
+        }
+        return {name: value for name, value in vars(self).items() if name not in made}
+
+    @cached_property
+    def _numbers(self) -> Array:
+        return np.array(list(self.parameters.values()), dtype=np.float64)
+
+    def _filled(self, code: Code, state: Array, shape: tuple[int, ...]) -> Array:
+        """What code gives at a state, (d,), which is checked."""
+        from dynkit.systems.symbolic import kernels
+
+        here, out = finite_array("state", state, (self.dimension,)), np.empty(shape)
+        kernels.apply(code.address, np.ascontiguousarray(here), self._numbers, out)
+        return out
+
+    @cached_property
+    def dimension(self) -> int:
+        """The number d of the state's coordinates."""
+        return len(self._coordinates)
+
+    @property
+    def _coordinates(self) -> tuple[str, ...]:
+        raise NotImplementedError
+
+
+@final
+class Program:
+    """The code of a class's expressions, each part made when it is first called."""
+
+    def __init__(
+        self, kind: type, method: str, parameters: tuple[str, ...], structure: Structure
+    ) -> None:
+        self.name = f"{kind.__name__}.{method}"
+        self.expressions = expressions_of(kind, method, parameters, structure)
+
+    def _compiled(self, values: Sequence[Any]) -> Code:
+        from dynkit.systems.symbolic.machine_code import compiled
+
+        given = self.expressions
+        return compiled(self.name, values, given.coordinates, given.parameters)
+
+    @cached_property
+    def step(self) -> Code:
+        """Fills (d,) with the expressions."""
+        return self._compiled(self.expressions.values)
+
+    @cached_property
+    def tangent(self) -> Code:
+        """Fills (d + 1, d) with the expressions and below them their jacobian."""
+        return self._compiled([*self.expressions.values, *self.expressions.jacobian])
+
+    @cached_property
+    def by_parameters(self) -> Code:
+        """Fills (d, m) with the derivatives by the parameters."""
+        return self._compiled(self.expressions.by_parameters)
+
+
+_programs = cache(Program)
+
+
+def program_of(system: Family, method: str) -> Program:
+    """Return the program of a system's class, which all values of its parameters share."""
+    kind: Any = type(system)
+    names = tuple(system.parameters)
+    return _programs(kind, method, names, structure_of(system, names))
