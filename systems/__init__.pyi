@@ -28,4 +28,5 @@ from .maps.logistic import DelayedLogistic as DelayedLogistic, Logistic as Logis
 from .maps.standard import StandardMap as StandardMap
 from .maps.towel import FoldedTowel as FoldedTowel
 from .structure.lagrangian import LagrangianStructure as LagrangianStructure
+from .symbolic.flows import SymbolicFlow as SymbolicFlow
 from .symbolic.maps import CompiledMap as CompiledMap, SymbolicMap as SymbolicMap

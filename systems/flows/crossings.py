@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.validation import Array
 from dynkit.dynamics.flow import Crossing
-from dynkit.systems.flows.integration import Velocity, integrate, steps
+from dynkit.systems.flows.integration import Velocity
 
 if TYPE_CHECKING:
-    from scipy.integrate import DenseOutput
-
     from dynkit.dynamics.section import PoincareSection
 
 # A step is looked at in so many cells: the section's value has one extremum at most in each.
 _CELLS = 4
 # On the section, to rounding: `dynkit.testing.lift_lands_on_the_section` allows as much.
-_ON_SECTION = 1e-13
+ON_SECTION = 1e-13
 # Newton's method needs a handful; bisection, where that does not converge, as many as bits.
 _ITERATIONS = 60
 
@@ -46,7 +44,7 @@ class Look:
     @property
     def behind(self) -> bool:
         """Whether the section is clearly still to come."""
-        return self.value < 0.0 and self.value < -_ON_SECTION * self.reach
+        return self.value < 0.0 and self.value < -ON_SECTION * self.reach
 
     def turns_before(self, after: Look) -> bool:
         """Whether the value has an extremum until another look that may tell more than the two."""
@@ -59,13 +57,33 @@ class Look:
         return True
 
 
+class Step(Protocol):
+    """A step of an integrator from a time on, and the motion within it."""
+
+    begin: float
+    time: float
+    state: Array
+
+    def path(self, time: float) -> Array:
+        """Return the state, (d,), at a time within the step, by interpolation."""
+
+    def cut_short(self, duration: float) -> Array:
+        """Return the state, (d,), a duration after the step's begin, on the motion itself."""
+
+    def avoids(self, section: PoincareSection, value: float) -> bool:
+        """Whether the section, whose value is that at the begin, is surely not reached."""
+
+
 @dataclass(frozen=True)
 class Search:
-    """The search for the first crossing of a section by the motion that a velocity makes."""
+    """The search for the first crossing of a section by the motion that a velocity makes.
+
+    Its `steps` go from a start, (d,), on for a duration.
+    """
 
     velocity: Velocity
     section: PoincareSection
-    tolerance: float
+    steps: Callable[[Array, float], Iterable[Step]]
 
     def first(self, start: Array, time_limit: float) -> Crossing:
         """Return the first crossing after the start, (d,).
@@ -81,11 +99,10 @@ class Search:
         last = self._look(0.0, start)
         armed = last.behind
         try:
-            for solver in steps(self.velocity, start, time_limit, self.tolerance):
-                begin, path = last, solver.dense_output()
-                for here in self._looks(path, begin, float(solver.t), np.array(solver.y)):
+            for step in self.steps(start, time_limit):
+                for here in self._looks(step, last):
                     if armed and last.value < 0.0 <= here.value:
-                        hit = self._landed(path, begin, last, here)
+                        hit = self._landed(step, last, here)
                         if hit is not None:
                             return hit
                     armed = armed or here.behind
@@ -101,48 +118,44 @@ class Search:
         rate = float(gradient @ self.velocity(state))
         return Look(time, state, sign * self.section.value(state), sign * rate, gradient)
 
-    def _looks(self, path: DenseOutput, begin: Look, end: float, state: Array) -> Iterator[Look]:
+    def _looks(self, step: Step, begin: Look) -> Iterator[Look]:
         """Looks at the ends of a step's cells, and at the extremum in each where it may matter."""
-        cell = (end - begin.time) / _CELLS
+        if step.avoids(self.section, begin.value):
+            yield self._look(step.time, step.state)
+            return
+        cell = (step.time - begin.time) / _CELLS
         times = [begin.time + i * cell for i in range(1, _CELLS)]
-        inner = map(self._look, times, path(np.array(times)).T)
-        for before, after in pairwise([begin, *inner, self._look(end, state)]):
+        inner = (self._look(time, step.path(time)) for time in times)
+        for before, after in pairwise([begin, *inner, self._look(step.time, step.state)]):
             if before.turns_before(after):
-                yield self._extremum(path, before, after)
+                yield self._extremum(step, before, after)
             yield after
 
-    def _extremum(self, path: DenseOutput, before: Look, after: Look) -> Look:
+    def _extremum(self, step: Step, before: Look, after: Look) -> Look:
         from scipy.optimize import brentq
 
         # by table at the ends, where rounding might change a sign
         rates = {before.time: before.rate, after.time: after.rate}
         time = brentq(
-            lambda t: rates[t] if t in rates else self._look(t, path(t)).rate,
+            lambda t: rates[t] if t in rates else self._look(t, step.path(t)).rate,
             before.time,
             after.time,
             xtol=1e-9 * (after.time - before.time),
         )
-        return self._look(time, path(time))
+        return self._look(time, step.path(time))
 
-    def _landed(self, path: DenseOutput, begin: Look, before: Look, after: Look) -> Crossing | None:
+    def _landed(self, step: Step, before: Look, after: Look) -> Crossing | None:
         """Return the crossing between two looks, on the motion itself and not on its interpolation.
 
         None when the interpolation reaches the section and the motion does not: the two are as near
         to a tangency as the integration's error.
         """
-
-        def cut_short(duration: float) -> Array:
-            # a step cut short is at least as accurate as the step
-            return integrate(
-                self.velocity, begin.state, duration, self.tolerance, first_step=duration
-            )
-
         # times since the step began: they resolve more than times since the start
-        low, high = before.time - begin.time, after.time - begin.time
-        guess = self._root(lambda t: path(begin.time + t), 0.5 * (low + high), low, high)
-        hit = self._root(cut_short, guess.time, low, high)
-        reached = hit.value >= -_ON_SECTION * hit.reach
-        return Crossing(begin.time + hit.time, hit.state) if reached else None
+        low, high = before.time - step.begin, after.time - step.begin
+        guess = self._root(lambda t: step.path(step.begin + t), 0.5 * (low + high), low, high)
+        hit = self._root(step.cut_short, guess.time, low, high)
+        reached = hit.value >= -ON_SECTION * hit.reach
+        return Crossing(step.begin + hit.time, hit.state) if reached else None
 
     def _root(
         self, state_at: Callable[[float], Array], time: float, low: float, high: float

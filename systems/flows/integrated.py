@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -14,7 +15,7 @@ from dynkit.core.no_motion import CannotFollow
 from dynkit.core.validation import Array, finite_array, in_interval, non_negative, positive
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
 from dynkit.systems.flows.crossings import Search
-from dynkit.systems.flows.integration import Velocity, steps
+from dynkit.systems.flows.integration import Velocity, integrated_steps, steps
 
 if TYPE_CHECKING:
     from scipy.integrate import DOP853
@@ -245,7 +246,8 @@ class IntegratedFlow(Flow):
                 f"section must have the flow's dimension {self.dimension}; got {section.dimension}"
             )
         limit = positive("time_limit", time_limit)
-        return Search(self.velocity, section, self.tolerance).first(start, limit)
+        follow = partial(integrated_steps, self.velocity, self.tolerance)
+        return Search(self.velocity, section, follow).first(start, limit)
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self.dimension,))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, final
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
     from scipy.integrate import DOP853
+
+    from dynkit.dynamics.section import PoincareSection
 
 Velocity: TypeAlias = Callable[[Array], Array]
 
@@ -83,6 +85,40 @@ def integrate(
         for solver in steps(velocity, start, duration, tolerance, first_step):
             state = np.array(solver.y)
     return state
+
+
+@final
+class IntegratedStep:
+    """A step of DOP853: its interpolation, and the motion to any time in it, integrated again."""
+
+    def __init__(
+        self, solver: DOP853[np.float64], velocity: Velocity, start: Array, tolerance: float
+    ) -> None:
+        self.begin, self.time, self.state = float(solver.t_old), float(solver.t), solver.y.copy()
+        self._start, self._velocity, self._tolerance = start, velocity, tolerance
+        self._path = solver.dense_output()
+
+    def path(self, time: float) -> Array:
+        return np.asarray(self._path(time))
+
+    def cut_short(self, duration: float) -> Array:
+        # a step cut short is at least as accurate as the step
+        return integrate(
+            self._velocity, self._start, duration, self._tolerance, first_step=duration
+        )
+
+    def avoids(self, section: PoincareSection, value: float) -> bool:  # noqa: ARG002
+        return False
+
+
+def integrated_steps(
+    velocity: Velocity, tolerance: float, start: Array, duration: float
+) -> Iterator[IntegratedStep]:
+    """Yield every step until the duration is over; arguments as for `steps`."""
+    for solver in steps(velocity, start, duration, tolerance):
+        step = IntegratedStep(solver, velocity, start, tolerance)
+        yield step
+        start = step.state
 
 
 def _silent() -> np.errstate:

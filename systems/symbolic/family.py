@@ -49,6 +49,13 @@ class CodedFamily(Family):
         kernels.apply(code.address, np.ascontiguousarray(here), self._numbers, out)
         return out
 
+    def _by_parameter(self, program: Program, state: Array, name: str) -> Array:
+        """The derivative, (d,), of a program's expressions by a parameter."""
+        self.value_of(name)
+        names = list(self.parameters)
+        found = self._filled(program.by_parameters, state, (self.dimension, len(names)))
+        return found[:, names.index(name)].copy()
+
     @cached_property
     def dimension(self) -> int:
         """The number d of the state's coordinates."""

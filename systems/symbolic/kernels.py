@@ -108,21 +108,38 @@ def stretch(
             state[k] = room[0, k]
         if not _finite(state):
             return i + 1
-        error = 0.0
-        for j in range(d):
-            for k in range(d):
-                error += moved[j, k] * moved[j, k]
-        error = accuracy * np.sqrt(error)
-        for j in range(d):
-            _row_times(moved[j], frame, errors[i])
-        _decompose(moved, frame, logs[i])
-        for k in range(d):
-            length = logs[i, k]
-            logs[i, k] = np.log(length)
-            errors[i, k] = error / length if length != 0.0 else 0.0
-            if 0.0 < length <= CLEAR * error:
-                logs[i, k] = np.nan
+        _stretch(moved, frame, accuracy, logs[i], errors[i])
     return 0
+
+
+@kernel(entry=True)
+def decompose(matrices: Array, accuracy: float, frame: Array, logs: Array, errors: Array) -> None:
+    """Carry a frame (d, d) by matrices (n, d, d), as `stretch` does by jacobians.
+
+    All but the accuracy are modified in place.
+    """
+    for i in range(len(matrices)):
+        _stretch(matrices[i], frame, accuracy, logs[i], errors[i])
+
+
+@kernel()
+def _stretch(moved: Array, frame: Array, accuracy: float, logs: Array, errors: Array) -> None:
+    """Carry a frame by a matrix; all but the accuracy are modified in place."""
+    d = len(moved)
+    error = 0.0
+    for j in range(d):
+        for k in range(d):
+            error += moved[j, k] * moved[j, k]
+    error = accuracy * np.sqrt(error)
+    for j in range(d):
+        _row_times(moved[j], frame, errors)
+    _decompose(moved, frame, logs)
+    for k in range(d):
+        length = logs[k]
+        logs[k] = np.log(length)
+        errors[k] = error / length if length != 0.0 else 0.0
+        if 0.0 < length <= CLEAR * error:
+            logs[k] = np.nan
 
 
 @kernel()

@@ -151,10 +151,7 @@ class SymbolicMap(CompiledMap):
         return self._filled(self._program.tangent, state, (d + 1, d))[1:].copy()
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
-        self.value_of(name)
-        names = list(self.parameters)
-        shape = self.dimension, len(names)
-        return self._filled(self._program.by_parameters, state, shape)[:, names.index(name)].copy()
+        return self._by_parameter(self._program, state, name)
 
     def stretching(self, state: Array, n: int) -> Stretching:
         from dynkit.systems.symbolic import kernels

@@ -1,0 +1,237 @@
+"""Taylor's method by heyoka: compiled once a class, with its variational equations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from threading import RLock
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.no_motion import CannotFollow, Diverged
+from dynkit.core.validation import Array
+from dynkit.dynamics.section import Hyperplane, Stroboscope
+from dynkit.systems.flows.crossings import Step
+from dynkit.systems.symbolic.translation import Value, translate
+
+if TYPE_CHECKING:
+    from dynkit.dynamics.section import PoincareSection
+    from dynkit.systems.symbolic.derivation import Expressions
+
+_MOST, _CHUNK = 10**7, 50_000
+"""Steps of a motion, half a minute of work; judged by the pace, every so many steps."""
+
+_SMOOTH = {
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "erf"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+}
+
+
+@cache
+def heyoka() -> ModuleType:
+    """Return the library, silenced.
+
+    Raises
+    ------
+    ImportError
+        When it is not installed.
+    """
+    try:
+        import heyoka as module
+    except ImportError as missing:
+        raise ImportError(
+            "SymbolicFlow needs heyoka, which is not installed: pip install 'dynkit[flows]'"
+        ) from missing
+    module.set_logger_level_critical()  # it writes warnings to stdout
+    found: ModuleType = module
+    return found
+
+
+@final
+class Taylor:
+    """Integrators of one class of flows: of states, and of states with their derivatives.
+
+    What a method needs is compiled when it is first called. An integrator holds one motion at a
+    time, so that every method takes the lock.
+    """
+
+    def __init__(self, name: str, expressions: Expressions) -> None:
+        self._library: Any = heyoka()
+        self._lock = RLock()
+        self._dimension = len(expressions.coordinates)
+        self._parameters = [self._library.par[i] for i in range(len(expressions.parameters))]
+        names = [f"x{i}" for i in range(self._dimension)]
+        self._variables = [self._library.expression(each) for each in names]
+        symbols = zip(
+            (*expressions.coordinates, *expressions.parameters),
+            (*self._variables, *self._parameters),
+            strict=True,
+        )
+        made = translate(name, expressions.values, dict(symbols), _Series(name, self._library))
+        self._system = list(zip(self._variables, made, strict=True))
+        self._integrators: dict[int | None, Any] = {}
+
+    def advance(self, parameters: Array, state: Array, duration: float) -> Array:
+        """Return the state, (d,), after a duration."""
+        with self._lock:
+            integrator = self._at(None, parameters, state)
+            self._run(integrator, state, duration)
+            return np.array(integrator.state[: self._dimension])
+
+    def transition(self, parameters: Array, state: Array, duration: float) -> tuple[Array, Array]:
+        """Return the state, (d,), after a duration, and its derivative, (d, d), by the start."""
+        d = self._dimension
+        with self._lock:
+            integrator = self._at(-1, parameters, state)
+            integrator.state[d:] = np.eye(d).ravel()
+            self._run(integrator, state, duration)
+            found = np.array(integrator.state)
+        return found[:d], found[d:].reshape(d, d)
+
+    def by_parameter(self, parameters: Array, state: Array, duration: float, place: int) -> Array:
+        """Return the derivative, (d,), of the state after a duration by one of the parameters."""
+        with self._lock:
+            integrator = self._at(place, parameters, state)
+            integrator.state[self._dimension :] = 0.0
+            self._run(integrator, state, duration)
+            return np.array(integrator.state[self._dimension :])
+
+    def steps(self, parameters: Array, state: Array, duration: float) -> Iterator[Step]:
+        """Yield every step of the method, with the polynomials of its motion.
+
+        Raises
+        ------
+        CannotFollow, Diverged
+            As `advance`.
+        """
+        here, time = state, 0.0
+        for count in range(_MOST):
+            left = duration - time
+            with self._lock:
+                integrator = self._at(None, parameters, here)
+                outcome, step = integrator.step(max_delta_t=left, write_tc=True)
+                end, coefficients = np.array(integrator.state), np.array(integrator.tc)
+            if outcome == self._library.taylor_outcome.err_nf_state or not np.isfinite(end).all():
+                raise Diverged(_lost(state, duration, time, "the motion runs away"))
+            last = outcome == self._library.taylor_outcome.time_limit
+            if count and count % _CHUNK == 0:
+                self._refuse_slow(count, state, duration, time)
+            begin, time, here = time, duration if last else time + step, end
+            yield TaylorStep(begin, time, end, coefficients)
+            if last:
+                return
+
+    def _at(self, kind: int | None, parameters: Array, state: Array) -> Any:
+        """The integrator of states (None), of derivatives by states (-1) or by a parameter."""
+        if kind not in self._integrators:
+            hy, system = self._library, self._system
+            if kind is not None:
+                by = self._variables if kind < 0 else [self._parameters[kind]]
+                system = hy.var_ode_sys(system, by)
+            self._integrators[kind] = hy.taylor_adaptive(
+                system, [0.0] * self._dimension, pars=[0.0] * len(self._parameters)
+            )
+        integrator = self._integrators[kind]
+        integrator.time = 0.0
+        integrator.state[: self._dimension] = state
+        integrator.pars[:] = parameters
+        return integrator
+
+    def _run(self, integrator: Any, state: Array, duration: float) -> None:
+        """Raise Diverged or CannotFollow where the motion does not get to a duration."""
+        outcomes, count = self._library.taylor_outcome, 0
+        while duration > 0.0:
+            outcome, *_ = integrator.propagate_until(duration, max_steps=_CHUNK)
+            time = float(integrator.time)
+            if outcome == outcomes.err_nf_state:
+                raise Diverged(_lost(state, duration, time, "the motion runs away"))
+            if outcome == outcomes.time_limit:
+                return
+            count += _CHUNK
+            self._refuse_slow(count, state, duration, time)
+
+    def _refuse_slow(self, count: int, state: Array, duration: float, time: float) -> None:
+        if count * duration > _MOST * time:
+            why = (
+                f"the steps collapse to {time / count:.1e}, and more than {_MOST} would be needed: "
+                "the flow is stiff, or near a singularity"
+            )
+            raise CannotFollow(_lost(state, duration, time, why))
+
+
+@final
+class TaylorStep(Step):
+    """A step whose motion is a polynomial, as exact as the step itself."""
+
+    def __init__(self, begin: float, time: float, state: Array, coefficients: Array) -> None:
+        self.begin, self.time, self.state = begin, time, state
+        self.coefficients, self._powers = coefficients, np.arange(coefficients.shape[1])
+
+    def path(self, time: float) -> Array:
+        return self.cut_short(time - self.begin)
+
+    def cut_short(self, duration: float) -> Array:
+        return np.asarray(self.coefficients @ duration**self._powers)
+
+    def avoids(self, section: PoincareSection, value: float) -> bool:
+        """Whether all terms of the polynomials together do not reach a plane or a phase."""
+        if isinstance(section, Hyperplane):
+            row, distance = section.gradient(self.state), abs(value)
+        elif isinstance(section, Stroboscope):
+            row, distance = np.eye(len(self.state))[-1], math.asin(min(abs(value), 1.0))
+        else:
+            return False
+        terms = abs(row @ self.coefficients[:, 1:])
+        return float(terms @ (self.time - self.begin) ** self._powers[1:]) < 0.99 * distance
+
+
+@final
+class _Series:
+    """heyoka's expressions, as an `Arithmetic`; what is not smooth is refused."""
+
+    def __init__(self, name: str, library: Any) -> None:
+        self._name, self._library = name, library
+        self.number = library.expression
+        self.compare, self.choose = self._refused("comparison"), self._refused("choice")
+        self.both = self.either = self._refused("logic")
+
+    def add(self, a: Value, b: Value) -> Value:
+        return a + b
+
+    def subtract(self, a: Value, b: Value) -> Value:
+        return a - b
+
+    def multiply(self, a: Value, b: Value) -> Value:
+        return a * b
+
+    def divide(self, a: Value, b: Value) -> Value:
+        return a / b
+
+    def call(self, name: str, *arguments: Value) -> Value:
+        if name == "pow":
+            return arguments[0] ** arguments[1]
+        if name not in _SMOOTH:
+            self._refuse(name)
+        return getattr(self._library, name)(*arguments)
+
+    def _refused(self, what: str) -> Callable[..., Value]:
+        def refuse(*_: Value) -> Value:
+            self._refuse(what)
+
+        return refuse
+
+    def _refuse(self, what: str) -> None:
+        raise ValueError(
+            f"{self._name} must be smooth: Taylor's method has no {what}; IntegratedFlow takes any "
+            "velocity"
+        )
+
+
+def _lost(state: Sequence[float] | Array, duration: float, time: float, why: str) -> str:
+    start = np.asarray(state).tolist()
+    return (
+        f"the motion from {start} cannot be followed for {duration}: {why}, beyond time {time:.6g}"
+    )
