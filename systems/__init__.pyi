@@ -1,8 +1,13 @@
 # Public names and the modules that define them, for type checkers and for lazy_loader.
+from .flows.brusselator import Brusselator as Brusselator
+from .flows.chua import Chua as Chua
+from .flows.double_pendulum import DoublePendulum as DoublePendulum
 from .flows.duffing import Duffing as Duffing
+from .flows.henon_heiles import HenonHeiles as HenonHeiles
 from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
+from .flows.van_der_pol import VanDerPol as VanDerPol
 from .impact.attractor import ImpactAttractor as ImpactAttractor
 from .impact.ball import BouncingBall as BouncingBall
 from .impact.chain import ImpactChain as ImpactChain

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, final
 
 import numpy as np
 
@@ -120,9 +120,13 @@ class Flow(Family, ABC):
     def dimension(self) -> int:
         """The number d of the state's coordinates."""
 
-    @abstractmethod
-    def velocity(self, state: Array) -> Array:
-        """Return the rate of change, (d,), of a state, (d,)."""
+    if TYPE_CHECKING:
+        velocity: Any  # of a subclass that derives it from symbols, a function of these, too
+    else:
+
+        @abstractmethod
+        def velocity(self, state: Array) -> Array:
+            """Return the rate of change, (d,), of a state, (d,)."""
 
     def velocity_jacobian(self, state: Array) -> Array:
         """Return the derivative, (d, d), of the velocity at a state, (d,)."""

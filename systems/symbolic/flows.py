@@ -33,7 +33,7 @@ _ROUNDING, _TURN = 2.0**-52, 2.0 * math.pi
 # Twin motions for an error, and the disturbance of each of their steps.
 _TWINS, _ROUNDINGS = 3, 4.0
 # Intervals are followed in parts, so many that a logarithm is as sure as this; the first show it.
-_PARTS, _SURE, _PROBE = (1, 2, 4, 8, 16, 32, 64, 128), 1e-9, 16
+_PARTS, _SURE, _PROBE = (1, 2, 4, 8, 16, 32, 64, 128), 1e-6, 16
 
 
 class SymbolicFlow(CodedFamily, Flow):
@@ -94,9 +94,6 @@ class SymbolicFlow(CodedFamily, Flow):
     >>> bool(abs(swing.return_time([1.0]) - 4.0 * ellipk(np.sin(0.5) ** 2)) < 1e-14)
     True
     """
-
-    if TYPE_CHECKING:
-        velocity: Any  # of a state, or of one symbol for each coordinate
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

@@ -174,8 +174,9 @@ def wrapped(name: str, function: Any, dimension: int, parameters: int) -> Code:
             out[:] = _returned(name, function(*state, *given), dimension)
 
         return Code(plain, plain)
-    function.compile((types.float64,) * (dimension + parameters))
-    (returned,) = {each.signature.return_type for each in function.overloads.values()}
+    arguments = (types.float64,) * (dimension + parameters)
+    function.get_call_template(arguments, {})  # makes the version of these arguments
+    returned = function.overloads[arguments].signature.return_type
     _returned(name, returned if isinstance(returned, types.BaseTuple) else None, dimension)
     number: Any = types.float64
     pointer = types.CPointer(number)  # type: ignore[no-untyped-call]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -75,13 +75,15 @@ class CompiledMap(CodedFamily, Map):
     def __call__(self, state: Array) -> Array:
         return self._filled(self._step, state, (self.dimension,))
 
-    @final
     def iterate_into(self, states: Array) -> None:
         from dynkit.systems.symbolic import kernels
 
+        if type(self).__call__ is not CompiledMap.__call__:  # a subclass has its own
+            return super().iterate_into(states)
         stop = kernels.iterate(self._step.address, self._numbers, states)
         if stop:
             refuse_infinite(states[stop], stop)
+        return None
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b, the `angles` wrapped to the shortest way; (..., d) arrays."""
@@ -156,6 +158,10 @@ class SymbolicMap(CompiledMap):
     def stretching(self, state: Array, n: int) -> Stretching:
         from dynkit.systems.symbolic import kernels
 
+        kind = type(self)
+        own = kind.__call__, kind.jacobian, kind.jacobian_factors
+        if own != (CompiledMap.__call__, SymbolicMap.jacobian, Map.jacobian_factors):
+            return super().stretching(state, n)
         count, d = non_negative_integer("n", n), self.dimension
         here = np.array(finite_array("state", state, (d,)))
         room, (logs, errors) = np.empty((d + 1, d)), np.empty((2, count, d))

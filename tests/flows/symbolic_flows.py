@@ -1,0 +1,83 @@
+"""Flows of expressions for the tests; a store finds their classes here."""
+
+from typing import Any
+
+import sympy as sp
+
+from dynkit.systems import SymbolicFlow
+
+
+class SymbolicLorenz(SymbolicFlow):
+    """Lorenz's equations."""
+
+    sigma: float = 10.0
+    rho: float = 28.0
+    beta: float = 8.0 / 3.0
+
+    def velocity(self, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+        return self.sigma * (y - x), x * (self.rho - z) - y, x * y - self.beta * z
+
+
+class SymbolicRossler(SymbolicFlow):
+    """Rossler's equations."""
+
+    a: float = 0.2
+    b: float = 0.2
+    c: float = 5.7
+
+    def velocity(self, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+        return -y - z, x + self.a * y, self.b + z * (x - self.c)
+
+
+class SymbolicDuffing(SymbolicFlow):
+    """Duffing's oscillator, driven."""
+
+    damping: float = 0.3
+    stiffness: float = -1.0
+    cubic: float = 1.0
+    force: float = 0.5
+    frequency: float = 1.2
+
+    def velocity(self, x: Any, v: Any, phase: Any) -> tuple[Any, ...]:
+        spring = self.stiffness * x + self.cubic * x**3
+        return v, self.force * sp.cos(phase) - self.damping * v - spring, self.frequency
+
+
+class EveryFunction(SymbolicFlow):
+    """Every function that Taylor's method takes."""
+
+    a: float = 0.7
+
+    def velocity(self, x: Any, y: Any) -> tuple[Any, ...]:
+        u, v = sp.tanh(self.a * x + sp.Rational(1, 3) * y), sp.sqrt(2 + sp.sin(y))
+        first = sp.sin(u) - sp.cos(v) + sp.tan(u / 3) + sp.atan(u * v) + sp.atan2(v, 2 + u)
+        more = sp.asin(u / 9) + sp.acos(v / 9) + sp.asinh(u) + sp.acosh(1 + v) + sp.atanh(u / 9)
+        powers = u**3 / v**2 + (1 + u**2) ** self.a + 2**u + v ** sp.Rational(-3, 2)
+        growth = sp.exp(-(u**2)) + sp.log(v) + sp.sinh(u) / sp.cosh(v) + sp.erf(u)
+        return first - powers - x, more - growth - y
+
+
+class Kicked(SymbolicFlow):
+    """A pendulum that is driven by time itself, and not by a phase."""
+
+    force: float = 0.3
+    frequency: float = 1.5
+
+    def velocity(self, x: Any, v: Any, t: Any) -> tuple[Any, ...]:
+        return v, -sp.sin(x) + self.force * sp.cos(self.frequency * t)
+
+
+class Explosion(SymbolicFlow):
+    """x' = x^2 is infinite at time 1 / x(0)."""
+
+    def velocity(self, x: Any) -> tuple[Any, ...]:
+        return (x**2,)
+
+
+class Cycle(SymbolicFlow):
+    """Van der Pol's oscillator, and the integral of its divergence."""
+
+    mu: float = 1.0
+
+    def velocity(self, x: Any, v: Any, w: Any) -> tuple[Any, ...]:
+        return v, self.mu * (1 - x**2) * v - x, self.mu * (1 - x**2) + 0 * w

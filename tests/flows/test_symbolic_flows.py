@@ -1,0 +1,466 @@
+"""Flows of expressions: sixty digits, the literature, derivatives, refusals, and no heyoka."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from dynkit import (
+    Hyperplane,
+    MapAttractor,
+    PoincareMap,
+    Stroboscope,
+    continue_orbit,
+    equilibrium,
+    periodic_orbit,
+)
+from dynkit.analysis import LyapunovSpectrum
+from dynkit.core.no_motion import CannotFollow, Diverged, NoCrossing
+from dynkit.core.validation import Array
+from dynkit.dynamics.flow import Flow
+from dynkit.dynamics.section import PoincareSection
+from dynkit.systems import (
+    Brusselator,
+    Chua,
+    DoublePendulum,
+    Duffing,
+    HenonHeiles,
+    Lorenz,
+    SymbolicFlow,
+    VanDerPol,
+)
+from dynkit.systems.symbolic import taylor
+from dynkit.testing import (
+    FlowCheck,
+    MapCheck,
+    PoincareMapCheck,
+    check_name,
+    flow_checks,
+    map_checks,
+    numerical_derivative,
+    poincare_map_checks,
+)
+from tests.flows.cases import FLOWS, STATES, Parabola, advanced_in_many_digits
+from tests.flows.symbolic_flows import (
+    Cycle,
+    EveryFunction,
+    Explosion,
+    Kicked,
+    SymbolicDuffing,
+    SymbolicLorenz,
+    SymbolicRossler,
+)
+from tests.flows.test_accuracy import (
+    DURATIONS,
+    RANDOM_BOXES,
+    RETURNS,
+    crossing_in_many_digits,
+    derivative_in_many_digits,
+)
+
+ROUNDING = 2.0**-52
+SYMBOLIC: dict[str, SymbolicFlow] = {
+    "duffing": SymbolicDuffing(),
+    "lorenz": SymbolicLorenz(),
+    "rossler": SymbolicRossler(),
+}
+SHIPPED: dict[str, tuple[SymbolicFlow, list[list[float]]]] = {
+    "van der pol": (VanDerPol(mu=2.0), [[1.0, 0.5], [-2.0, 1.0]]),
+    "chua": (Chua(), [[0.5, 0.1, -0.5], [1.5, -0.2, -1.0]]),
+    "brusselator": (Brusselator(), [[1.0, 2.0], [0.5, 3.0]]),
+    "henon heiles": (HenonHeiles(), [[0.1, 0.2, 0.3, -0.1], [0.0, -0.2, 0.4, 0.1]]),
+    "double pendulum": (DoublePendulum(0.5, 1.5), [[0.5, -0.3, 0.2, 0.1], [2.0, 1.0, 0.0, 0.5]]),
+    "every function": (EveryFunction(), [[0.5, 1.0], [-0.3, 0.2]]),
+    "driven by time": (Kicked(), [[0.5, 0.1, 0.3], [1.0, -0.3, 2.0]]),
+}
+
+
+def at(*numbers: float) -> Array:
+    return np.array(numbers)
+
+
+# --- the contracts --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("check", flow_checks, ids=check_name)
+@pytest.mark.parametrize("name", [*SYMBOLIC, *SHIPPED])
+def test_it_is_a_flow(name: str, check: FlowCheck) -> None:
+    if name in SYMBOLIC:
+        check(SYMBOLIC[name], STATES[name])
+    else:
+        flow, states = SHIPPED[name]
+        check(flow, np.array(states))
+
+
+PLANES: dict[str, tuple[str, PoincareSection, list[list[float]]]] = {
+    "stroboscope": ("duffing", Stroboscope(3, phase=2.5), [[0.5, 0.2], [-1.2, 0.4]]),
+    "maxima": (
+        "duffing",
+        Hyperplane(at(0.0, 1.0, 0.0), 0.0, -1, angles=[2]),
+        [[1.2, 0.3], [-0.3, 2.0]],
+    ),
+    "parabola": ("duffing", Parabola(1, height=-0.1, bend=0.4), [[1.1, 0.3], [-0.8, 2.0]]),
+    "plane": ("lorenz", Hyperplane(at(0.0, 0.0, 1.0), 27.0, -1), [[2.0, 2.0], [-3.0, 0.5]]),
+    "oblique": ("lorenz", Hyperplane(at(1.0, -0.5, 0.2), 3.0), [[-8.0, 18.0], [-5.0, 16.0]]),
+    "rossler": ("rossler", Hyperplane(at(1.0, 0.0, 0.0)), [[-8.0, 0.03], [-5.0, 0.03]]),
+}
+
+
+@pytest.mark.parametrize("check", [*poincare_map_checks, *map_checks], ids=check_name)
+@pytest.mark.parametrize("name", PLANES)
+def test_it_has_poincare_maps(name: str, check: PoincareMapCheck | MapCheck) -> None:
+    flow, section, points = PLANES[name]
+    check(PoincareMap(SYMBOLIC[flow], section, time_limit=50.0), np.array(points))
+
+
+@pytest.mark.parametrize("name", PLANES)
+def test_crossings_are_those_of_an_integrated_flow(name: str) -> None:
+    flow, section, points = PLANES[name]
+    for point in points:
+        found, other = (
+            PoincareMap(each, section, time_limit=50.0).crossing(np.array(point))
+            for each in (SYMBOLIC[flow], FLOWS[flow])
+        )
+        allowed = FLOWS[flow].accuracy * (1.0 + float(np.linalg.norm(other.state)))
+        assert found.state == pytest.approx(other.state, abs=allowed)
+        assert found.time == pytest.approx(other.time, abs=allowed)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_derivatives_of_the_velocity_are_those_of_differences(name: str) -> None:
+    flow, states = SHIPPED[name]
+    for state in np.array(states):
+        found, error = numerical_derivative(flow.velocity, state)
+        off = abs(flow.velocity_jacobian(state) - found)
+        assert (off <= 20.0 * error + 1e-13 * abs(found).max()).all()
+        for parameter in flow.parameters:
+            by = flow.velocity_parameter_derivative(state, parameter)
+            by_differences = Flow.velocity_parameter_derivative(flow, state, parameter)
+            assert by == pytest.approx(by_differences, abs=1e-9 * (1.0 + float(abs(by).max())))
+
+
+# --- sixty digits ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("name", SYMBOLIC)
+def test_actual_errors_lie_under_the_estimate(name: str, seed: int) -> None:
+    flow, draw = SYMBOLIC[name], np.random.default_rng(seed)
+    start = draw.uniform(*RANDOM_BOXES[name])
+    duration = float(draw.uniform(0.0, DURATIONS[name]))
+    exact = advanced_in_many_digits(FLOWS[name], start.tolist(), duration)
+    off = np.linalg.norm(flow.advance(start, duration) - np.array([float(x) for x in exact]))
+    assert off <= flow.advance_error(start, duration)
+    assert off <= flow.accuracy * max(1.0, np.linalg.norm(start))
+
+
+@pytest.mark.parametrize("place", range(2))
+@pytest.mark.parametrize("name", SYMBOLIC)
+def test_derivatives_are_those_of_sixty_digits(name: str, place: int) -> None:
+    flow, start = SYMBOLIC[name], STATES[name][place]
+    expected = derivative_in_many_digits(FLOWS[name], start, 0.5)
+    off = np.linalg.norm(flow.derivative(start, 0.5) - expected)
+    # a rounding of the state moves the derivative, too, by its own growth
+    assert off <= flow.accuracy * np.linalg.norm(expected) ** 2
+
+
+@pytest.mark.parametrize("name", RETURNS)
+def test_returns_are_right_to_rounding(name: str) -> None:
+    section, reduced = RETURNS[name]
+    hit = PoincareMap(SYMBOLIC[name], section, time_limit=50.0).crossing(np.array(reduced))
+    time, state = crossing_in_many_digits(name)
+    assert hit.state == pytest.approx(state, abs=16.0 * ROUNDING * float(np.linalg.norm(state)))
+    assert hit.time == pytest.approx(time, rel=16.0 * ROUNDING)
+
+
+@pytest.mark.parametrize("name", ["henon heiles", "double pendulum"])
+def test_energy_is_kept_over_a_thousand_units_of_time(name: str) -> None:
+    flow, states = SHIPPED[name]
+    energy = {"henon heiles": _galaxy, "double pendulum": _pendulum}[name]
+    start = np.array(states[0])
+    before, after = energy(flow, start), energy(flow, flow.advance(start, 1000.0))
+    # a random walk of one rounding a step, of which there are some thousands
+    assert after == pytest.approx(before, abs=100.0 * ROUNDING * (1.0 + abs(before)))
+
+
+def _galaxy(flow: Any, state: Any) -> Any:
+    """M. Henon, C. Heiles, Astronomical Journal 69 (1964) 73."""
+    x, y, u, v = state
+    return (u**2 + v**2 + x**2 + y**2) / 2 + flow.k * (x**2 * y - y**3 / 3)
+
+
+def _kinetic(flow: Any, a: Any, b: Any, u: Any, v: Any) -> Any:
+    m, r = flow.mass, flow.length
+    cos = sp.cos if isinstance(a, sp.Expr) else np.cos
+    return (1 + m) * u**2 / 2 + m * r**2 * v**2 / 2 + m * r * u * v * cos(a - b)
+
+
+def _potential(flow: Any, a: Any, b: Any) -> Any:
+    cos = sp.cos if isinstance(a, sp.Expr) else np.cos
+    return -(1 + flow.mass) * cos(a) - flow.mass * flow.length * cos(b)
+
+
+def _pendulum(flow: Any, state: Any) -> Any:
+    a, b, u, v = state
+    return _kinetic(flow, a, b, u, v) + _potential(flow, a, b)
+
+
+def test_the_double_pendulum_is_that_of_lagrange() -> None:
+    flow: Any = DoublePendulum(0.5, 1.5)
+    state = [0.5, -0.3, 0.2, 0.1]
+    a, b, u, v = sp.symbols("a b u v", real=True)
+    lagrangian = _kinetic(flow, a, b, u, v) - _potential(flow, a, b)
+    mass = sp.hessian(lagrangian, (u, v))
+    force = [
+        lagrangian.diff(q) - sum(lagrangian.diff(w, p) * r for p, r in ((a, u), (b, v)))
+        for q, w in ((a, u), (b, v))
+    ]
+    values = dict(zip((a, b, u, v), state, strict=True))
+    matrix = np.array(mass.subs(values), dtype=float)
+    expected = np.linalg.solve(matrix, [float(each.subs(values)) for each in force])
+    assert flow.velocity(np.array(state))[2:] == pytest.approx(expected, rel=1e-14)
+
+
+# --- numbers of the literature --------------------------------------------------------------------
+
+
+def test_lorenz_exponents_are_those_of_the_literature() -> None:
+    # D. Viswanath, Physica D 190 (2004) 115: .9056; the sum is -(sigma + 1 + beta)
+    found = LyapunovSpectrum.of_flow(
+        SymbolicLorenz(), at(1.0, 2.0, 20.0), interval=0.5, iterations=20_000
+    )
+    assert (abs(found.exponents - [0.9056, 0.0, -14.5723]) <= 5.0 * found.error).all()
+    assert found.sum == pytest.approx(-(10.0 + 1.0 + 8.0 / 3.0), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "period", "guess"),
+    [
+        # D. Viswanath, Nonlinearity 16 (2003) 1035, table 1: AB and AAB
+        ("AB", 1.5586522107162, [[-13.76, -19.58], [13.76, 19.58]]),
+        ("AAB", 2.3059072639399, [[-12.6, -16.97], [-12.6, -16.97], [14.0, 20.1]]),
+    ],
+)
+def test_orbits_of_lorenz_have_the_periods_of_viswanath(
+    name: str, period: float, guess: list[list[float]]
+) -> None:
+    plane = Hyperplane(at(0.0, 0.0, 1.0), 27.0, -1)
+    system = PoincareMap(SymbolicLorenz(), plane, time_limit=10.0)
+    states = _near(system, len(name))
+    found = periodic_orbit(system, states)
+    assert sum(system.return_time(state) for state in found.states) == pytest.approx(
+        period, abs=1e-13
+    )
+
+
+def _near(system: PoincareMap, count: int) -> Array:
+    """Of a long motion, the piece that comes back nearest after so many crossings, not earlier."""
+    states = system.iterate(at(2.0, 2.0), 4000)[100:]
+    gaps = np.linalg.norm(states[count:] - states[:-count], axis=1)
+    once = np.linalg.norm(states[1:] - states[:-1], axis=1)[: len(gaps)]
+    best = int(np.argmin(np.where(once > 1.0, gaps, np.inf)))
+    return states[best : best + count]
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.5, 1.0, 2.0, 3.0, 5.0])
+def test_multipliers_of_van_der_pol_are_those_of_liouville(mu: float) -> None:
+    """The multiplier is the exponential of the divergence's integral over a period."""
+    maxima = PoincareMap(VanDerPol(mu=mu), Hyperplane(at(0.0, 1.0), direction=-1), 50.0)
+    cycle = periodic_orbit(maxima, np.array([[2.0]]))
+    (state,) = cycle.states
+    period = maxima.return_time(state)
+    along = Cycle(mu=mu).advance(at(*state, 0.0, 0.0), period)[2]
+    (multiplier,) = cycle.multipliers
+    # the integral's error is relative to the sum of its terms' sizes, some tens
+    assert multiplier.real == pytest.approx(np.exp(along), rel=1e-11)
+    assert multiplier.imag == 0.0
+
+
+def test_the_cycle_of_van_der_pol_has_the_period_of_the_series() -> None:
+    """C. M. Andersen, J. F. Geer, SIAM J. Appl. Math. 42 (1982) 678: the frequency's series."""
+    mu = 0.1
+    maxima = PoincareMap(VanDerPol(mu=mu), Hyperplane(at(0.0, 1.0), direction=-1), 50.0)
+    cycle = periodic_orbit(maxima, np.array([[2.0]]))
+    series = 1.0 - mu**2 / 16.0 + 17.0 * mu**4 / 3072.0 + 35.0 * mu**6 / 884736.0
+    period = maxima.return_time(cycle.states[0])
+    # the next term is of order mu^8, with a coefficient below 1e-3
+    assert 2.0 * np.pi / period == pytest.approx(series, abs=1e-11)
+
+
+def test_the_brusselator_has_a_hopf_point_in_closed_form() -> None:
+    a = 1.3
+    rest = equilibrium(Brusselator(a=a, b=1.0), at(a, 1.0 / a))
+    branch = continue_orbit(rest, "b", bounds=(1.0, 4.0))
+    (found,) = branch.bifurcations
+    assert found.kind == "HB"
+    assert found.value == pytest.approx(1.0 + a * a, abs=1e-12)
+
+
+def test_the_fixed_points_of_chua_are_in_closed_form() -> None:
+    found = equilibrium(Chua(), at(1.6, 0.0, -1.6))
+    assert found.state == pytest.approx([np.sqrt(8.0 / 3.0), 0.0, -np.sqrt(8.0 / 3.0)], abs=1e-14)
+
+
+def test_the_branch_of_duffing_is_that_of_the_integrated_flow() -> None:
+    values = []
+    for flow in (SymbolicDuffing(force=0.2), Duffing(force=0.2)):
+        strobed = PoincareMap(flow, Stroboscope(3), time_limit=10.0)
+        orbit = MapAttractor(strobed, at(1.2, 0.1), 100, 20).periodic_orbit()
+        branch = continue_orbit(orbit, "force", bounds=(0.19, 0.28))
+        values.append([(found.kind, found.value) for found in branch.bifurcations])
+    (first, second), (other, another) = values[0] * 2, values[1] * 2
+    assert first[0] == other[0] == "PD"
+    assert second[1] == pytest.approx(another[1], abs=1e-9)
+
+
+# --- what happens by itself -----------------------------------------------------------------------
+
+
+def test_stretching_is_that_of_short_intervals() -> None:
+    flow, start = SymbolicLorenz(), at(1.0, 2.0, 20.0)
+    whole = flow.stretching(start, 1.0, 5)
+    short = Flow.stretching(flow, start, 1.0 / 16.0, 80)
+    assert whole.logs == pytest.approx(short.logs.reshape(5, 16, 3).sum(axis=1), abs=1e-7)
+    assert (abs(whole.logs.sum(axis=1) + 10.0 + 1.0 + 8.0 / 3.0) <= whole.errors.sum(axis=1)).all()
+    assert whole.times is not None
+    assert whole.times.tolist() == [1.0] * 5
+
+
+def test_an_argument_t_is_time() -> None:
+    flow: Flow = Kicked()
+    assert flow.dimension == 3
+    assert flow.velocity(at(0.1, 0.2, 0.0)).tolist() == [0.2, -np.sin(0.1) + 0.3, 1.0]
+    assert flow.advance(at(0.1, 0.2, 0.5), 2.0)[2] == pytest.approx(2.5, rel=4.0 * ROUNDING)
+
+
+def test_a_flow_is_compiled_once_for_all_values_of_its_parameters() -> None:
+    calls = []
+
+    class Counted(SymbolicFlow):
+        rate: float = 1.0
+
+        def velocity(self, x: Any) -> tuple[Any, ...]:
+            calls.append(self.rate)
+            return (-self.rate * x,)
+
+    flows = [Counted(rate=float(rate)) for rate in np.linspace(0.5, 2.0, 10)]
+    for flow in flows:
+        ends = flow.advance(at(1.0), 1.0)
+        assert ends == pytest.approx(np.exp(-flow.rate), rel=4.0 * ROUNDING)
+        assert flow.derivative(at(1.0), 1.0)[0, 0] == pytest.approx(np.exp(-flow.rate), rel=1e-15)
+    assert len(calls) == 1
+    assert len({id(flow._taylor) for flow in flows}) == 1
+
+
+def test_it_can_be_sent() -> None:
+    flow = SymbolicDuffing(force=0.25)
+    before = flow.advance(at(1.0, 0.0, 0.0), 3.0)
+    sent = pickle.loads(pickle.dumps(flow))
+    assert sent == flow
+    assert sent.advance(at(1.0, 0.0, 0.0), 3.0).tobytes() == before.tobytes()
+
+
+def test_motions_that_run_away_diverge() -> None:
+    assert Explosion().advance(at(0.5), 1.0) == pytest.approx(1.0, rel=1e-14)
+    for call in (
+        lambda: Explosion().advance(at(1.0), 2.0),
+        lambda: Explosion().derivative(at(1.0), 2.0),
+    ):
+        with pytest.raises(Diverged, match=r"from \[1.0\] cannot be followed for 2.0"):
+            call()
+
+
+def test_where_steps_collapse_the_flow_cannot_be_followed() -> None:
+    stiff = VanDerPol(mu=1e8)
+    with pytest.raises(CannotFollow, match="the flow is stiff, or near a singularity"):
+        stiff.advance(at(2.0, 0.0), 1000.0)
+    strobed = PoincareMap(stiff, Hyperplane(at(0.0, 1.0), direction=-1), time_limit=1000.0)
+    with pytest.raises(NoCrossing, match="stiff"):
+        strobed(at(2.0))
+
+
+def test_no_crossing_comes_late() -> None:
+    section = PoincareMap(SymbolicDuffing(), Stroboscope(3), time_limit=5.0)
+    with pytest.raises(NoCrossing, match=r"no crossing within 5\.0"):
+        section(at(1.0, 0.0))
+    plane = PoincareMap(SymbolicLorenz(), Hyperplane(at(0.0, 0.0, 1.0), 200.0), time_limit=5.0)
+    with pytest.raises(NoCrossing, match=r"no crossing within 5\.0"):
+        plane(at(1.0, 1.0))
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+def _bad(function: Any) -> SymbolicFlow:
+    class Bad(SymbolicFlow):
+        a: float = 1.0
+
+        def velocity(self, x: Any, y: Any) -> Any:
+            return function(self, x, y)
+
+    return Bad()
+
+
+@pytest.mark.parametrize(
+    ("function", "error", "message"),
+    [
+        (lambda s, x, y: (x,), ValueError, "velocity must return 2 expressions"),
+        (lambda s, x, y: x, ValueError, "must return a tuple of 2 expressions"),
+        (lambda s, x, y: (x, sp.Abs(y)), ValueError, "must be smooth: Taylor's method has no fabs"),
+        (lambda s, x, y: (x, sp.Max(x, y)), ValueError, "must be smooth.*no comparison"),
+        (lambda s, x, y: (x, sp.gamma(y)), ValueError, "functions that can be compiled; got gamma"),
+        (lambda s, x, y: (x, y if x > 0 else x), TypeError, "must not compare symbols"),
+    ],
+    ids=["count", "tuple", "corner", "choice", "unknown", "comparison"],
+)
+def test_what_is_no_smooth_flow_is_refused(
+    function: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        _bad(function).advance(np.zeros(2), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: VanDerPol(mu=np.nan), "mu must be a finite number; got nan"),
+        (lambda: VanDerPol().replace(nu=1.0), "parameter must be one of: mu; got 'nu'"),
+        (lambda: VanDerPol().advance(at(1.0), 1.0), r"state must have shape \(2,\)"),
+        (lambda: VanDerPol().advance(at(1.0, 0.0), -1.0), "duration must not be negative"),
+        (
+            lambda: _bad(lambda s, x, y: (x, y)).velocity(at(1.0, np.inf)),
+            r"state\[1\] must be a finite number",
+        ),
+        (
+            lambda: VanDerPol().parameter_derivative(at(1.0, 0.0), 1.0, "nu"),
+            "parameter must be one of: mu; got 'nu'",
+        ),
+        (lambda: VanDerPol().stretching(at(1.0, 0.0), 0.0, 3), "interval must be positive"),
+        (
+            lambda: VanDerPol().next_crossing(at(1.0, 0.0), Stroboscope(3), 1.0),
+            "section must have the flow's dimension 2; got 3",
+        ),
+    ],
+)
+def test_bad_arguments_are_named(call: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_without_heyoka_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "heyoka", None)
+    taylor.heyoka.cache_clear()
+
+    class Fresh(SymbolicFlow):
+        def velocity(self, x: Any) -> tuple[Any, ...]:
+            return (-x,)
+
+    with pytest.raises(ImportError, match=r"needs heyoka.*pip install 'dynkit\[flows\]'"):
+        fresh.advance(at(1.0), 1.0)
+    assert fresh.velocity(at(2.0)).tolist() == [-2.0]
+    assert Lorenz().advance(at(1.0, 2.0, 20.0), 0.1).shape == (3,)
