@@ -111,6 +111,7 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
                 "keep-results",
                 "make-a-structure",
                 "add-stops-and-friction",
+                "write-your-own-map-or-flow",
                 "continue-your-own-equations",
             )
         ),
