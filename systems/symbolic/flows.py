@@ -53,7 +53,7 @@ class SymbolicFlow(CodedFamily, Flow):
     comes to, and `advance_error` looks at the motion itself. Derivatives are those of the
     variational equations. Give the coordinates units in which they are of order one. Motions whose
     steps collapse, as in stiff flows and near singularities, raise `CannotFollow`, those that run
-    away `Diverged`.
+    away `Diverged`; ``IntegratedFlow(method="Radau")`` follows stiff flows.
 
     It needs heyoka: ``pip install 'dynkit[flows]'``.
 

@@ -157,7 +157,7 @@ class Taylor:
         if count * duration > _MOST * time:
             why = (
                 f"the steps collapse to {time / count:.1e}, and more than {_MOST} would be needed: "
-                "the flow is stiff, or near a singularity"
+                "the flow is stiff (IntegratedFlow has an implicit method), or near a singularity"
             )
             raise CannotFollow(_lost(state, duration, time, why))
 
