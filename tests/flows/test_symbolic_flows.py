@@ -374,7 +374,7 @@ def test_motions_that_run_away_diverge() -> None:
 
 def test_where_steps_collapse_the_flow_cannot_be_followed() -> None:
     stiff = VanDerPol(mu=1e8)
-    with pytest.raises(CannotFollow, match="the flow is stiff .* or near a singularity"):
+    with pytest.raises(CannotFollow, match=r"the flow is stiff .* or near a singularity"):
         stiff.advance(at(2.0, 0.0), 1000.0)
     strobed = PoincareMap(stiff, Hyperplane(at(0.0, 1.0), direction=-1), time_limit=1000.0)
     with pytest.raises(NoCrossing, match="stiff"):
