@@ -133,11 +133,9 @@ class _Reading:
         if coefficient.is_negative:
             return self._minus(self.of(-e))
         over, under = [], []
-        if coefficient.is_Rational:
-            over += [self.of(type(coefficient)(coefficient.p))] if coefficient.p != 1 else []
-            under += [self.of(type(coefficient)(coefficient.q))] if coefficient.q != 1 else []
-        else:
-            over.append(self.of(coefficient))
+        numerator, denominator = coefficient.as_numer_denom()
+        over += [self.of(numerator)] if numerator != 1 else []
+        under += [self.of(denominator)] if denominator != 1 else []
         for factor in rest.as_ordered_factors():
             base, exponent = factor.as_base_exp()
             inverse = factor.is_Pow and exponent.is_Rational and exponent.is_negative

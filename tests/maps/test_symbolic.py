@@ -370,6 +370,11 @@ REFUSED: dict[str, tuple[Any, type[Exception], str]] = {
         "must be real and finite; got I",
     ),
     "infinity": (lambda s, x, y: (x, y + sp.oo), ValueError, "must be real and finite; got oo"),
+    "a huge number": (
+        lambda s, x, y: (x, y * 10**400),
+        ValueError,
+        "must be real and finite; got 1",
+    ),
     "a comparison": (
         lambda s, x, y: (x, y if x > 0 else -y),
         TypeError,
