@@ -177,7 +177,7 @@ def derivatives(values: Iterable[sympy.Expr], symbols: Iterable[sympy.Symbol]) -
 
 def _without_steps(value: sympy.Expr, steps: dict[sympy.Expr, sympy.Symbol]) -> sympy.Expr:
     """The expression with a constant in the place of each step function."""
-    from sympy import Dummy, Heaviside, Mod, ceiling, floor, frac, sign
+    from sympy import Abs, Dummy, Heaviside, Mod, ceiling, floor, frac, sign
 
     def constant(step: sympy.Expr) -> sympy.Symbol:
         return steps.setdefault(step, Dummy(real=True))
@@ -189,6 +189,8 @@ def _without_steps(value: sympy.Expr, steps: dict[sympy.Expr, sympy.Symbol]) -> 
     if isinstance(made, Mod):
         dividend, divisor = made.args
         return dividend - divisor * constant(floor(dividend / divisor))
+    if isinstance(made, Abs):
+        return made.args[0] * constant(sign(made.args[0]))
     if isinstance(made, frac):
         return made.args[0] - constant(floor(made.args[0]))
     if isinstance(made, floor | ceiling | sign | Heaviside):
