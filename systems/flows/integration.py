@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, TypeAlias, final
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, final
 
 import numpy as np
 
@@ -104,8 +104,25 @@ def integrate(
     return state
 
 
+class Step(Protocol):
+    """A step of an integrator from a time on, and the motion within it."""
+
+    begin: float
+    time: float
+    state: Array
+
+    def path(self, time: float) -> Array:
+        """Return the state, (d,), at a time within the step, by interpolation."""
+
+    def cut_short(self, duration: float) -> Array:
+        """Return the state, (d,), a duration after the step's begin, on the motion itself."""
+
+    def avoids(self, section: PoincareSection, value: float) -> bool:
+        """Whether the section, whose value is that at the begin, is surely not reached."""
+
+
 @final
-class IntegratedStep:
+class IntegratedStep(Step):
     """A step: its interpolation, and the motion to any time in it, integrated again."""
 
     def __init__(

@@ -14,7 +14,7 @@ import numpy as np
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.dynamics.section import Hyperplane, Stroboscope
-from dynkit.systems.flows.crossings import Step
+from dynkit.systems.flows.integration import Step
 from dynkit.systems.symbolic.translation import Value, translate
 
 if TYPE_CHECKING:
