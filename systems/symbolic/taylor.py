@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 _MOST, _CHUNK = 10**7, 50_000
 """Steps of a motion, half a minute of work; judged by the pace, every so many steps."""
 
+_LARGE = 30
+"""From so many equations on heyoka's code is made compact, which compiles much faster."""
+
 _SMOOTH = {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "erf"),
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
@@ -131,8 +134,14 @@ class Taylor:
             if kind is not None:
                 by = self._variables if kind < 0 else [self._parameters[kind]]
                 system = hy.var_ode_sys(system, by)
+            size = self._dimension * (
+                1 if kind is None else 2 if kind >= 0 else 1 + self._dimension
+            )
             self._integrators[kind] = hy.taylor_adaptive(
-                system, [0.0] * self._dimension, pars=[0.0] * len(self._parameters)
+                system,
+                [0.0] * self._dimension,
+                pars=[0.0] * len(self._parameters),
+                compact_mode=size > _LARGE,
             )
         integrator = self._integrators[kind]
         integrator.time = 0.0
