@@ -130,18 +130,17 @@ class Taylor:
     def _at(self, kind: int | None, parameters: Array, state: Array) -> Any:
         """The integrator of states (None), of derivatives by states (-1) or by a parameter."""
         if kind not in self._integrators:
-            hy, system = self._library, self._system
+            hy, equations = self._library, self._system
+            system: Any = equations
             if kind is not None:
                 by = self._variables if kind < 0 else [self._parameters[kind]]
-                system = hy.var_ode_sys(system, by)
-            size = self._dimension * (
-                1 if kind is None else 2 if kind >= 0 else 1 + self._dimension
-            )
+                system = hy.var_ode_sys(equations, by)
+                equations = system.sys
             self._integrators[kind] = hy.taylor_adaptive(
                 system,
                 [0.0] * self._dimension,
                 pars=[0.0] * len(self._parameters),
-                compact_mode=size > _LARGE,
+                compact_mode=len(equations) > _LARGE,
             )
         integrator = self._integrators[kind]
         integrator.time = 0.0
