@@ -6,20 +6,18 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative
 from dynkit.core.no_motion import CannotFollow
-from dynkit.core.validation import Array, finite_array, in_interval, non_negative, positive
+from dynkit.core.validation import Array, finite_array, in_interval, non_negative, one_of, positive
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
 from dynkit.systems.flows.crossings import Search
-from dynkit.systems.flows.integration import Velocity, integrated_steps, steps
+from dynkit.systems.flows.integration import METHODS, Solver, Velocity, integrated_steps, steps
 
 if TYPE_CHECKING:
-    from scipy.integrate import DOP853
-
     from dynkit.dynamics.section import PoincareSection
 
 
@@ -43,9 +41,10 @@ class IntegratedFlow(Flow):
     `dynkit.core.validation.finite_array` does it. Give the coordinates units in which they are of
     order one: the tolerance is absolute for coordinates below one and relative above.
 
-    The integrator is SciPy's DOP853, a Runge-Kutta method of order 8 (not for stiff systems); the
-    derivative is that of the variational equations, integrated with the state. The error of every
-    step is estimated and held below ``tolerance * (1 + |x_i|)``, root mean square over the
+    The integrator is SciPy's DOP853, a Runge-Kutta method of order 8; for stiff flows Radau, an
+    implicit one of order 5, which uses the `velocity_jacobian` and suits tolerances of 1e-9 and
+    more. The derivative is that of the variational equations, integrated with the state. The error
+    of every step is estimated and held below ``tolerance * (1 + |x_i|)``, root mean square over the
     coordinates. Errors of the steps add up, and grow as the motion itself lets disturbances grow:
     `advance_error` estimates what they come to.
 
@@ -57,6 +56,7 @@ class IntegratedFlow(Flow):
     ----------
     tolerance : float
         Error allowed in a step; in [1e-13, 1e-2].
+    method : {"DOP853", "Radau"}
 
     Raises
     ------
@@ -66,7 +66,8 @@ class IntegratedFlow(Flow):
     References
     ----------
     E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
-    Springer 1993, section II.10 (DOP853) and I.14 (variational equations).
+    Springer 1993, section II.10 (DOP853) and I.14 (variational equations). E. Hairer, G. Wanner,
+    Solving Ordinary Differential Equations II, 2nd ed., Springer 1996, section IV.8 (Radau).
 
     Examples
     --------
@@ -98,8 +99,10 @@ class IntegratedFlow(Flow):
     """
 
     tolerance: float = 1e-12
+    method: str = "DOP853"
 
     def __post_init__(self) -> None:
+        one_of("method", self.method, METHODS)
         object.__setattr__(self, "tolerance", in_interval("tolerance", self.tolerance, 1e-13, 1e-2))
 
     @property
@@ -200,7 +203,7 @@ class IntegratedFlow(Flow):
             begin, start, size = basis(state), np.concatenate([state, np.eye(d).ravel()]), 1.0
             try:
                 for count, solver in enumerate(
-                    steps(velocity, start, left, self.tolerance, step), 1
+                    steps(velocity, start, left, self.tolerance, step, method=self.method), 1
                 ):
                     end, derivative = solver.y[:d].copy(), solver.y[d:].reshape(d, d).copy()
                     size = max(size, float(np.linalg.norm(derivative, 2)))
@@ -246,7 +249,8 @@ class IntegratedFlow(Flow):
                 f"section must have the flow's dimension {self.dimension}; got {section.dimension}"
             )
         limit = positive("time_limit", time_limit)
-        follow = partial(integrated_steps, self.velocity, self.tolerance)
+        how: dict[str, Any] = {"method": self.method, "jacobian": self.velocity_jacobian}
+        follow = partial(integrated_steps, self.velocity, self.tolerance, **how)
         return Search(self.velocity, section, follow).first(start, limit)
 
     def _checked(self, state: Array) -> Array:
@@ -267,9 +271,13 @@ class IntegratedFlow(Flow):
         start: Array,
         duration: float,
         tolerance: float,
-    ) -> Iterator[DOP853[np.float64]]:
+    ) -> Iterator[Solver]:
         try:
-            yield from steps(velocity, start, duration, tolerance)
+            plain = len(start) == self.dimension
+            jacobian = self.velocity_jacobian if plain else None
+            yield from steps(
+                velocity, start, duration, tolerance, method=self.method, jacobian=jacobian
+            )
         except CannotFollow as end:
             raise CannotFollow(
                 f"the motion from {start[: self.dimension].tolist()} cannot be followed for "
