@@ -256,6 +256,17 @@ class Flow(Family, ABC):
         return self._halved(state, duration, basis, _HALVINGS)
 
     def _halved(self, state: Array, duration: float, basis: Basis, halvings: int) -> Iterator[Part]:
+        part = self._part(state, duration)
+        if not halvings or part.even(basis(state), basis(part.end)):
+            yield part
+            return
+        for _ in range(2):
+            for part in self._halved(state, 0.5 * duration, basis, halvings - 1):
+                yield part
+                state = part.end
+
+    def _part(self, state: Array, duration: float) -> Part:
+        """The way of a positive duration as one part."""
         end, off = self.advance(state, duration), 0.0
         if not np.isfinite(end).all():
             raise Diverged(f"the motion from {state.tolist()} runs away within {duration}")
@@ -265,14 +276,7 @@ class Flow(Family, ABC):
         else:
             derivative = self.derivative(state, duration)
         size = max(1.0, float(np.linalg.norm(derivative, 2)))
-        part = Part(end, derivative, size, max(off, self.accuracy * size))
-        if not halvings or part.even(basis(state), basis(end)):
-            yield part
-            return
-        for _ in range(2):
-            for part in self._halved(state, 0.5 * duration, basis, halvings - 1):
-                yield part
-                state = part.end
+        return Part(end, derivative, size, max(off, self.accuracy * size))
 
     @abstractmethod
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:

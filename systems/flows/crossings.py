@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.validation import Array
 from dynkit.dynamics.flow import Crossing
-from dynkit.systems.flows.integration import Velocity
+from dynkit.systems.flows.integration import Step, Velocity
 
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection
@@ -55,23 +55,6 @@ class Look:
         if self.value < 0.0 and after.value < 0.0:
             return self.rate > 0.0 or not (self.behind or after.behind)
         return True
-
-
-class Step(Protocol):
-    """A step of an integrator from a time on, and the motion within it."""
-
-    begin: float
-    time: float
-    state: Array
-
-    def path(self, time: float) -> Array:
-        """Return the state, (d,), at a time within the step, by interpolation."""
-
-    def cut_short(self, duration: float) -> Array:
-        """Return the state, (d,), a duration after the step's begin, on the motion itself."""
-
-    def avoids(self, section: PoincareSection, value: float) -> bool:
-        """Whether the section, whose value is that at the begin, is surely not reached."""
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,18 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative
 from dynkit.core.no_motion import CannotFollow
-from dynkit.core.validation import Array, finite_array, in_interval, non_negative, positive
+from dynkit.core.validation import Array, finite_array, in_interval, non_negative, one_of, positive
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
 from dynkit.systems.flows.crossings import Search
-from dynkit.systems.flows.integration import Velocity, integrated_steps, steps
+from dynkit.systems.flows.integration import METHODS, Solver, Velocity, integrated_steps, steps
 
 if TYPE_CHECKING:
-    from scipy.integrate import DOP853
-
     from dynkit.dynamics.section import PoincareSection
 
 
@@ -44,11 +42,12 @@ class IntegratedFlow(Flow):
     `dynkit.core.validation.finite_array` does. Choose units in which the coordinates are of order
     one: the tolerance is absolute for coordinates below one and relative above.
 
-    The integrator is SciPy's DOP853, a Runge-Kutta method of order 8, not for stiff systems. The
-    derivative follows from the variational equations, which are integrated with the state. The
-    estimated error of every step stays below ``tolerance * (1 + |x_i|)``, as a root mean square
-    over the coordinates. Errors of steps add up, and grow with the disturbances of the motion:
-    `advance_error` estimates their sum.
+    The integrator is SciPy's DOP853, a Runge-Kutta method of order 8. For stiff flows choose Radau,
+    an implicit method of order 5, which uses the `velocity_jacobian` and suits tolerances of 1e-9
+    and more. The derivative follows from the variational equations, which are integrated with the
+    state. The estimated error of every step stays below ``tolerance * (1 + |x_i|)``, as a root mean
+    square over the coordinates. Errors of steps add up, and grow with the disturbances of the
+    motion: `advance_error` estimates their sum.
 
     A crossing is found if the section's value has at most one extremum in every quarter of a step.
     It is then refined on the flow until the value is rounding. Where the motion touches the section
@@ -58,6 +57,7 @@ class IntegratedFlow(Flow):
     ----------
     tolerance : float
         Error allowed in a step; in [1e-13, 1e-2].
+    method : {"DOP853", "Radau"}
 
     Raises
     ------
@@ -67,7 +67,8 @@ class IntegratedFlow(Flow):
     References
     ----------
     E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
-    Springer 1993, section II.10 (DOP853) and I.14 (variational equations).
+    Springer 1993, section II.10 (DOP853) and I.14 (variational equations). E. Hairer, G. Wanner,
+    Solving Ordinary Differential Equations II, 2nd ed., Springer 1996, section IV.8 (Radau).
 
     Examples
     --------
@@ -99,8 +100,10 @@ class IntegratedFlow(Flow):
     """
 
     tolerance: float = 1e-12
+    method: str = "DOP853"
 
     def __post_init__(self) -> None:
+        one_of("method", self.method, METHODS)
         object.__setattr__(self, "tolerance", in_interval("tolerance", self.tolerance, 1e-13, 1e-2))
 
     @property
@@ -201,7 +204,7 @@ class IntegratedFlow(Flow):
             begin, start, size = basis(state), np.concatenate([state, np.eye(d).ravel()]), 1.0
             try:
                 for count, solver in enumerate(
-                    steps(velocity, start, left, self.tolerance, step), 1
+                    steps(velocity, start, left, self.tolerance, step, method=self.method), 1
                 ):
                     end, derivative = solver.y[:d].copy(), solver.y[d:].reshape(d, d).copy()
                     size = max(size, float(np.linalg.norm(derivative, 2)))
@@ -247,7 +250,8 @@ class IntegratedFlow(Flow):
                 f"section must have the flow's dimension {self.dimension}; got {section.dimension}"
             )
         limit = positive("time_limit", time_limit)
-        follow = partial(integrated_steps, self.velocity, self.tolerance)
+        how: dict[str, Any] = {"method": self.method, "jacobian": self.velocity_jacobian}
+        follow = partial(integrated_steps, self.velocity, self.tolerance, **how)
         return Search(self.velocity, section, follow).first(start, limit)
 
     def _checked(self, state: Array) -> Array:
@@ -268,9 +272,13 @@ class IntegratedFlow(Flow):
         start: Array,
         duration: float,
         tolerance: float,
-    ) -> Iterator[DOP853[np.float64]]:
+    ) -> Iterator[Solver]:
         try:
-            yield from steps(velocity, start, duration, tolerance)
+            plain = len(start) == self.dimension
+            jacobian = self.velocity_jacobian if plain else None
+            yield from steps(
+                velocity, start, duration, tolerance, method=self.method, jacobian=jacobian
+            )
         except CannotFollow as end:
             raise CannotFollow(
                 f"the motion from {start[: self.dimension].tolist()} cannot be followed for "

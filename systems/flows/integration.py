@@ -1,9 +1,9 @@
-"""Steps of an integrator: SciPy's DOP853."""
+"""Steps of an integrator: SciPy's DOP853, or Radau for stiff flows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, TypeAlias, final
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, final
 
 import numpy as np
 
@@ -11,11 +11,16 @@ from dynkit.core.no_motion import CannotFollow
 from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
-    from scipy.integrate import DOP853
+    from scipy.integrate import DOP853, Radau
 
     from dynkit.dynamics.section import PoincareSection
 
 Velocity: TypeAlias = Callable[[Array], Array]
+Jacobian: TypeAlias = Callable[[Array], Array]
+Solver: TypeAlias = "DOP853[np.float64] | Radau"
+
+METHODS = ("DOP853", "Radau")
+"""Explicit, of order 8; and implicit, of order 5, for stiff flows."""
 
 # Hours of work, at some hundred microseconds a step; judged by the pace, every so many steps.
 _MOST_STEPS, _PACE = 10**8, 10_000
@@ -27,7 +32,10 @@ def steps(
     duration: float,
     tolerance: float,
     first_step: float | None = None,
-) -> Iterator[DOP853[np.float64]]:
+    *,
+    method: str = "DOP853",
+    jacobian: Jacobian | None = None,
+) -> Iterator[Solver]:
     """Yield the integrator after every step, until the duration is over.
 
     Parameters
@@ -38,6 +46,10 @@ def steps(
     tolerance : float
         A step's error is held below this times (1 + |y_i|), root mean square over the y_i.
     first_step : float, optional
+    method : str
+        One of `METHODS`.
+    jacobian : callable, (n,) array to (n, n) array, optional
+        Of the velocity, for Radau; by differences where it is not given.
 
     Raises
     ------
@@ -45,16 +57,20 @@ def steps(
         When the velocity is not finite at the start, no step is short enough for the tolerance, as
         where the motion runs away, or more than 10^8 steps would be needed.
     """
-    from scipy.integrate import DOP853
+    from scipy.integrate import DOP853, Radau
 
     def rate(_: float, y: Array) -> Array:
         # a trial step that overflows is rejected, as its error is not a number
         return velocity(y) if np.isfinite(y).all() else np.full_like(y, np.nan)
 
     with _silent():
-        solver = DOP853(
-            rate, 0.0, start, duration, rtol=tolerance, atol=tolerance, first_step=first_step
-        )
+        given: dict[str, Any] = {"rtol": tolerance, "atol": tolerance, "first_step": first_step}
+        solver: Solver
+        if method == "DOP853":
+            solver = DOP853(rate, 0.0, start, duration, **given)
+        else:
+            slopes = None if jacobian is None else lambda _, y: jacobian(y)
+            solver = Radau(rate, 0.0, start, duration, jac=slopes, **given)
     if not np.isfinite(solver.f).all():
         raise CannotFollow(f"beyond time 0: the velocity there is {solver.f.tolist()}")
     count = 0
@@ -78,25 +94,43 @@ def integrate(
     duration: float,
     tolerance: float,
     first_step: float | None = None,
+    **how: Any,
 ) -> Array:
     """Return the state, (n,), a duration >= 0 after the start; arguments as for `steps`."""
     state = start.copy()
     if duration > 0.0:
-        for solver in steps(velocity, start, duration, tolerance, first_step):
+        for solver in steps(velocity, start, duration, tolerance, first_step, **how):
             state = np.array(solver.y)
     return state
 
 
+class Step(Protocol):
+    """A step of an integrator from a time on, and the motion within it."""
+
+    begin: float
+    time: float
+    state: Array
+
+    def path(self, time: float) -> Array:
+        """Return the state, (d,), at a time within the step, by interpolation."""
+
+    def cut_short(self, duration: float) -> Array:
+        """Return the state, (d,), a duration after the step's begin, on the motion itself."""
+
+    def avoids(self, section: PoincareSection, value: float) -> bool:
+        """Whether the section, whose value is that at the begin, is surely not reached."""
+
+
 @final
-class IntegratedStep:
-    """A step of DOP853: its interpolation, and the motion to any time in it, integrated again."""
+class IntegratedStep(Step):
+    """A step: its interpolation, and the motion to any time in it, integrated again."""
 
     def __init__(
-        self, solver: DOP853[np.float64], velocity: Velocity, start: Array, tolerance: float
+        self, solver: Solver, velocity: Velocity, start: Array, tolerance: float, **how: Any
     ) -> None:
         self.begin, self.time, self.state = float(solver.t_old), float(solver.t), solver.y.copy()
         self._start, self._velocity, self._tolerance = start, velocity, tolerance
-        self._path = solver.dense_output()
+        self._path, self._how = solver.dense_output(), how
 
     def path(self, time: float) -> Array:
         return np.asarray(self._path(time))
@@ -104,7 +138,7 @@ class IntegratedStep:
     def cut_short(self, duration: float) -> Array:
         # a step cut short is at least as accurate as the step
         return integrate(
-            self._velocity, self._start, duration, self._tolerance, first_step=duration
+            self._velocity, self._start, duration, self._tolerance, duration, **self._how
         )
 
     def avoids(self, section: PoincareSection, value: float) -> bool:  # noqa: ARG002
@@ -112,11 +146,11 @@ class IntegratedStep:
 
 
 def integrated_steps(
-    velocity: Velocity, tolerance: float, start: Array, duration: float
+    velocity: Velocity, tolerance: float, start: Array, duration: float, **how: Any
 ) -> Iterator[IntegratedStep]:
     """Yield every step until the duration is over; arguments as for `steps`."""
-    for solver in steps(velocity, start, duration, tolerance):
-        step = IntegratedStep(solver, velocity, start, tolerance)
+    for solver in steps(velocity, start, duration, tolerance, **how):
+        step = IntegratedStep(solver, velocity, start, tolerance, **how)
         yield step
         start = step.state
 

@@ -8,7 +8,7 @@ from dynkit.systems.symbolic.maps import SymbolicMap
 
 @dataclass(frozen=True)
 class Ikeda(SymbolicMap):
-    """The map of Ikeda: z' = a + u z exp(i t), t = k - p / (1 + |z|^2), of z = x + i y.
+    """The map of Ikeda: z' = a + u z exp(i t), t = k - p / (1 + x^2 + y^2), z = x + i y.
 
     The light in a ring cavity with a nonlinear absorber, from one turn to the next: a is the
     light that enters, u what is kept in a turn, k and p the turn of its phase without and with the

@@ -98,12 +98,11 @@ def expressions_of(
     from sympy import Symbol
 
     function: Callable[..., Any] = getattr(kind, method)
+    called = function.__qualname__
     coordinates = tuple(Symbol(name, real=True) for name in coordinate_names(function))
     taken = {symbol.name for symbol in coordinates} & set(parameters)
     if taken:
-        raise TypeError(
-            f"{_called(function)} must not name a coordinate as a field; got {min(taken)}"
-        )
+        raise TypeError(f"{called} must not name a coordinate as a field; got {min(taken)}")
     symbols = tuple(Symbol(name, real=True) for name in parameters)
     subject: Any = object.__new__(kind)
     for name, value in (*structure, *zip(parameters, symbols, strict=True)):
@@ -113,19 +112,13 @@ def expressions_of(
     except TypeError as fault:
         if "truth value" in str(fault):
             raise TypeError(
-                f"{_called(function)} must not compare symbols, as `if x > 0` does: "
+                f"{called} must not compare symbols, as `if x > 0` does: "
                 "sympy.Piecewise says what holds where"
             ) from fault
-        fault.add_note(
-            f"{_called(function)} is called with SymPy symbols: use sympy.sin, not math.sin"
-        )
+        fault.add_note(f"{called} is called with SymPy symbols: use sympy.sin, not math.sin")
         raise
-    values = _checked(_called(function), found, len(coordinates), {*coordinates, *symbols})
+    values = _checked(called, found, len(coordinates), {*coordinates, *symbols})
     return Expressions(coordinates, symbols, values)
-
-
-def _called(function: Callable[..., Any]) -> str:
-    return function.__qualname__
 
 
 def _checked(
@@ -177,7 +170,7 @@ def derivatives(values: Iterable[sympy.Expr], symbols: Iterable[sympy.Symbol]) -
 
 def _without_steps(value: sympy.Expr, steps: dict[sympy.Expr, sympy.Symbol]) -> sympy.Expr:
     """The expression with a constant in the place of each step function."""
-    from sympy import Dummy, Heaviside, Mod, ceiling, floor, frac, sign
+    from sympy import Abs, Dummy, Heaviside, Mod, ceiling, floor, frac, sign
 
     def constant(step: sympy.Expr) -> sympy.Symbol:
         return steps.setdefault(step, Dummy(real=True))
@@ -189,6 +182,8 @@ def _without_steps(value: sympy.Expr, steps: dict[sympy.Expr, sympy.Symbol]) -> 
     if isinstance(made, Mod):
         dividend, divisor = made.args
         return dividend - divisor * constant(floor(dividend / divisor))
+    if isinstance(made, Abs):
+        return made.args[0] * constant(sign(made.args[0]))
     if isinstance(made, frac):
         return made.args[0] - constant(floor(made.args[0]))
     if isinstance(made, floor | ceiling | sign | Heaviside):

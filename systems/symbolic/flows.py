@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, cached_property, partial, wraps
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from dynkit.core.validation import (
     non_negative_integer,
     positive,
 )
-from dynkit.dynamics.flow import Basis, Crossing, Flow, Part
+from dynkit.dynamics.flow import Crossing, Flow, Part
 from dynkit.dynamics.section import Stroboscope
 from dynkit.systems.flows.crossings import ON_SECTION, Search
 from dynkit.systems.symbolic.derivation import coordinate_names
@@ -53,7 +53,7 @@ class SymbolicFlow(CodedFamily, Flow):
     comes to, and `advance_error` looks at the motion itself. Derivatives are those of the
     variational equations. Give the coordinates units in which they are of order one. Motions whose
     steps collapse, as in stiff flows and near singularities, raise `CannotFollow`, those that run
-    away `Diverged`.
+    away `Diverged`; ``IntegratedFlow(method="Radau")`` follows stiff flows.
 
     It needs heyoka: ``pip install 'dynkit[flows]'``.
 
@@ -234,17 +234,10 @@ class SymbolicFlow(CodedFamily, Flow):
         logs, errors = (each.reshape(count, parts, d).sum(axis=1) for each in (logs, errors))
         return Stretching(logs, errors, np.full(count, duration), here)
 
-    def _halved(self, state: Array, duration: float, basis: Basis, halvings: int) -> Iterator[Part]:
+    def _part(self, state: Array, duration: float) -> Part:
         end, derivative = self._taylor.transition(self._numbers, state, duration)
         size = max(1.0, float(np.linalg.norm(derivative, 2)))
-        part = Part(end, derivative, size, self.accuracy * size)
-        if not halvings or part.even(basis(state), basis(end)):
-            yield part
-            return
-        for _ in range(2):
-            for part in self._halved(state, 0.5 * duration, basis, halvings - 1):
-                yield part
-                state = part.end
+        return Part(end, derivative, size, self.accuracy * size)
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self.dimension,))

@@ -14,7 +14,7 @@ import numpy as np
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.dynamics.section import Hyperplane, Stroboscope
-from dynkit.systems.flows.crossings import Step
+from dynkit.systems.flows.integration import Step
 from dynkit.systems.symbolic.translation import Value, translate
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 _MOST, _CHUNK = 10**7, 50_000
 """Steps of a motion, half a minute of work; judged by the pace, every so many steps."""
+
+_LARGE = 30
+"""From so many equations on heyoka's code is made compact, which compiles much faster."""
 
 _SMOOTH = {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "erf"),
@@ -127,12 +130,17 @@ class Taylor:
     def _at(self, kind: int | None, parameters: Array, state: Array) -> Any:
         """The integrator of states (None), of derivatives by states (-1) or by a parameter."""
         if kind not in self._integrators:
-            hy, system = self._library, self._system
+            hy, equations = self._library, self._system
+            system: Any = equations
             if kind is not None:
                 by = self._variables if kind < 0 else [self._parameters[kind]]
-                system = hy.var_ode_sys(system, by)
+                system = hy.var_ode_sys(equations, by)
+                equations = system.sys
             self._integrators[kind] = hy.taylor_adaptive(
-                system, [0.0] * self._dimension, pars=[0.0] * len(self._parameters)
+                system,
+                [0.0] * self._dimension,
+                pars=[0.0] * len(self._parameters),
+                compact_mode=len(equations) > _LARGE,
             )
         integrator = self._integrators[kind]
         integrator.time = 0.0
@@ -157,7 +165,7 @@ class Taylor:
         if count * duration > _MOST * time:
             why = (
                 f"the steps collapse to {time / count:.1e}, and more than {_MOST} would be needed: "
-                "the flow is stiff, or near a singularity"
+                "the flow is stiff (IntegratedFlow has an implicit method), or near a singularity"
             )
             raise CannotFollow(_lost(state, duration, time, why))
 

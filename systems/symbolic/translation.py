@@ -110,11 +110,13 @@ class _Reading:
         )
 
     def _constant(self, e: Any) -> Value:
-        if e.is_Rational:
-            return self.make.number(e.p / e.q)
-        if not e.is_real or not e.is_finite:
-            raise ValueError(f"{self.name} must be real and finite; got {e}")
-        return self.make.number(float(e))
+        try:
+            if e.is_real and e.is_finite:
+                # of integers the quotient is rounded once
+                return self.make.number(e.p / e.q if e.is_Rational else float(e))
+        except OverflowError:
+            pass
+        raise ValueError(f"{self.name} must be real and finite; got {e}")
 
     def sum(self, e: Any) -> Value:
         """Terms with a minus are subtracted, after all others."""
@@ -131,11 +133,9 @@ class _Reading:
         if coefficient.is_negative:
             return self._minus(self.of(-e))
         over, under = [], []
-        if coefficient.is_Rational:
-            over += [self.make.number(float(coefficient.p))] if coefficient.p != 1 else []
-            under += [self.make.number(float(coefficient.q))] if coefficient.q != 1 else []
-        else:
-            over.append(self.of(coefficient))
+        numerator, denominator = coefficient.as_numer_denom()
+        over += [self.of(numerator)] if numerator != 1 else []
+        under += [self.of(denominator)] if denominator != 1 else []
         for factor in rest.as_ordered_factors():
             base, exponent = factor.as_base_exp()
             inverse = factor.is_Pow and exponent.is_Rational and exponent.is_negative

@@ -29,6 +29,7 @@ from tests.benchmarks.report import table
 from tests.benchmarks.scaling import scaling
 from tests.benchmarks.sticking import sticking
 from tests.benchmarks.structures import structures
+from tests.benchmarks.symbols import symbols
 from tests.benchmarks.work_precision import work_precision
 
 RESULTS = Path("results")
@@ -113,6 +114,7 @@ def main() -> None:
     continuation()
     sticking()
     dimensions()
+    symbols()
     scaling()
     start_up()
     print("\n### Error against run time\n", flush=True)

@@ -81,3 +81,13 @@ class Cycle(SymbolicFlow):
 
     def velocity(self, x: Any, v: Any, w: Any) -> tuple[Any, ...]:
         return v, self.mu * (1 - x**2) * v - x, self.mu * (1 - x**2) + 0 * w
+
+
+class TodaRing(SymbolicFlow):
+    """Three masses on a ring of Toda's springs: so many equations that their code is compact."""
+
+    k: float = 1.0
+
+    def velocity(self, x: Any, y: Any, z: Any, u: Any, v: Any, w: Any) -> tuple[Any, ...]:
+        pulls = [self.k * (sp.exp(b - a) - 1) for a, b in ((x, y), (y, z), (z, x))]
+        return u, v, w, pulls[0] - pulls[2], pulls[1] - pulls[0], pulls[2] - pulls[1]

@@ -33,7 +33,7 @@ class Pieces(SymbolicMap):
         bent = sp.Piecewise((self.a * x, x < 0), (x**2, (x < 1) & (y > 0)), (2 - x, True))
         steps = sp.floor(2 * x) + sp.ceiling(y) * z + sp.sign(z) * y + sp.Heaviside(x) * x
         wrapped = sp.Mod(x, sp.pi) * sp.Mod(-y, 2) + sp.frac(z)
-        chosen = sp.Max(x, y, z) - sp.Min(x, y**2) + sp.Abs(z)
+        chosen = sp.Max(x, y, z) - sp.Min(x, y**2) + sp.Abs(z) + sp.Abs(sp.Abs(z) ** self.a - 1)
         either = sp.Piecewise((x, sp.Or(x > 2, y < -1)), (y, ~(z > 0)), (z, True))
         return bent + steps, wrapped + either, chosen
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +10,9 @@ import numpy as np
 from dynkit import Hyperplane, PoincareMap, Stroboscope
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.validation import Array
-from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
+from dynkit.dynamics.flow import Flow
+from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler, SymbolicFlow
+from tests.flows.symbolic_flows import SymbolicDuffing, SymbolicLorenz, SymbolicRossler
 
 CASES = 1500
 ORDER, LONGEST = 30, 0.02
@@ -36,6 +38,12 @@ BOXES: dict[type[IntegratedFlow], Any] = {
     Rossler: ([-8.0, -8.0, 0.0], [8.0, 8.0, 1.0]),
 }
 
+SYMBOLIC: dict[type[IntegratedFlow], SymbolicFlow] = {
+    Duffing: SymbolicDuffing(),
+    Lorenz: SymbolicLorenz(),
+    Rossler: SymbolicRossler(),
+}
+
 
 def drawn(number: int) -> Case:
     """A flow with a tolerance, a start and a time."""
@@ -55,25 +63,44 @@ def states_of_times(every: int) -> Iterator[tuple[float, float]]:
         yield off, case.flow.advance_error(case.start, case.duration)
 
 
+def states_of_times_of_symbols(every: int) -> Iterator[tuple[float, float]]:
+    """Error of `SymbolicFlow.advance`, and `advance_error`."""
+    cases = [drawn(number) for number in range(0, CASES, every)]
+    for (flow, start, duration), exact in zip(cases, exact_states(cases), strict=True):
+        twin = SYMBOLIC[type(flow)]
+        off = float(np.linalg.norm((twin.advance(start, duration) - exact).astype(float)))
+        yield off, twin.advance_error(start, duration)
+
+
 def states_of_returns(every: int) -> Iterator[tuple[float, float]]:
     """Error of one call of a Poincare map, and its accuracy times the size of the state."""
+    return _returns(every, lambda flow: flow)
+
+
+def states_of_returns_of_symbols(every: int) -> Iterator[tuple[float, float]]:
+    """The same of a flow of expressions."""
+    return _returns(every, lambda flow: SYMBOLIC[type(flow)])
+
+
+def _returns(every: int, flow_of: Callable[[Any], Flow]) -> Iterator[tuple[float, float]]:
     hits, cases = [], []
     for number in range(0, CASES, every):
-        flow, state, _ = drawn(number)
-        section = SECTIONS[type(flow)]
+        one, state, _ = drawn(number)
+        flow, section = flow_of(one), SECTIONS[type(one)]
         start = section.lift(section.reduce(state))
         try:
             hit = PoincareMap(flow, section, time_limit=50.0).crossing(section.reduce(state))
         except NoCrossing:
             continue
         hits.append(hit)
-        cases.append(Case(flow, start, hit.time))
+        cases.append(Case(one, start, hit.time))
     for hit, case, exact in zip(hits, cases, exact_states(cases), strict=True):
         section = SECTIONS[type(case.flow)]
-        velocity, gradient = case.flow.velocity(hit.state), section.gradient(hit.state)
+        flow = flow_of(case.flow)
+        velocity, gradient = flow.velocity(hit.state), section.gradient(hit.state)
         along = gradient @ (exact - hit.state).astype(float) / (gradient @ velocity)
         off = (exact - hit.state).astype(float) - along * velocity
-        yield float(np.linalg.norm(off)), case.flow.accuracy * float(np.linalg.norm(hit.state))
+        yield float(np.linalg.norm(off)), flow.accuracy * float(np.linalg.norm(hit.state))
 
 
 def exact_states(cases: list[Case]) -> list[Any]:

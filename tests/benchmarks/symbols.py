@@ -1,0 +1,146 @@
+"""Benchmark of maps and flows of expressions, each beside a peer that is written by hand."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from time import process_time
+from typing import Any
+
+import heyoka as hy
+import numba
+import numpy as np
+
+from dynkit import MapAttractor, PoincareMap, Stroboscope, continue_orbit
+from dynkit.analysis import LyapunovSpectrum
+from dynkit.core.validation import Array
+from dynkit.systems import Duffing, Henon
+from tests.benchmarks.report import table
+from tests.flows.symbolic_flows import SymbolicDuffing, SymbolicLorenz
+
+ITERATES, TIME = 1_000_000, 1000
+START = np.array([1.0, 2.0, 20.0])
+
+
+@numba.njit(error_model="numpy")
+def henon_by_hand(states: Any) -> None:
+    x, y = states[0]
+    for i in range(1, len(states)):
+        x, y = 1.0 - 1.4 * x * x + y, 0.3 * x
+        states[i, 0], states[i, 1] = x, y
+
+
+@numba.njit(error_model="numpy")
+def exponents_by_hand(logs: Any) -> None:
+    x = y = b = 0.0
+    a = 1.0
+    for i in range(len(logs)):
+        slope = -2.8 * x
+        x, y = 1.0 - 1.4 * x * x + y, 0.3 * x
+        # the frame's second direction is across the first: the determinant is -0.3
+        a, b = slope * a + b, 0.3 * a
+        length = np.sqrt(a * a + b * b)
+        a, b = a / length, b / length
+        logs[i, 0], logs[i, 1] = np.log(length), np.log(0.3 / length)
+
+
+def lorenz_by_heyoka() -> Callable[[], None]:
+    x, y, z = hy.make_vars("x", "y", "z")
+    sigma, rho, beta = (hy.par[i] for i in range(3))
+    system = [(x, sigma * (y - x)), (y, x * (rho - z) - y), (z, x * y - beta * z)]
+    equations = hy.var_ode_sys(system, hy.var_args.vars)
+    integrator = hy.taylor_adaptive(equations, START.tolist(), pars=[10.0, 28.0, 8.0 / 3.0])
+
+    def follow() -> None:
+        integrator.state[:3] = START
+        for _ in range(2 * TIME):
+            integrator.time = 0.0
+            integrator.state[3:] = np.eye(3).ravel()
+            integrator.propagate_until(0.5)
+            frame, _ = np.linalg.qr(integrator.state[3:].reshape(3, 3))
+            integrator.state[3:] = frame.ravel()
+
+    return follow
+
+
+def in_turns(*calls: Callable[[], object], runs: int = 5) -> list[float]:
+    """Least seconds of the processor of each call, of runs in turns, those of children included."""
+    best = [np.inf] * len(calls)
+    for _ in range(runs):
+        for i, call in enumerate(calls):
+            began = _clock()
+            call()
+            best[i] = min(best[i], _clock() - began)
+    return best
+
+
+def _clock() -> float:
+    return process_time() + sum(os.times()[2:4])
+
+
+def branch(flow: Any) -> Callable[[], object]:
+    strobed = PoincareMap(flow, Stroboscope(3), time_limit=10.0)
+    orbit = MapAttractor(strobed, np.array([1.2, 0.1]), 200, 20).periodic_orbit()
+    return partial(continue_orbit, orbit, "force", bounds=(0.1, 0.3))
+
+
+def symbols() -> None:
+    henon, states, logs = Henon(), np.zeros((ITERATES + 1, 2)), np.empty((ITERATES, 2))
+    start: Array = np.zeros(2)
+    henon_by_hand(states[:3])
+    exponents_by_hand(logs[:3])
+    henon.stretching(start, 3)
+    lorenz = SymbolicLorenz()
+    lorenz.stretching(START, 1.0, 3)
+    jobs: list[tuple[str, Callable[[], object], Callable[[], object]]] = [
+        (
+            "a million iterates of Henon's map, beside a loop of Numba",
+            lambda: henon.iterate_into(states),
+            lambda: henon_by_hand(states),
+        ),
+        (
+            "their frames, lengths and errors, beside a loop that turns one direction",
+            lambda: henon.stretching(start, ITERATES),
+            lambda: exponents_by_hand(logs),
+        ),
+        (
+            "frames of Lorenz over 1000 units of time, beside heyoka and NumPy's QR",
+            lambda: lorenz.stretching(START, 1.0, TIME),
+            lorenz_by_heyoka(),
+        ),
+        (
+            "exponents of Lorenz over 1000 units of time, beside the same",
+            lambda: (
+                LyapunovSpectrum.of_flow(
+                    lorenz, START, interval=1.0, iterations=TIME * 4 // 5
+                ).exponents
+            ),
+            lorenz_by_heyoka(),
+        ),
+        (
+            "a branch of 47 orbits of Duffing's oscillator, beside `IntegratedFlow`",
+            branch(SymbolicDuffing(force=0.2)),
+            branch(Duffing(force=0.2)),
+        ),
+    ]
+    rows = []
+    for name, ours, peer in jobs:
+        runs = 2 if "Duffing" in name else 5
+        mine, other = in_turns(ours, peer, runs=runs)
+        rows.append((name, f"{1e3 * mine:.4g}", f"{1e3 * other:.4g}", f"{mine / other:.2f}"))
+    table("Maps and flows of expressions, milliseconds", ("job", "dynkit", "peer", "ratio"), rows)
+    first = []
+    for name, code in (
+        ("a map", "from dynkit.systems import Ikeda as S; S().stretching([0.1, 0.1], 10)"),
+        ("a flow", "from dynkit.systems import Chua as S; S().stretching([1.0, 0.1, 0.2], 1.0, 3)"),
+    ):
+        (whole,) = in_turns(partial(subprocess.run, [sys.executable, "-c", code], check=True))
+        first.append((name, f"{whole:.2f}"))
+    table("Seconds of a process that uses a class for the first time", ("class", "s"), first)
+
+
+if __name__ == "__main__":
+    symbols()
