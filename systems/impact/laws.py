@@ -209,7 +209,8 @@ class PlasticBelow(ImpactLaw):
     def expression(self, velocity: Any) -> Any:
         from sympy import Float, Integer, Piecewise
 
-        return Piecewise((Integer(0), velocity < self.velocity), (Float(self.rebound), True))
+        slow = Integer(0), velocity < self.velocity
+        return Piecewise(slow, (Float(self.rebound), True), evaluate=False)
 
 
 @final
@@ -254,7 +255,7 @@ class ViscoelasticSpheres(ImpactLaw):
         from sympy import Max, Rational
 
         root = velocity ** Rational(1, 5)
-        return Max(0, 1 - self.dissipation * root + self.second * root**2)
+        return Max(0, 1 - self.dissipation * root + self.second * root**2, evaluate=False)
 
     @property
     def tail(self) -> tuple[float, float, float, float, float]:
