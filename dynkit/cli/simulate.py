@@ -22,6 +22,7 @@ and in place of the table stops and friction, as HardStop, SoftStop, DryFriction
   kind = "HardStop"
   coordinate = 9
   restitution = 0.7
+or an impact law: restitution = { kind = "PlasticBelow", velocity = 0.05 }, ViscoelasticSpheres.
 """
 
 from __future__ import annotations
