@@ -16,6 +16,7 @@ from dynkit.core.validation import finite_array, finite_scalar, one_of
 from dynkit.systems.impact.elements.element import Element, HardStop, SoftStop
 from dynkit.systems.impact.elements.friction import DryFriction
 from dynkit.systems.impact.elements.jenkins import Jenkins
+from dynkit.systems.impact.elements.laws import PlasticBelow, ViscoelasticSpheres
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 _MOST_VALUES = 1_000_000
 _NUMBERS = "X1,X2,..."
 _ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction, Jenkins)}
+_LAWS = {kind.__name__: kind for kind in (PlasticBelow, ViscoelasticSpheres)}
 _RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 
 
@@ -155,6 +157,8 @@ class Asked(dict[str, Any]):
         if any(name in direct for name in _RANGE):
             options.pop("values", None)
         checked = {name: by_name[name].checked(x) for name, x in {**options, **direct}.items()}
+        if isinstance(checked.get("restitution"), dict):
+            checked["restitution"] = _made("restitution", checked["restitution"], _LAWS)
         return cls(checked | elements)
 
     def only(self, *names: str) -> dict[str, Any]:
@@ -184,7 +188,7 @@ class Asked(dict[str, Any]):
 
     def parameter(self, value: object, name: str = "parameter") -> str:
         """Return the name of a parameter of the chain; ValueError when it has none of this name."""
-        some = ImpactChain(**{"frequency": 1.0, **self.only("masses", "elements")})
+        some = ImpactChain(**{"frequency": 1.0, **self.only("masses", "elements", "restitution")})
         return one_of(name, value, some.parameters)
 
     def start(self, chain: ImpactChain) -> ImpactState | None:
@@ -223,22 +227,25 @@ def _elements(given: object) -> tuple[Element, ...]:
     """Return the elements from tables with a key ``kind``; ValueError when one is refused."""
     if not (isinstance(given, list) and given):
         raise ValueError(f"elements must be tables [[elements]]; got {given!r}")
-    found = []
-    for k, table in enumerate(given):
-        name = f"elements[{k}]"
-        numbers = dict(table) if isinstance(table, dict) else {}
-        kind = _ELEMENTS[one_of(f"{name}.kind", numbers.pop("kind", None), _ELEMENTS)]
-        fields = kind.__dataclass_fields__
-        for key in numbers:
-            one_of(f"a key of {name}", key, [key for key in fields if key != "_"])
-        for key in fields:
-            if key != "_" and key not in numbers and fields[key].default is MISSING:
-                raise ValueError(f"{name}.{key} must be given")
-        try:
-            found.append(kind(**numbers))
-        except ValueError as refusal:
-            raise ValueError(f"{name}: {refusal}") from refusal
-    return tuple(found)
+    return tuple(_made(f"elements[{k}]", table, _ELEMENTS) for k, table in enumerate(given))
+
+
+def _made(name: str, given: object, kinds: Mapping[str, Any]) -> Any:
+    """Return what a table of a file stands for, by its kind; ValueError for what is none."""
+    numbers = dict(given) if isinstance(given, dict) else {}
+    kind = kinds[one_of(f"{name}.kind", numbers.pop("kind", None), kinds)]
+    fields = {key: entry for key, entry in kind.__dataclass_fields__.items() if key != "_"}
+    for key in numbers:
+        one_of(f"a key of {name}", key, fields)
+    for key, entry in fields.items():
+        if key not in numbers and entry.default is MISSING:
+            raise ValueError(f"{name}.{key} must be given")
+        if isinstance(numbers.get(key), dict):
+            numbers[key] = _made(f"{name}.{key}", numbers[key], _LAWS)
+    try:
+        return kind(**numbers)
+    except ValueError as refusal:
+        raise ValueError(f"{name}: {refusal}") from refusal
 
 
 def values_of(options: Mapping[str, Any]) -> Array:

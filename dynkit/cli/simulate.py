@@ -22,6 +22,7 @@ and, in place of the table, elements of kind HardStop, SoftStop, DryFriction or 
   kind = "HardStop"
   coordinate = 9
   restitution = 0.7
+or an impact law: restitution = { kind = "PlasticBelow", velocity = 0.05 }, ViscoelasticSpheres.
 """
 
 from __future__ import annotations

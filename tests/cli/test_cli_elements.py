@@ -57,6 +57,21 @@ def test_their_numbers_are_swept_and_mapped(capsys: pytest.CaptureFixture[str]) 
     assert "elements[0].restitution" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", ["elements[0].restitution", "restitution"])
+def test_a_file_describes_an_impact_law(
+    name: str, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = 'restitution = { kind = "PlasticBelow", velocity = 0.02, rebound = 0.7 }'
+    table = MACHINE.partition("[[elements]]")[0] + law
+    machine = MACHINE.replace("restitution = 0.7", law)
+    file.write_text(table if name == "restitution" else machine)
+    assert main(["simulate", "machine.toml"]) == 0
+    capsys.readouterr()
+    values = ["--parameter", f"{name}.velocity", "--values", "0.02,0.1", "--keep", "20"]
+    assert main(["sweep", "machine.toml", *values]) == 0
+    assert f"{name}.velocity" in capsys.readouterr().out
+
+
 def test_an_orbit_of_the_machine_is_followed(capsys: pytest.CaptureFixture[str]) -> None:
     bounds = ["--parameter", "joint.force", "--from", "0.049", "--to", "0.051"]
     assert main(["continue", "machine.toml", *bounds]) == 0
@@ -88,6 +103,12 @@ def test_what_has_no_orbits_yet_takes_one_line(capsys: pytest.CaptureFixture[str
         (
             '[[elements]]\nkind = "HardStop"\ncoordinate = 0\nrestitution = 2',
             "elements[0]: restitution must lie in [0, 1]; got 2",
+        ),
+        ('restitution = { kind = "Soft" }', "restitution.kind must be one of: PlasticBelow, Visco"),
+        ('restitution = { kind = "PlasticBelow" }', "restitution.velocity must be given"),
+        (
+            'restitution = { kind = "PlasticBelow", velocity = -1 }',
+            "restitution: velocity must not be negative; got -1",
         ),
         (
             '[[elements]]\nkind = "DryFriction"\ncoordinate = 0\nforce = 1\nmass = 2',

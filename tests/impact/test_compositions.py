@@ -119,7 +119,8 @@ def test_special_oscillators_have_their_own_stops() -> None:
 
 
 def test_numbers_of_elements_are_parameters() -> None:
-    own = [f"elements[1].{n}" for n in ("offset", "amplitude", "phase", "stiffness", "damping")]
+    names = "offset", "amplitude", "phase", "stiffness", "damping", "preload"
+    own = [f"elements[1].{n}" for n in names]
     table = [f"table.{n}" for n in ("offset", "amplitude", "phase", "restitution")]
     assert set(PAIR.parameters) == {"frequency", "damping", "springs", *own, *table}
     other = PAIR.replace(

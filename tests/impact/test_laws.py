@@ -2,7 +2,9 @@
 
 import pickle
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -69,6 +71,7 @@ def dropped(law: ImpactLaw, speed: float, count: int) -> tuple[list[Any], list[A
 # --- the law itself -------------------------------------------------------------------------------
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("law", LAWS)
 def test_values_and_slopes_are_those_of_the_expression(law: ImpactLaw) -> None:
     r, velocities = in_many_digits(law), 10.0 ** np.linspace(-12.0, 1.0, 40)
@@ -82,6 +85,7 @@ def test_values_and_slopes_are_those_of_the_expression(law: ImpactLaw) -> None:
 u = sympy.Symbol("u", positive=True)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize(
     ("expression", "value"),
     [
@@ -130,7 +134,23 @@ def test_a_law_that_loses_too_little_at_slow_impacts_never_ends() -> None:
         record = ball(law).simulate(impacts=300, start=ball(law).state([0.0], [0.3]))
         assert record.ending is Ending.COUNT_REACHED
         assert not len(record.sticking)
-    assert Rooted(0.4, 0.5).tail == pytest.approx((1.0, 0.4, 0.5, 0.08, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("expression", "tail"),
+    [
+        (sympy.exp(-0.4 * u**0.5), (1.0, 0.4, 0.5, 0.08, 1.0)),
+        (sympy.Max(0, 1 - 0.3 * u ** sympy.Rational(1, 5)), (1.0, 0.3, 0.2, 0.0, 0.0)),
+        (1 - 0.4 * sympy.tanh(u**0.3), (1.0, 0.4, 0.3, 0.4 / 3, 0.9)),
+        (1 - 0.3 * u**0.2 + 0.05 * u, (1.0, 0.3, 0.2, 0.05, 1.0)),
+        (1 - sympy.sqrt(u) * sympy.log(1 + 1 / u) / 9, (1.0, 0.0, 0.0, 0.0, 0.0)),
+        (1 / (1 + u), (1.0, 0.0, 0.0, 0.0, 0.0)),
+        (0.9 - u**0.5, (0.9, 0.0, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_how_slow_impacts_rebound_is_found(expression: Any, tail: tuple[float, ...]) -> None:
+    found = law_of(lambda velocity: expression.subs(u, velocity))
+    assert found.tail == pytest.approx(tail, rel=1e-9)
 
 
 # --- motions --------------------------------------------------------------------------------------
@@ -356,6 +376,18 @@ def test_laws_travel_between_processes(law: ImpactLaw) -> None:
     assert again == chain
     assert again.restitution == law
     assert np.array_equal(again.simulate(impacts=20).states, states)
+
+
+def test_processes_sweep_laws_of_ones_own() -> None:
+    chain = ImpactChain(masses=2, frequency=0.9, restitution=Hardening(0.5, 1.0))
+    asked: Any = {"parameter": "restitution.low", "values": [0.3, 0.6], "transient": 30, "keep": 5}
+    asked |= {"follow": False, "progress": False}
+    alone = sweep(chain, **asked)
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        there = sweep(chain, **asked, executor=executor)
+    assert np.array_equal(
+        there.observable("relative_velocity"), alone.observable("relative_velocity")
+    )
 
 
 def test_a_store_knows_the_law(tmp_path: Any) -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 
@@ -64,17 +66,17 @@ def evaluate(program: Array, velocity: float, registers: Array) -> float:
         elif what == POWER:
             value = x**y
         elif what == EXP:
-            value = math.exp(x)
+            value = np.exp(x)
         elif what == LOG:
-            value = math.log(x) if x > 0.0 else -math.inf if x == 0.0 else math.nan
+            value = np.log(x)
         elif what == SIN:
-            value = math.sin(x)
+            value = np.sin(x)
         elif what == COS:
-            value = math.cos(x)
+            value = np.cos(x)
         elif what == TANH:
-            value = math.tanh(x)
+            value = np.tanh(x)
         elif what == ATAN:
-            value = math.atan(x)
+            value = np.arctan(x)
         elif what == LESS:
             value = 1.0 if x < y else 0.0
         else:

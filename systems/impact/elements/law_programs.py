@@ -27,6 +27,12 @@ from dynkit.systems.impact.elements.law_kernels import (
 if TYPE_CHECKING:
     import sympy
 
+_DIGITS, _MOST_DIGITS = 100, 2000
+"""Digits of 1 - r, and of its terms, which cancel."""
+
+_LEAST, _SAME = 0.1, 1e-6
+"""The smallest power of which sums are known, and by how much it may differ between velocities."""
+
 
 def checked(given: Any, velocity: sympy.Symbol) -> Any:
     """The expression of a law; ValueError for what is none of the velocity alone."""
@@ -136,21 +142,29 @@ class _Writer:
 
 
 def tail_of(expression: Any, velocity: sympy.Symbol) -> tuple[float, float, float, float, float]:
-    """`ImpactLaw.tail` of a law with r(0+) = 1: its leading terms, where SymPy finds them."""
-    from sympy import PoleError
+    """`ImpactLaw.tail` of a law with r(0+) = 1, from its values in many digits at tiny velocities.
 
-    found, left = [], 1 - expression
-    try:
-        for _ in range(2):
-            if left == 0:
-                found.append((0.0, 0.0))
-                continue
-            scale, power = left.leadterm(velocity)
-            found.append((float(scale), float(power)))
-            left = (left - scale * velocity**power).expand()
-    except (NotImplementedError, PoleError, TypeError, ValueError):
-        found += [(0.0, 0.0)] * (2 - len(found))
-    (scale, power), (more, next_power) = found
-    if not scale > 0.0:
+    Where 1 - r is a power there; the next term is what that leaves.
+    """
+    from sympy import Float, log
+
+    ten, lost = Float(10, _DIGITS), 1 - expression
+    values = {
+        n: lost.evalf(_DIGITS, subs={velocity: ten**n}, maxn=_MOST_DIGITS)
+        for n in (-40, -60, -100, -200, -300)
+    }
+
+    def power(of: Any, high: int, low: int) -> Any:
+        return log(of[high] / of[low], 10).evalf(_DIGITS) / (high - low)
+
+    if not all(value.is_Float and value > 0 for value in values.values()):
         return 1.0, 0.0, 0.0, 0.0, 0.0
-    return 1.0, scale, power, -more, next_power
+    p = power(values, -200, -300)
+    if not (_LEAST <= p < 1 and abs(p - power(values, -100, -200)) < _SAME):
+        return 1.0, 0.0, 0.0, 0.0, 0.0
+    scale = values[-300] / ten ** (-300 * p)
+    left = {n: scale * ten ** (n * p) - values[n] for n in (-40, -60)}
+    if abs(left[-40]) < ten**-60 * values[-40] or left[-40] * left[-60] <= 0:
+        return 1.0, float(scale), float(p), 0.0, 0.0
+    q = power(left, -40, -60)
+    return 1.0, float(scale), float(p), float(left[-60] / ten ** (-60 * q)), float(q)

@@ -46,8 +46,8 @@ class ImpactOscillator(ImpactMap):
     ----------
     frequency : float
         Angular frequency of the table and of the forces, positive.
-    restitution : float
-        Coefficient of restitution in [0, 1].
+    restitution : float or ImpactLaw
+        Coefficient of restitution in [0, 1]. Or a law by which it depends on the approach velocity.
     amplitude : float
         Amplitude of the table, not negative. A stop at rest has amplitude 0.
     offset : float
