@@ -210,15 +210,16 @@ class Automaton:
     def _build(self, regimes: tuple[int, ...]) -> None:
         number, now = len(self.modes), self.parts.now(regimes)
         structure, drive = self._structure, self._drive
-        sliders = []
+        sliders, springs = [], []
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             row = element.row(structure.size)
             if k in self.sliders:
                 behind = None if regime.anchored else element.sign * regime.stretch
                 row[self.sliders[k]] = -1.0 if regime.anchored else 0.0
                 sliders.append(Slider(element, self.sliders[k], behind))
-            structure = structure.stiffened(row, regime.stiffness, regime.damping)
+            springs.append((row, regime.stiffness, regime.damping))
             drive = drive.pulled(element, regime)
+        structure = structure.stiffened(springs)
         grips = self.parts.grips(regimes)
         held, sticking = ([self._elements[k] for k in part] for part in grips)
         places = range(len(now))

@@ -29,6 +29,7 @@ class Parts:
         self._elements, self._structure = tuple(elements), structure
         self._regimes = [element.regimes for element in elements]
         self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
+        self._sliders = [k for k, element in enumerate(elements) if element.slider]
         rubs = [k for k, element in enumerate(elements) if isinstance(element, DryFriction)]
         self._leads = {k: next((j for j in rubs if j < k and self.along((j,), k)), k) for k in rubs}
         for k, element in enumerate(elements):
@@ -81,8 +82,8 @@ class Parts:
             leader = self._leads[k]
             back = dict(self.led(leader))[k] * self._elements[k].sign * self._elements[leader].sign
             regimes[k] = TURNED[regimes[leader]] if back < 0.0 else regimes[leader]
-        for k, element in enumerate(self._elements):
-            if element.slider and self.along(both, k):
+        for k in self._sliders:
+            if self.along(both, k):
                 regimes[k] = 0
         return tuple(regimes)
 
