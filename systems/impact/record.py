@@ -425,8 +425,9 @@ class ImpactRecord(Result):
     def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset; its time counts from the start.
 
-        Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. The `error`,
-        which simulates, is in it when it was asked for before.
+        Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``, and with
+        `Jenkins` elements ``slider``. The `error`, which simulates, is in it when it was asked for
+        before.
 
         Examples
         --------
@@ -446,6 +447,7 @@ class ImpactRecord(Result):
                 "energy": (each, self.energy),
                 "position": ((each, "mass"), self.position),
                 "velocity": ((each, "mass"), self.velocity),
+                **({"sliders": ((each, "slider"), self.sliders)} if self.system._sliders else {}),
                 "contact_begin": ("contact", begins),
                 "contact_end": ("contact", ends),
                 **known_error(self, each),

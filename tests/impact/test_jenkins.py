@@ -165,6 +165,7 @@ def test_the_state_goes_everywhere() -> None:
     record = attractor.record
     assert record.states.shape == (40, MACHINE.dimension) == (40, 9)
     assert record.sliders == pytest.approx(record.states[:, 4:7], abs=0.0)
+    assert record.to_xarray().sliders.dims == ("impact", "slider")
     back = MACHINE.impact_state(record.states[-1])
     assert back.sliders == pytest.approx(record.sliders[-1], abs=1e-14)
     assert MACHINE.section_state(record.final) == pytest.approx(record.states[-1], abs=1e-13)
