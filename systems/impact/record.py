@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -84,8 +85,11 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     """Take a twin on by as many impacts; the largest distances, (n,), are modified in place."""
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
-    other = ImpactRecord(batch.system, batch._run.holding(twin.advance(more, store=True)))
-    system, k = batch.system, len(other)
+    system, log = batch.system, twin.advance(more, store=True)
+    automaton = system._automaton  # the twin may have entered modes that the motion did not
+    regimes, guards = tuple(automaton.regimes), automaton.table
+    run = replace(batch._run.holding(log), regimes=regimes, guards=guards)
+    other, k = ImpactRecord(system, run), len(log.time)
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
     # Phases that are turns apart may look alike; what rounding of the times hides does not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
