@@ -58,6 +58,19 @@ class Parts:
         group = [k for k, leader in self._leads.items() if leader == element]
         return [(k, float(rows[k] @ own / (own @ own))) for k in group]
 
+    def halted(self, given: Sequence[int], element: int, *, jumps: bool) -> list[int]:
+        """Regimes where a slider turns: what slips along the same over the same surface sticks.
+
+        Where its rate has jumped, other sliders do.
+        """
+        regimes, both = list(given), sum(self.grips(given), ())
+        along = (*both, element) if self.along(both, element) is False else (element,)
+        for k, own in enumerate(self._regimes):
+            slips = k in self._sliders or (own[regimes[k]].halts and not jumps)
+            if slips and self.along(along, k):
+                regimes[k] = next(j for j, r in enumerate(own) if r.sticks or r.anchored)
+        return regimes
+
     def settled(self, given: Sequence[int]) -> tuple[int, ...]:
         """Regimes that go together.
 
