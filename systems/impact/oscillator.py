@@ -72,8 +72,8 @@ class ImpactOscillator(ImpactMap):
         What acts in place of the table: any number of `HardStop`, `SoftStop`, `DryFriction` and
         `Jenkins`, each on a coordinate, between two, or along any row. Then restitution, amplitude,
         offset, contact, side and play are not given, and the numbers of elements are parameters,
-        such as ``"elements[1].stiffness"``. The section leaves out the coordinate with the largest part in
-        the row, of a pair (i, j) the second one. With several hard stops its last coordinate is
+        such as ``"elements[1].stiffness"``. The section leaves out the coordinate with the largest
+        part in the row, of a pair (i, j) the second one. With several hard stops its last one is
         the phase plus 4 pi times the number of the stop that is hit. Without a hard stop the map
         is that over a period of the forcing, from phase 0: its states are positions and velocities,
         and what is said of impacts is then said of these moments. Sliders of `Jenkins` elements
