@@ -69,14 +69,15 @@ class ImpactOscillator(ImpactMap):
         left out changes by no more than a thousand times this. The changes made, as contact begins,
         are summed up in the record's ``chatter_error``.
     elements : sequence of Element, optional
-        What acts in place of the table: any number of `HardStop`, `SoftStop` and `DryFriction`,
-        each on a coordinate, between two, or along any row. Then restitution, amplitude, offset,
-        contact, side and play are not given, and the numbers of elements are parameters, such as
-        ``"elements[1].stiffness"``. The section leaves out the coordinate with the largest part in
-        the row, of a pair (i, j) the second one. With several hard stops its last coordinate is
+        What acts in place of the table: any number of `HardStop`, `SoftStop`, `DryFriction` and
+        `Jenkins`, each on a coordinate, between two, or along any row. Then restitution, amplitude,
+        offset, contact, side and play are not given, and the numbers of elements are parameters,
+        such as ``"elements[1].stiffness"``. The section leaves out the coordinate with the largest
+        part in the row, of a pair (i, j) the second one. With several hard stops its last one is
         the phase plus 4 pi times the number of the stop that is hit. Without a hard stop the map
         is that over a period of the forcing, from phase 0: its states are positions and velocities,
-        and what is said of impacts is then said of these moments.
+        and what is said of impacts is then said of these moments. Sliders of `Jenkins` elements
+        are coordinates after the velocities.
 
     Raises
     ------

@@ -39,7 +39,8 @@ class EnergyBalance:
         under the name of its parameters. Their sum is the change, but for the error.
     dissipated : dict of str to float
         What becomes heat, in dashpots and elements: what these do not give back, nor take from
-        their own motion. Of a chatter all that is left out is a stop's.
+        their own motion. Of a chatter all that is left out is a stop's. While friction sticks
+        together the share of each is open: they have the least forces, as a sum of squares.
     error : float
         By how much the work misses the change, or what rounding makes of their terms.
     cost : Cost

@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -89,8 +90,11 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     """Take a twin on by as many impacts; the largest distances, (n,), are modified in place."""
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
-    other = ImpactRecord(batch.system, batch._run.holding(twin.advance(more, store=True)))
-    system, k = batch.system, len(other)
+    system, log = batch.system, twin.advance(more, store=True)
+    automaton = system._automaton  # the twin may have entered modes that the motion did not
+    regimes, guards = tuple(automaton.regimes), automaton.table
+    run = replace(batch._run.holding(log), regimes=regimes, guards=guards)
+    other, k = ImpactRecord(system, run), len(log.time)
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
     # Phases that are turns apart may look alike; what rounding of the times hides does not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
@@ -430,8 +434,9 @@ class ImpactRecord(Result):
     def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset; its time counts from the start.
 
-        Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. The `error`,
-        which simulates, is in it when it was asked for before.
+        Dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``, and with
+        `Jenkins` elements ``slider``. The `error`, which simulates, is in it when it was asked for
+        before.
 
         Examples
         --------
@@ -451,6 +456,7 @@ class ImpactRecord(Result):
                 "energy": (each, self.energy),
                 "position": ((each, "mass"), self.position),
                 "velocity": ((each, "mass"), self.velocity),
+                **({"sliders": ((each, "slider"), self.sliders)} if self.system._sliders else {}),
                 "contact_begin": ("contact", begins),
                 "contact_end": ("contact", ends),
                 **known_error(self, each),

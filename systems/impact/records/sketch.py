@@ -161,6 +161,8 @@ class _Pen:
         back, ahead = (0.0, 0.0) if pair else (0.8, 0.8) if rubs else (0.9, 0.0)
         if _by(element) is None and not (pair or rubs):
             back = 0.6
+        if element.slider and not pair:
+            ahead += 0.7
         if element.sign < 0 and not rubs:
             back, ahead = ahead, back
         end = high + ahead + 0.15
@@ -168,7 +170,7 @@ class _Pen:
         for x in places:
             self._line([x, x], [-_HALF, y], linestyle="-" if pair or low == high else ":")
         if pair and rubs:
-            self._rub(low, high, y)
+            self._rub(low, high, y, "spring" if element.slider else None)
         elif pair:
             stretched = element.sign * row[np.flatnonzero(row)[-1]] < 0.0
             (self._cage if stretched else self._stop)(low, high, y, _by(element))
@@ -207,7 +209,10 @@ class _Pen:
             self._arrow(wall + 0.1 * side, y - 0.33, 0.0)
 
     def _surface(self, x: float, y: float, element: Element) -> None:
-        """A surface below a slider."""
+        """A surface below a slider, which may be behind a spring."""
+        if element.slider:
+            self._link("spring", (x, y), (x + 0.4, y))
+            x += 0.7
         self._box(x - 0.3, y - 0.12, 0.6, 0.2)
         self._line([x - 0.8, x + 0.8], [y - 0.12] * 2)
         self._wall(x - 0.8, y - 0.26, 1.6, 0.14)
@@ -238,11 +243,11 @@ class _Pen:
         else:
             self._line([start, end], [y, y])
 
-    def _rub(self, low: float, high: float, y: float) -> None:
+    def _rub(self, low: float, high: float, y: float, by: str | None) -> None:
         """Between two masses: one slides along the other."""
         middle = 0.5 * (low + high)
         self._box(middle - 0.3, y - 0.12, 0.6, 0.24)
-        self._line([low, middle - 0.3], [y, y])
+        self._rod(low, middle - 0.3, y, by)
         self._line([middle - 0.6, high, high], [y - 0.12, y - 0.12, y])
         self._wall(middle - 0.6, y - 0.26, 1.2, 0.14)
 

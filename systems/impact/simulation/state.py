@@ -51,8 +51,6 @@ class ImpactState:
     motion : Motion
     closed : tuple of int
         Other stops that are in contact, and friction that sticks.
-    sliders : (J,)
-        Places of the sliders of `Jenkins` elements, in their order, read-only.
     """
 
     speed: float
@@ -80,6 +78,7 @@ class ImpactState:
 
     @property
     def sliders(self) -> Array:
+        """Places (J,) of the sliders of `Jenkins` elements, read-only."""
         return self._place[0][self._system.degrees_of_freedom :]
 
     @cached_property
