@@ -165,6 +165,7 @@ def test_the_state_goes_everywhere() -> None:
     record = attractor.record
     assert record.states.shape == (40, MACHINE.dimension) == (40, 9)
     assert record.sliders == pytest.approx(record.states[:, 4:7], abs=0.0)
+    assert record.to_xarray().sliders.dims == ("impact", "slider")
     back = MACHINE.impact_state(record.states[-1])
     assert back.sliders == pytest.approx(record.sliders[-1], abs=1e-14)
     assert MACHINE.section_state(record.final) == pytest.approx(record.states[-1], abs=1e-13)
@@ -363,10 +364,8 @@ def random_machine(seed: int, *, hit: bool) -> tuple[ImpactChain, Array, Array]:
     return chain, place, random.normal(size=n)
 
 
-@pytest.mark.parametrize("hit", [False, True])
-@pytest.mark.parametrize("seed", range(12))
-def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
-    chain, place, velocity = random_machine(seed, hit=hit)
+def agrees(chain: ImpactChain, place: Array, velocity: Array, *, hit: bool) -> None:
+    """Assert that a motion is the one in many digits."""
     record = chain.simulate(impacts=4, start=chain.state(place, velocity))
     run = record._run
     cut = run.switches.before[run.switches.speed > 0.0]  # the reference does not end chatter
@@ -391,3 +390,59 @@ def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
     assert (np.array(late) * chain.frequency <= record.error[:count] + 2.0**-48).all()
     assert apart.max() < 1e-10
     assert record.energy_balance().error < 1e-12
+
+
+@pytest.mark.parametrize("hit", [False, True])
+@pytest.mark.parametrize("seed", range(12))
+def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
+    agrees(*random_machine(seed, hit=hit), hit=hit)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_friction_along_the_row_of_sliders_halts_with_them(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n, force, belt = int(random.integers(1, 3)), random.uniform(0.1, 0.4), random.uniform(-0.2, 0.2)
+    row: Any = 0 if n == 1 else (0, 1)
+    surface: dict[str, Any] = {"velocity": random.choice([0.0, belt]), "phase": 1.0}
+    surface["amplitude"] = random.choice([0.0, 0.2])
+    elements: list[Any] = [
+        Jenkins(row, stiffness=spring, force=slip, **surface)
+        for spring, slip in random.uniform([0.5, 0.05], [4.0, 0.3], (2, 2)).tolist()
+    ]
+    static = random.choice([force, 1.4 * force])
+    elements.insert(seed % 3, DryFriction(row, force=force, static=static, **surface))
+    chain = ImpactChain(
+        masses=n,
+        frequency=random.uniform(0.4, 1.6),
+        harmonic_forces=random.normal(size=n),
+        elements=elements,
+    )
+    agrees(chain, random.normal(size=n), random.normal(size=n), hit=False)
+
+
+def test_where_a_slider_turns_friction_along_the_same_halts() -> None:
+    machine = block(
+        JOINT, DryFriction(0, force=0.1, static=0.2), DryFriction(0, force=0.1, velocity=1.0)
+    )
+    parts = machine._automaton.parts
+    assert parts.halted([1, 1, 2], 0, jumps=False) == [0, 3, 2]
+    assert parts.halted([1, 1, 2], 0, jumps=True) == [0, 1, 2]
+
+
+def test_a_block_that_halts_on_sliders_and_friction_sticks() -> None:
+    # found among random machines: friction had turned there without sticking
+    joints = [
+        Jenkins(0, stiffness=2.71989812574495, force=0.30997736817956884, side="below"),
+        Jenkins(0, stiffness=2.045896541400679, force=0.20562130265745887, side="below"),
+        Jenkins(0, stiffness=3.5349270862800832, force=0.11237402206167668),
+    ]
+    rub = DryFriction(0, force=0.39860032480476926, static=0.558040454726677)
+    chain = ImpactChain(
+        masses=(1.5099071635270678,),
+        damping=0.0,
+        frequency=0.76264945602738,
+        harmonic_forces=[0.42113165522656165],
+        constant_forces=[-0.06983328568941138],
+        elements=[*joints[:2], rub, joints[2]],
+    )
+    agrees(chain, np.array([2.43309624060453]), np.array([-0.9508479465447343]), hit=False)

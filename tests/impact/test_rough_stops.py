@@ -149,13 +149,6 @@ def test_orbits_derivatives_and_labels_pass_rough_stops() -> None:
             assert abs(exact[:, k] - change).max() < 1e-6 * max(1.0, abs(exact).max())
 
 
-def test_friction_along_what_other_friction_holds_is_refused() -> None:
-    twice = [DryFriction(0, force=0.1), DryFriction(0, force=0.2)]
-    chain = ImpactChain(masses=2, frequency=0.7, harmonic_forces=[0.0, 1.0], elements=twice)
-    with pytest.raises(NotImplementedError, match=r"other friction holds, .* got DryFriction"):
-        chain.simulate(impacts=50)
-
-
 def random_machine(seed: int) -> tuple[ImpactChain, Array, Array]:
     """One to three masses, a stop with friction along the same row, maybe more; where it starts."""
     random = np.random.default_rng(seed)

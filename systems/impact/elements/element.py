@@ -392,6 +392,10 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
             raise ValueError(
                 f"elements[{k}] must not be hit, nor hold, which is for HardStop; got {element!r}"
             )
+        if element.slider and not element.regimes[0].anchored:
+            raise ValueError(
+                f"elements[{k}] must stick in its first regime, as it does in one; got {element!r}"
+            )
     names = [element.name for element in elements if element.name]
     for name in names:
         if names.count(name) > 1:

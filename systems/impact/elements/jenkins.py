@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.validation import finite_scalar, non_negative, positive, positive_integer
-from dynkit.systems.impact.elements.element import Element, Regime, Watch
+from dynkit.systems.impact.elements.element import JUMP, SWITCH, Element, Regime, Watch
 
 
 @final
@@ -75,10 +75,14 @@ class Jenkins(Element):
         yields = tuple(
             Watch(to=to, stretch=sign * k, level=force) for to, sign in ((1, -1.0), (2, 1.0))
         )
+        forward, backward = (
+            tuple(Watch(to=0, rate=sign, event=event) for event in (JUMP, SWITCH))
+            for sign in (1.0, -1.0)
+        )
         return (
             Regime(yields, stiffness=k, anchored=True),
-            Regime((Watch(to=0, rate=1.0),), push=-force, stretch=force / k),
-            Regime((Watch(to=0, rate=-1.0),), push=force, stretch=-force / k),
+            Regime(forward, push=-force, stretch=force / k),
+            Regime(backward, push=force, stretch=-force / k),
         )
 
 

@@ -39,8 +39,9 @@ class StuckModes(Basis):
         told = np.zeros((n, h))
         told[held.pivots] = held.told
         self._spread = spread
-        none = np.zeros(h)
-        own = Pairs.oscillators(none, none, none, none)[0]
+        none = np.zeros(1)
+        moves, stays = Pairs.oscillators(none, none, none, none)[0], Pairs.constant()
+        own = Pairs.join(*(stays if rests else moves for rests in still.tolist()))
         place, drag = np.zeros((2, m, h))
         if held.structure is None:
             self.pairs = own

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, final
@@ -44,7 +45,7 @@ class Structure:
         self.size, self.sliders = len(self.mass), sliders
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
-        self._stiffened: dict[tuple[bytes, float, float], Structure] = {}
+        self._stiffened: dict[tuple[tuple[bytes, float, float], ...], Structure] = {}
         self._contacts: dict[bytes, Contact] = {}
         self._held: dict[bytes, Held] = {}
         self._without: dict[bytes, Structure | None] = {}
@@ -87,14 +88,18 @@ class Structure:
         other.free, other._contacts, other.seen = basis, {}, {}
         return other
 
-    def stiffened(self, row: Array, stiffness: float, damping: float) -> Structure:
-        """The same with a spring and a dashpot more along a row (N,) of coordinates; kept."""
-        if stiffness == damping == 0.0:
+    def stiffened(self, springs: Sequence[tuple[Array, float, float]]) -> Structure:
+        """The same with springs and dashpots more along rows (N,) of coordinates; kept."""
+        added = [(row, k, c) for row, k, c in springs if k or c]
+        if not added:
             return self
-        key = row.tobytes(), stiffness, damping
+        key = tuple((row.tobytes(), k, c) for row, k, c in added)
         if key not in self._stiffened:
-            along = np.outer(row, row)
-            c, k = self.damping + damping * along, self.stiffness + stiffness * along
+            c, k = self.damping.copy(), self.stiffness.copy()
+            for row, spring, dashpot in added:
+                along = np.outer(row, row)
+                c += dashpot * along
+                k += spring * along
             given = Derivation.from_matrices(self.mass, c, k)
             self._stiffened[key] = Structure(given, self.sliders)
         return self._stiffened[key]

@@ -75,12 +75,13 @@ class ImpactOscillator(ImpactMap):
         not be given. The numbers of elements are parameters, such as ``"elements[1].stiffness"``.
         The section omits the coordinate with the largest entry in the stop's row; of a pair (i, j)
         it omits x_j. With several hard stops its last coordinate is the phase plus 4 pi times the
-        number of the stop. Without a hard stop the map takes the state from one period of the
-        forcing to the next, at phase 0; its states are positions and velocities, and every count of
-        impacts is a count of periods. Without a hard stop and without harmonic forces or motions,
-        the section is where the first friction comes to a halt, or without friction where the gap
-        of the first soft stop closes. Its 2N - 1 coordinates omit the velocity, or the position,
-        that is fixed there, and every count of impacts is a count of returns.
+        number of the stop. Positions of the sliders of `Jenkins` elements come after the
+        velocities. Without a hard stop the map takes the state from one period of the forcing to
+        the next, at phase 0; its states are positions and velocities, and every count of impacts is
+        a count of periods. Without a hard stop and without harmonic forces or motions, the section
+        is where the first friction comes to a halt, or without friction where the gap of the first
+        soft stop closes. Its 2N - 1 coordinates omit the velocity, or the position, that is fixed
+        there, and every count of impacts is a count of returns.
 
     Raises
     ------

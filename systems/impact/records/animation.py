@@ -66,10 +66,14 @@ def poses_at(record: ImpactRecord, times: Array) -> list[Pose]:
     system, names = record.system, element_names(record.system)
     x = record.sample(times)[0]
     scale = _scale(system, x)
-    known = {what: [n for n in names if f"{n}.{what}" in system.observables] for what in _OBSERVED}
     gaps, slips = (
-        {name: record.observable(f"{name}.{what}", times) for name in known[what]}
-        for what in _OBSERVED
+        {
+            name: record.observable(f"{name}.{what}", times)
+            for name in names
+            for what in kinds
+            if f"{name}.{what}" in system.observables
+        }
+        for kinds in (("gap", "stretch"), ("slip_velocity",))
     )
     fading = _FADES * (times[-1] - times[0]) / max(len(times) - 1, 1)
     struck = {name: _since(record, names.index(name), times) for name in gaps}
@@ -85,9 +89,6 @@ def poses_at(record: ImpactRecord, times: Array) -> list[Pose]:
         )
         for i in range(len(times))
     ]
-
-
-_OBSERVED = "gap", "slip_velocity"
 
 
 def _since(record: ImpactRecord, element: int, times: Array) -> Array:

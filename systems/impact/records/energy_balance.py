@@ -40,7 +40,8 @@ class EnergyBalance:
     dissipated : dict of str to float
         Energy that becomes heat in dashpots and in each element. Energy that an element stores and
         returns, and work done by its own motion, are not part of it. The energy of the omitted
-        bounces of a chatter is dissipated by the stop.
+        bounces of a chatter is dissipated by the stop. Friction elements that stick together have
+        the forces with the least sum of squares, since their shares are not determined.
     error : float
         Difference between the change and the sum of the work, or the rounding of their terms if
         that is larger.

@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -97,8 +98,11 @@ def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
     """Advance a twin by the batch's impacts; the largest distances, (n,), are modified in place."""
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
-    other = ImpactRecord(batch.system, batch._run.holding(twin.advance(more, store=True)))
-    system, k = batch.system, len(other)
+    system, log = batch.system, twin.advance(more, store=True)
+    automaton = system._automaton  # the twin may have entered modes that the motion did not
+    regimes, guards = tuple(automaton.regimes), automaton.table
+    run = replace(batch._run.holding(log), regimes=regimes, guards=guards)
+    other, k = ImpactRecord(system, run), len(log.time)
     gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
     # Phases that differ by whole turns compare as equal; times do not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
@@ -555,8 +559,9 @@ class ImpactRecord(Result):
     def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset, with times from the start.
 
-        Its dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``. It holds
-        the `error`, which takes further simulations, only if that was computed before.
+        Its dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``, and with
+        `Jenkins` elements ``slider``. It holds the `error`, which takes further simulations, only
+        if that was computed before.
 
         Examples
         --------
@@ -576,6 +581,7 @@ class ImpactRecord(Result):
                 "energy": (each, self.energy),
                 "position": ((each, "mass"), self.position),
                 "velocity": ((each, "mass"), self.velocity),
+                **({"sliders": ((each, "slider"), self.sliders)} if self.system._sliders else {}),
                 "contact_begin": ("contact", begins),
                 "contact_end": ("contact", ends),
                 **known_error(self, each),

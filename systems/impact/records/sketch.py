@@ -41,7 +41,7 @@ class Pose(NamedTuple):
     shift : (N,)
         Displacements of the masses.
     gaps : dict of str to float
-        Gaps of stops, by name; by default they are drawn at a fixed distance.
+        Gaps of stops, and stretches of springs to sliders, by name; by default they are fixed.
     struck : dict of str to float
         Stops that were just hit, by name, and how recently: from 1 down to 0.
     stuck : collection of str
@@ -195,6 +195,8 @@ class _Pen:
         back, ahead = (0.0, 0.0) if pair else (0.8, 0.8) if rubs else (0.9, 0.0)
         if _by(element) is None and not (pair or rubs):
             back = 0.6
+        if element.slider and not pair:
+            ahead += 0.7
         if element.sign < 0 and not rubs:
             back, ahead = ahead, back
         end = max(high + ahead + 0.15, self._pose.margin)
@@ -204,17 +206,16 @@ class _Pen:
         for k in some:
             self._line([self._at(k)] * 2, [-_HALF, y], linestyle=look)
         home, (low, high) = low, (self._at(k) for k in (some[0], some[-1]))
+        gap, hit = self._pose.gaps.get(name), self._pose.struck.get(name, 0.0)
         if not pair:
             self._line([low, high], [y, y])
         if rubs:
             fill = {"facecolor": ink(0.5)} if name in self._pose.stuck else {}
             if pair:
-                self._rub(low, high, y, fill)
+                self._rub(low, high, y, "spring" if element.slider else None, fill)
             else:
-                self._surface(low, home, y, element, fill)
-            return
-        gap, hit = self._pose.gaps.get(name), self._pose.struck.get(name, 0.0)
-        if pair:
+                self._surface(low, home, y, gap, element, fill)
+        elif pair:
             stretched = element.sign * row[some[-1]] < 0.0
             (self._cage if stretched else self._stop)(low, high, y, gap, hit, _by(element))
         else:
@@ -248,8 +249,13 @@ class _Pen:
         if element.amplitude:
             self._arrow(wall + 0.1 * side, y - 0.33, 0.0)
 
-    def _surface(self, x: float, home: float, y: float, element: Element, fill: Any) -> None:
-        """A slider, and the surface below it, which stays where it is."""
+    def _surface(
+        self, x: float, home: float, y: float, gap: float | None, element: Element, fill: Any
+    ) -> None:
+        """A slider, perhaps behind a spring, and the surface below it, which stays where it is."""
+        if element.slider:
+            x, start, home = x + 0.7 - (gap or 0.0), x, home + 0.7
+            self._link("spring", (start, y), (x - 0.3, y))
         self._box(x - 0.3, y - 0.12, 0.6, 0.2, **fill)
         self._line([home - 0.8, home + 0.8], [y - 0.12] * 2)
         self._wall(home - 0.8, y - 0.26, 1.6, 0.14)
@@ -286,11 +292,11 @@ class _Pen:
         else:
             self._line([start, end], [y, y])
 
-    def _rub(self, low: float, high: float, y: float, fill: Any) -> None:
+    def _rub(self, low: float, high: float, y: float, by: str | None, fill: Any) -> None:
         """Between two masses: one slides along the other."""
         middle = 0.5 * (low + high)
         self._box(middle - 0.3, y - 0.12, 0.6, 0.24, **fill)
-        self._line([low, middle - 0.3], [y, y])
+        self._rod(low, middle - 0.3, y, by)
         self._line([middle - 0.6, high, high], [y - 0.12, y - 0.12, y])
         self._wall(middle - 0.6, y - 0.26, 1.2, 0.14)
 

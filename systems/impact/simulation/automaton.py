@@ -211,23 +211,23 @@ class Automaton:
         regimes = list(self.regimes[guard.mode])
         released = self.parts.now(regimes)[guard.element].holds
         regimes[guard.element] = LAIN if released else guard.watch.to
-        if guard.element in self.sliders and guard.watch.rate:  # where one turns, all along it do
-            for k in self.sliders:
-                regimes[k] = 0 if self.parts.along((guard.element,), k) else regimes[k]
+        if guard.element in self.sliders and guard.watch.rate:
+            regimes = self.parts.halted(regimes, guard.element, jumps=guard.watch.event == JUMP)
         return self.parts.settled(regimes)
 
     def _build(self, regimes: tuple[int, ...]) -> None:
         number, now = len(self.modes), self.parts.now(regimes)
         structure, excitation = self._structure, self._excitation
-        sliders = []
+        sliders, springs = [], []
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             row = element.row(structure.size)
             if k in self.sliders:
                 behind = None if regime.anchored else element.sign * regime.stretch
                 row[self.sliders[k]] = -1.0 if regime.anchored else 0.0
                 sliders.append(Slider(element, self.sliders[k], behind))
-            structure = structure.stiffened(row, regime.stiffness, regime.damping)
+            springs.append((row, regime.stiffness, regime.damping))
             excitation = excitation.pulled(element, regime)
+        structure = structure.stiffened(springs)
         grips = self.parts.grips(regimes)
         held, sticking = ([self._elements[k] for k in part] for part in grips)
         places = range(len(now))
@@ -295,13 +295,16 @@ class Automaton:
         guard.partner = self.guard(guard.target, guard.element)
         stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
         guard.change = self.modes[guard.target].seen_from(one, stop)
-        sticking = self.parts.grips(self.regimes[guard.target])[1]
-        if guard.watch.event == HALT and guard.element in sticking:
+        before, sticking = (
+            self.parts.grips(self.regimes[k])[1] for k in (guard.mode, guard.target)
+        )
+        halts = guard.watch.event == HALT or guard.element in self.sliders
+        for k in (k for k in sticking if halts and k not in before):
             # Its rate is that of the surface, and not what rounding leaves of it.
             layout = self.modes[guard.target].layout
-            own = layout.modes[sticking.index(guard.element) - len(sticking)]
+            own = layout.modes[sticking.index(k) - len(sticking)]
             guard.change[layout.slots + own] = 0.0
-            guard.change[layout.slots + own, -1] = self._elements[guard.element].drift
+            guard.change[layout.slots + own, -1] = self._elements[k].drift
 
     def _kind(self, guard: Guard) -> EventKind:
         """What it is to be led to another mode."""

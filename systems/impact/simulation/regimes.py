@@ -29,6 +29,7 @@ class Parts:
         self._elements, self._structure = tuple(elements), structure
         self._regimes = [element.regimes for element in elements]
         self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
+        self._sliders = [k for k, element in enumerate(elements) if element.slider]
         rubs = [k for k, element in enumerate(elements) if isinstance(element, DryFriction)]
         self._leads = {k: next((j for j in rubs if j < k and self.along((j,), k)), k) for k in rubs}
         for k, element in enumerate(elements):
@@ -57,6 +58,19 @@ class Parts:
         group = [k for k, leader in self._leads.items() if leader == element]
         return [(k, float(rows[k] @ own / (own @ own))) for k in group]
 
+    def halted(self, given: Sequence[int], element: int, *, jumps: bool) -> list[int]:
+        """Regimes where a slider turns: what slips along the same over the same surface sticks.
+
+        Where its rate has jumped, other sliders do.
+        """
+        regimes, both = list(given), sum(self.grips(given), ())
+        along = (*both, element) if self.along(both, element) is False else (element,)
+        for k, own in enumerate(self._regimes):
+            slips = k in self._sliders or (own[regimes[k]].halts and not jumps)
+            if slips and self.along(along, k):
+                regimes[k] = next(j for j, r in enumerate(own) if r.sticks or r.anchored)
+        return regimes
+
     def settled(self, given: Sequence[int]) -> tuple[int, ...]:
         """Regimes that go together.
 
@@ -81,8 +95,8 @@ class Parts:
             leader = self._leads[k]
             back = dict(self.led(leader))[k] * self._elements[k].sign * self._elements[leader].sign
             regimes[k] = TURNED[regimes[leader]] if back < 0.0 else regimes[leader]
-        for k, element in enumerate(self._elements):
-            if element.slider and self.along(both, k):
+        for k in self._sliders:
+            if self.along(both, k):
                 regimes[k] = 0
         return tuple(regimes)
 

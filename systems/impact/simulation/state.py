@@ -51,8 +51,6 @@ class ImpactState:
     motion : Motion
     closed : tuple of int
         Numbers of other stops that are in contact, and of friction that sticks.
-    sliders : (J,)
-        Positions of the sliders of `Jenkins` elements, in their order, read-only.
     """
 
     speed: float
@@ -80,6 +78,7 @@ class ImpactState:
 
     @property
     def sliders(self) -> Array:
+        """Places (J,) of the sliders of `Jenkins` elements, read-only."""
         return self._place[0][self._system.degrees_of_freedom :]
 
     @cached_property
