@@ -7,9 +7,6 @@ from .impact.attractor import ImpactAttractor as ImpactAttractor
 from .impact.ball import BouncingBall as BouncingBall
 from .impact.chain import ImpactChain as ImpactChain
 from .impact.elements import (
-    HALT as HALT,
-    JUMP as JUMP,
-    SWITCH as SWITCH,
     Element as Element,
     HardStop as HardStop,
     Regime as Regime,
