@@ -4,9 +4,6 @@ from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
 from .impact.elements.element import (
-    HALT as HALT,
-    JUMP as JUMP,
-    SWITCH as SWITCH,
     Element as Element,
     HardStop as HardStop,
     Regime as Regime,
