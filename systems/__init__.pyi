@@ -9,9 +9,6 @@ from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
 from .flows.van_der_pol import VanDerPol as VanDerPol
 from .impact.elements.element import (
-    HALT as HALT,
-    JUMP as JUMP,
-    SWITCH as SWITCH,
     Element as Element,
     HardStop as HardStop,
     Regime as Regime,

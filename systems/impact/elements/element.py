@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from enum import IntEnum
 from numbers import Integral
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -50,9 +50,11 @@ class Watch:
     order : int
         How many leading Taylor coefficients of the guard of that regime vanish after a switch.
     event : SWITCH, IMPACT, JAM, HALT or JUMP
-        IMPACT and JAM are for hard stops, HALT and JUMP for friction.
+        IMPACT and JAM are for hard stops, ``Watch.HALT`` and ``Watch.JUMP`` for friction.
     """
 
+    HALT: ClassVar = HALT
+    JUMP: ClassVar = JUMP
     to: int
     gap: float = 0.0
     rate: float = 0.0

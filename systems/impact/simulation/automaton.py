@@ -113,7 +113,7 @@ class Automaton:
     ) -> None:
         self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
-        self._size, self._slots, self._joined = structure.size, 0, set[int]()
+        self._size, self._slots, self._joined = structure.size, 0, dict[int, int]()
         places = iter(range(structure.size - structure.sliders, structure.size))
         self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
         self.parts = Parts(self._elements, structure)
@@ -328,19 +328,20 @@ class Automaton:
         self._stacked_modes = len(modes)
         ladders = self._ladders.ladders
         slots = ladders.step.shape[3]
-        if len(modes) > 1 and len(guards) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
+        joined = [k for k, guard in enumerate(guards) if guard.change is not None]
+        if len(joined) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
             raise MemoryError(
                 f"elements must not lead to more modes than fit into 256 MB; got {len(modes)}, "
                 "one for each set of what was pressed, closed or slipping: give fewer elements"
             )
         if slots != self._slots:
             stack.drop("change")
-            self._joined, self._slots = set(), slots
+            self._joined, self._slots = {}, slots
             stack.put("change", 0, np.zeros((2 * slots, 2 * slots + 1)))
-        for k, guard in enumerate(guards):
-            if guard.change is not None and k not in self._joined:
-                stack.put("change", k, _padded(guard.change, slots))
-                self._joined.add(k)
+        for k in joined:
+            if k not in self._joined:
+                row = self._joined[k] = len(self._joined)
+                stack.put("change", row, _padded(guards[k].change, slots))
         self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
         given = {name: stack.take(name, len(guards)) for name in _OF_GUARDS}
         return Tables(
@@ -354,7 +355,8 @@ class Automaton:
             partner=np.array([g.partner for g in guards]),
             programs=self._programs,
             tails=self._tails,
-            change=stack.take("change", len(guards) if self._joined else 0),
+            change=stack.take("change", len(joined)),
+            row=np.array([self._joined.get(k, 0) for k in range(len(guards))]),
             tolerance=self._tolerance,
             period=self._period,
             clock_rate=self._excitation.frequency if modes[0].layout.table < 0 else 0.0,

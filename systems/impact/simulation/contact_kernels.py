@@ -46,8 +46,8 @@ class Tables(NamedTuple):
         guard of the same element there; -1 where it has not been entered
     order : (guards,) how many leading Taylor coefficients of the partner vanish after a switch
     torn : (guards,) the same where the guard is negative at once: 1 or 2 of forces, 0 of others
-    change : (guards, 2 slots, 2 slots + 1) from the state (and 1) to that in the other mode; no
-        rows while there is one mode only
+    change : (k, 2 slots, 2 slots + 1) from the state (and 1) to that in the other mode
+    row : (guards,) which of these is that of each guard whose mode has been entered
     kick : (guards, 4, slots) change of the state by a unit jump of the guard's rate, then the low
         parts of the same
     excursion : (guards, 2, slots) change of the state by a brief excursion of the contact
@@ -82,6 +82,7 @@ class Tables(NamedTuple):
     order: Indices
     torn: Indices
     change: Array
+    row: Indices
     kick: Array
     excursion: Array
     coupling: Array

@@ -200,7 +200,7 @@ def run(
                 if tables.partner[changed] < 0:
                     clock[WANTED] = changed
                     return done, MODE_WANTED
-                transform(tables.change[changed], y, START, 0)
+                transform(tables.change[tables.row[changed]], y, START, 0)
                 copy(y, 0, START)
                 there = guard_of(tables, tables.target[changed], tables.element[g])
                 enter(changed, there, clock, 0.0, 0.0, y, switches)
@@ -273,12 +273,12 @@ def run(
                         clock[WANTED] = k
                         return done, MODE_WANTED
                     spent += y.shape[2]
-                    transform(tables.change[k], y, START, 0)
+                    transform(tables.change[tables.row[k]], y, START, 0)
                     if not loose and is_negative(ladder_at(ladders, held), y, 0, band_factor):
                         # What rounding hid in flight is clear on the table: it does not hold the
                         # mass.
                         if u == 0.0:
-                            transform(tables.change[held], y, 0, START)
+                            transform(tables.change[tables.row[held]], y, 0, START)
                             normalise(y, gap.steady)
                             order = order_at_rest(gap.rows, y, band_factor)
                         sticks = order <= 0
@@ -290,7 +290,7 @@ def run(
                         clock[CHATTER_ERROR] += tables.coupling[k] * lost
                         if noise is not None:
                             perturb_cut(tables.excursion[k], lost, y, clock)
-                            transform(tables.change[k], y, START, 0)
+                            transform(tables.change[tables.row[k]], y, START, 0)
                     copy(y, START, LEFT)
                     clock[LEFT_FROM] = k
                     copy(y, 0, START)
@@ -404,10 +404,12 @@ def run(
             after = ladder_at(ladders, tables.partner[best])
             target = tables.target[best]
             slots = tables.slots[target, : tables.counts[target]]
-            transform(tables.change[best], y, FOUND, START)
+            transform(tables.change[tables.row[best]], y, FOUND, START)
             normalise(y, after.steady)
             if noise is not None:
-                perturb_released(tables.change[best], slots, after.steady, y, clock, own, noise)
+                perturb_released(
+                    tables.change[tables.row[best]], slots, after.steady, y, clock, own, noise
+                )
                 perturb_reached(after.generator, slots, y, clock, noise)
             move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
             clock[LEFT_FROM] = -1.0
@@ -456,7 +458,7 @@ def run(
             before = ladders.integers[open_, GROUP]
             at = best = guard_of(tables, tables.target[open_], tables.element[best])
             gap = ladder_at(ladders, at)
-            transform(tables.change[open_], y, FOUND, START)
+            transform(tables.change[tables.row[open_]], y, FOUND, START)
             normalise(y, gap.steady)
             copy(y, START, FOUND)
             left[tables.element[open_], MOTION] = BOUNCED

@@ -154,7 +154,7 @@ class Course:
         self._prepare(0, self._work.states)
         states = self._work.states
         begin = states[kernels.START][None]
-        states[kernels.START] = transformed(self._tables.change[number], begin)[0]
+        states[kernels.START] = transformed(self._tables.change[self._tables.row[number]], begin)[0]
         after = automaton.guard(guard.target, self._start.element)
         log_kernels.enter(number, after, clock, 0.0, 0.0, states, self._switches)
 
