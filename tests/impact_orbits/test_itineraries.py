@@ -97,7 +97,7 @@ def test_period_of_stick_slip_on_a_belt_is_that_of_the_closed_form(seed: int) ->
     orbit = machine.periodic_orbit(start=machine.state([0.0], [velocity]))
     slip, stick = 2.0 * (math.pi - math.atan(more / velocity)), 2.0 * more / velocity
     assert orbit.period == pytest.approx(slip + stick, rel=1e-12)
-    assert orbit.label == "cycle"
+    assert orbit.label == "P(1)"
     assert orbit.counts == {"elements[0].sticks": 1}
     assert orbit.admissible
     assert abs(orbit.multipliers).max() < 1e-12  # what sticks forgets where it was
@@ -197,7 +197,7 @@ def test_soft_stop_is_reached_where_the_linear_response_reaches_it() -> None:
 
 
 def test_friction_begins_to_stick_where_it_could_hold_at_a_turning_point() -> None:
-    # Den Hartog: at the turning point x the force that holds, cos(phase) - x, is the friction.
+    # There the force that holds, sin(phase) - x, is the friction.
     machine = ImpactChain(
         masses=1,
         damping=0.0,
@@ -211,12 +211,10 @@ def test_friction_begins_to_stick_where_it_could_hold_at_a_turning_point() -> No
     b, w = 1.0 / 0.8, 0.8
 
     def held(friction: float) -> float:
+        # the phase of the turning point has the cosine g friction / v
         v, g = 1.0 / (1.0 - w * w), math.tan(math.pi * b / 2.0) * b
         swing = math.sqrt(v * v - (g * friction) ** 2)
-        # the acceleration at the turning point in closed form: of free parts and of the forcing
-        shift = g * friction / (v or 1.0)
-        force = math.sqrt(1.0 - shift**2)
-        return abs(force - swing) - friction
+        return abs(math.sqrt(1.0 - (g * friction / v) ** 2) - swing) - friction
 
     expected = brentq(held, 0.5, 0.9, xtol=1e-14)
     for bifurcation in found:

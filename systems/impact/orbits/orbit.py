@@ -45,6 +45,10 @@ class OrbitEquations(Protocol):
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether the solution is a motion of the oscillator."""
 
+    @property
+    def returns(self) -> int:
+        """Number of returns to the section in a period."""
+
     def counts(self) -> dict[str, float]:
         """How often what happens in a period, by element."""
 
@@ -99,12 +103,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def label(self) -> str:
-        """``P(n,m)`` or ``P(inf,m)``; ``cycle`` where nothing drives it.
+        """``P(n,m)`` or ``P(inf,m)``; ``P(n)``, with n returns to the section, without forcing.
 
         Without a hard stop n is the number of periods, as of the label of an attractor.
         """
         if not self._problem.driven:
-            return "cycle"
+            return f"P({self._problem.returns})"
         count = self.periods if self.system._strobed else self.impacts
         return f"P({count},{self.periods})"
 

@@ -168,6 +168,11 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         fixed = self.remade(oscillator=self.system(p), names=())
         return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
 
+    @property
+    def returns(self) -> int:
+        """Number of returns to the section in a period."""
+        return len(self.itinerary)
+
     def counts(self) -> dict[str, float]:
         """How often what happens in a period, by element: see `OrbitLabel.counts`."""
         passed = [word.sides for word in self.itinerary] if self.sticks else [self.itinerary]

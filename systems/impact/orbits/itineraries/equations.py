@@ -22,6 +22,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     check_elements,
     counts_of,
     events_seen,
+    returns_of,
 )
 from dynkit.systems.impact.orbits.itineraries.solution import (
     ItinerarySolution,
@@ -332,6 +333,10 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         norms = (abs(s.flows) * self._measures / self._measures[:, None]).sum(axis=1).max(axis=1)
         grown = 16.0 + norms * abs(s.durations)
         return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2))
+
+    @property
+    def returns(self) -> int:
+        return returns_of(self.oscillator, self.itinerary)
 
     def counts(self) -> dict[str, float]:
         return counts_of(self.oscillator, self.itinerary)

@@ -27,6 +27,10 @@ from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
+_FAMILY = (
+    "no isolated periodic orbit found from the guess: it is one of a family, as where friction "
+    "never slips, or nothing damps the motion"
+)
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
 _SAMPLES, _TRANSIENT = 64, 700
@@ -125,14 +129,20 @@ def _impulses(problem: ItineraryEquations, seen: Seen) -> Array:
 
 
 def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[float, ...]]:
-    x, history = solve(problem, guess, NONE)
-    s, scale = problem.at(x, NONE), problem.scale(x)
+    try:
+        x, history = solve(problem, guess, NONE)
+    except NoConvergence as failure:
+        raise NoConvergence(_FAMILY if _singular(problem, guess) else str(failure)) from failure
+    s = problem.at(x, NONE)
     if s.events > 1 and not (abs(s.durations) > 0.0).all():
         raise NoConvergence("no periodic orbit found from the guess, but one whose events merge")
-    sizes = np.linalg.svd(problem.linearization(x, NONE) * scale, compute_uv=False)
-    if not sizes[-1] > _SINGULAR * sizes[0]:
-        raise NoConvergence(
-            "no isolated periodic orbit found from the guess: it is one of a family, of which each "
-            "is a periodic motion"
-        )
+    if _singular(problem, x):
+        raise NoConvergence(_FAMILY)
     return x, history
+
+
+def _singular(problem: ItineraryEquations, x: Array) -> bool:
+    """Whether the derivative of the equations is singular, but for rounding."""
+    matrix = problem.linearization(x, NONE) * problem.scale(x)
+    sizes = np.linalg.svd(matrix, compute_uv=False)
+    return not sizes[-1] > _SINGULAR * sizes[0]

@@ -12,6 +12,7 @@ from dynkit.orbits.newton import NoConvergence
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JUMP, EventKind, HardStop
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.systems.impact.simulation.automaton import cycled_by, halts
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -207,6 +208,22 @@ def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
         for what in sorted(filter(None, set(element.doing))):
             begun = zip(doing, [doing[-1], *doing[:-1]], strict=True)
             found[f"{name}.{what}"] = sum(now == what != before for now, before in begun)
+    return found
+
+
+def returns_of(oscillator: ImpactMap, itinerary: Itinerary) -> int:
+    """Number of returns to the section of a machine that nothing drives: impacts, or its events."""
+    if not oscillator._strobed:
+        return sum(event.kicked is not None for event in itinerary)
+    k = cycled_by(oscillator._elements)
+    if k is None:
+        return 1
+    element, found = oscillator._elements[k], 0
+    for event in itinerary:
+        if event.element == k:
+            number = event.mode.numbers[k]
+            watch = element.regimes[number].guards[event.guard]
+            found += watch.event == HALT if halts(element) else number == 0
     return found
 
 
