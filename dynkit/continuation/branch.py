@@ -17,7 +17,7 @@ from dynkit.continuation.orbit_equations import OrbitEquations, distance_from_cu
 from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Ending
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, told
+from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset, Variables
 from dynkit.orbits.equations import Problem
@@ -170,7 +170,7 @@ class Branch(SolutionCurve):
 
     def _facts(self) -> Facts:
         return {
-            "system": self._system and told(self._system, 6, [self.name]),
+            "system": self._system and system_repr(self._system, 6, [self.name]),
             self.name: self.parameter,
             "stable": self.stable,
             **super()._facts(),

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynkit._version import __version__
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import told
+from dynkit.core.reprs import system_repr
 from dynkit.data.atomic_files import whole
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def described(
     attributes: dict[str, str | float] = {"title": title, "dynkit_version": __version__}
     if system is not None:
         fixed = {name: v for name, v in system.parameters.items() if name not in swept}
-        attributes["system"] = told(system, without=swept)
+        attributes["system"] = system_repr(system, without=swept)
         attributes |= {f"parameter_{name}": v for name, v in fixed.items()}
     attributes |= {"error_meaning": error, "cost_seconds": cost.seconds}
     attributes |= {f"cost_{name.replace(' ', '_')}": float(n) for name, n in cost.counts.items()}

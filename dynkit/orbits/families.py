@@ -13,7 +13,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.reprs import Facts, largest, told, written
+from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.validation import Array, finite_array, one_of
 from dynkit.orbits.equations import KeptSolution, Problem
 from dynkit.orbits.multiplier_errors import multiplier_errors
@@ -115,7 +115,7 @@ class FamilySolution(KeptSolution):
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
-        return f"<{self.label} of {told(self.system, 6)}: {kind}>"
+        return f"<{self.label} of {system_repr(self.system, 6)}: {kind}>"
 
     def _caption(self) -> str:
         return self.label.capitalize()
@@ -123,7 +123,7 @@ class FamilySolution(KeptSolution):
     def _facts(self) -> Facts:
         more = ", ..." if len(self.eigenvalues) > 6 else ""
         return {
-            "system": told(self.system, 6),
+            "system": system_repr(self.system, 6),
             "stable": self.stable,
             "eigenvalues": ", ".join(written(complex(v)) for v in self.eigenvalues[:6]) + more,
             "residual": largest(self.residual),

@@ -8,7 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.reprs import told
+from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, finite_array, one_of
 from dynkit.orbits.equations import KeptSolution
@@ -29,7 +29,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
         hidden = int((~self.multipliers_resolved).sum())
         doubt = f"; {hidden} of {len(self.multipliers)} multipliers not resolved" if hidden else ""
         kind = "stable" if self.stable else "unstable"
-        return f"<{self.label} of {told(self.system, 6)}: {kind}{doubt}>"
+        return f"<{self.label} of {system_repr(self.system, 6)}: {kind}{doubt}>"
 
     @property
     def system(self) -> SmoothMap:

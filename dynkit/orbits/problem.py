@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from dynkit.core.reprs import Facts, largest, told, written
+from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem, ProblemSolution
@@ -146,7 +146,7 @@ class PeriodicOrbit(ProblemSolution):
         shown = ", ".join(written(complex(m)) if ok else "not resolved" for m, ok in rows)
         more = ", ..." if len(self.multipliers) > 6 else ""
         return {
-            "system": told(self.system, 6),
+            "system": system_repr(self.system, 6),
             "stable": self.stable,
             "admissible": self.admissible,
             "multipliers": shown + more,

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.reprs import told
+from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.orbits.covering import Covering
@@ -115,7 +115,7 @@ class OrbitSearch(Sequence[_Orbit]):
         return len(self._orbits)
 
     def __repr__(self) -> str:
-        return f"<{len(self)} orbits of {told(self.system, 6)}; {self.message}>"
+        return f"<{len(self)} orbits of {system_repr(self.system, 6)}; {self.message}>"
 
 
 def find_orbits(
