@@ -12,7 +12,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Tabled
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, read_only
 from dynkit.orbits.spectrum import Spectrum
 
 NOISE = 1e-13
@@ -222,8 +222,7 @@ class KeptSolution(ProblemSolution):
 
     def __init__(self, problem: Any, x: Array, history: Sequence[float], cost: Cost) -> None:
         self._problem = problem
-        self._x = np.array(x, dtype=np.float64)
-        self._x.setflags(write=False)
+        self._x = read_only(np.array(x, dtype=np.float64))
         self._history = tuple(history)
         self._cost = cost
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array, finite_array, one_of
+from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.newton import orbit_bound
 from dynkit.orbits.problem import PeriodicOrbit
@@ -49,9 +49,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
     @cached_property
     def states(self) -> Array:
         """The states, (n, d), in their order, read-only; angles are those that the map returns."""
-        states: Array = self._problem.states(self._x)
-        states.setflags(write=False)
-        return states
+        return read_only(self._problem.states(self._x))
 
     @cached_property
     def multipliers(self) -> Any:

@@ -13,16 +13,11 @@ import numpy as np
 
 from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, read_only
 from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.orbits.spectrum import Spectrum
-
-
-def fractions(n: int) -> list[int]:
-    """Return the proper divisors of n: the possible least periods of an orbit of n states."""
-    return [k for k in range(1, n // 2 + 1) if n % k == 0]
 
 
 class PeriodicProblem(Problem):
@@ -189,9 +184,7 @@ class PeriodicOrbit(ProblemSolution):
             moved = orbit_bound(problem, x, none)
         except NoSolution:
             moved = np.full(len(x), np.inf)
-        error = multiplier_errors(problem, x, none, self.multipliers, moved)
-        error.setflags(write=False)
-        return error
+        return read_only(multiplier_errors(problem, x, none, self.multipliers, moved))
 
     @cached_property
     def multipliers_resolved(self) -> Any:
@@ -202,9 +195,7 @@ class PeriodicOrbit(ProblemSolution):
         certainly inside the unit circle.
         """
         error = self.multipliers_error
-        resolved = (error < abs(self.multipliers)) | (error == 0.0)
-        resolved.setflags(write=False)
-        return resolved
+        return read_only((error < abs(self.multipliers)) | (error == 0.0))
 
     @property
     @final
