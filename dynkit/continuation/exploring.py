@@ -27,7 +27,7 @@ from dynkit.dynamics.map import Map
 from dynkit.engine.executors import WorkerLost, all_finished, finished
 from dynkit.orbits.equations import ProblemSolution
 from dynkit.orbits.newton import NoConvergence, NoSolution
-from dynkit.orbits.problem import PeriodicOrbit, shortest
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.search import OrbitSearch
 from dynkit.orbits.spectrum import Spectrum
 
@@ -133,7 +133,7 @@ def explore(
             system, parameter, within, values=count, largest=largest, box=box, calls=budget
         )
     elif box is not None:
-        raise ValueError(f"box must not be given beside seeds; got {box!r}")
+        raise ValueError(f"box must not be given together with seeds; got {box!r}")
     else:
         orbits = seeds_of(seeds, parameter)
     exploration = _Exploration(
@@ -162,7 +162,7 @@ def explore(
 
 
 def _describe_seeds(_: Sequence[OrbitSearch[Any]]) -> str:
-    return "nothing beside the orbits given"
+    return "nothing but the orbits given"
 
 
 class _UsedUp(Exception):
@@ -397,5 +397,5 @@ def _switched(bifurcation: Bifurcation) -> tuple[list[ProblemSolution], str]:
 def _once(orbit: ProblemSolution) -> ProblemSolution:
     """Return the orbit with its least period."""
     problem = orbit.problem()
-    shorter, x = shortest(problem, orbit.unknowns)
+    shorter, x = problem.shortest(orbit.unknowns)
     return orbit if shorter is problem else shorter.solution(x, problem.values, orbit.history)

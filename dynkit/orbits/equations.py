@@ -112,6 +112,21 @@ class Problem(ABC):
         off = 4.0 * _ROUNDING * float(abs(matrix).max(initial=0.0))
         return matrix[None], np.array([off + float(np.max(self.linearization_error(x, p)))])
 
+    def shortest(self, x: Array) -> tuple[Problem, Array]:
+        """Return problem and unknowns of the same orbit with its least period, to rounding.
+
+        By default this problem and the same unknowns.
+        """
+        return self, x
+
+    def repetition(self, x: Array) -> float:
+        """Return the distance of a solution from the repetitions of orbits with a shorter period.
+
+        It is the smallest root mean square of the changes over a fraction of the period, in units
+        of `scale`: zero for a repeated orbit, infinite where none is possible.
+        """
+        return np.inf
+
     def _matrix(self, x: Array, p: Array) -> Array:
         known = self.factors(x, p)
         assert known is not None

@@ -23,7 +23,7 @@ from dynkit.orbits.spectrum import Spectrum
 class PeriodicProblem(Problem):
     """A problem whose solutions are the periodic orbits of one kind in a family.
 
-    A subclass must implement, beside the equations:
+    A subclass must implement, in addition to the equations:
 
     1. ``linearization(x, p, multiplier)``, the derivative D(mu) for x(T) = mu x(0);
     2. ``multipliers(x, p)``, the Floquet multipliers;
@@ -100,31 +100,6 @@ class PeriodicProblem(Problem):
         For the null vector of D(-1) it is the tangent of the branch that leaves at a period
         doubling.
         """
-
-    def shortest(self, x: Array) -> tuple[PeriodicProblem, Array]:
-        """Return problem and unknowns of the orbit with its least period, to rounding.
-
-        By default this problem and the same unknowns.
-        """
-        return self, x
-
-    def repetition(self, x: Array) -> float:
-        """Return the distance of a solution from the repetitions of orbits with a shorter period.
-
-        It is the smallest root mean square of the changes over a fraction of the period, in units
-        of `scale`: zero for a repeated orbit, infinite where none is possible.
-        """
-        return np.inf
-
-
-def shortest(problem: Problem, x: Array) -> tuple[Problem, Array]:
-    """Return problem and unknowns with the least period: see `PeriodicProblem.shortest`."""
-    return problem.shortest(x) if isinstance(problem, PeriodicProblem) else (problem, x)
-
-
-def repetition(problem: Problem, x: Array) -> float:
-    """Return `PeriodicProblem.repetition`; infinite for solutions without a period."""
-    return problem.repetition(x) if isinstance(problem, PeriodicProblem) else np.inf
 
 
 class PeriodicOrbit(ProblemSolution):
