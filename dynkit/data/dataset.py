@@ -65,12 +65,18 @@ class Dataset:
                 names = (dimensions,) if isinstance(dimensions, str) else tuple(dimensions)
                 array = np.asarray(values)
                 if array.dtype.hasobject:
-                    raise ValueError(f"{name} holds what is neither a number nor a text")
+                    raise ValueError(f"{name} must hold numbers or texts; got objects")
                 if array.ndim != len(names):
-                    raise ValueError(f"{name} has the shape {array.shape}, of {', '.join(names)}")
+                    raise ValueError(
+                        f"{name} must have the dimensions {', '.join(names)}; got shape "
+                        f"{array.shape}"
+                    )
                 for dimension, size in zip(names, array.shape, strict=True):
                     if sizes.setdefault(dimension, size) != size:
-                        raise ValueError(f"{name} has {size} of {dimension}; {sizes[dimension]}")
+                        raise ValueError(
+                            f"{name} must have length {sizes[dimension]} along {dimension}; got "
+                            f"{size}"
+                        )
                 made[name] = names, array
             object.__setattr__(self, group, made)
 

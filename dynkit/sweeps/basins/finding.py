@@ -49,7 +49,7 @@ def basins(
     Motions at rest are separated by the reasons of their endings.
 
     A start on an unstable orbit stays there and is a basin of its own, whose label says
-    ``unstable``. Motions beside an unstable orbit are simulated for 20,000 more states, in which
+    ``unstable``. Motions near an unstable orbit are simulated for 20,000 more states, in which
     they leave it.
 
     Parameters
