@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
 import numpy as np
 
-from dynkit.core.reprs import Facts, told
+from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.validation import Array, finite_array
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
@@ -66,7 +66,10 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         if not self.admissible:
             kind = f"inadmissible, {kind}"
         largest = abs(self.multipliers[0])
-        return f"<{self.label} of {told(self.system, 6)}: {kind}, multipliers up to {largest:.4g}>"
+        return (
+            f"<{self.label} of {system_repr(self.system, 6)}: {kind}, "
+            f"multipliers up to {largest:.4g}>"
+        )
 
     def _facts(self) -> Facts:
         return {**super()._facts(), "period": self.period, "states": len(self.states)}
