@@ -18,7 +18,7 @@ sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent)]
 
 from reference import analysis_page  # noqa: E402
 
-# Sphinx takes sources from one folder only, and follows no links.
+# Sphinx reads sources from one folder only, and does not follow links.
 shutil.copytree(
     HERE.parent / "tutorials",
     HERE / "tutorials",
@@ -42,13 +42,13 @@ extensions = [
     "sphinx.ext.viewcode",
     "whole_numbers",
 ]
-# Where notebooks' pictures are put, beside the built pages.
+# jupyter_execute holds the pictures of notebooks, beside the built pages.
 exclude_patterns = ["_build", "jupyter_execute", "README.md"]
 templates_path = ["_templates"]
 nitpicky = False
 suppress_warnings = ["myst.strikethrough"]
 
-# Notebooks carry their outputs; the tests execute them and compare.
+# Notebooks contain their outputs; the tests execute them and compare.
 nb_execution_mode = "off"
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
@@ -66,8 +66,8 @@ html_title = f"dynkit {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
-# Pages without any below them have nothing to show beside them.
-html_sidebars = {page: [] for page in ("install", "benchmarks", "comparison", "limits")}
+# Pages without pages below them need no sidebar.
+html_sidebars = {page: [] for page in ("install", "benchmarks", "comparison", "limits", "glossary")}
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
@@ -78,7 +78,7 @@ html_theme_options = {
 
 
 def help_of(*arguments: str) -> str:
-    """What the command says of itself."""
+    """Return the help of the command, as a block of text."""
     with redirect_stdout(StringIO()) as text:
         main([*arguments, "--help"])
     return f"```text\n{text.getvalue().strip()}\n```"
@@ -92,12 +92,12 @@ for command in COMMANDS:
 
 
 def keep_values(_app: Sphinx, _what: str, _name: str, member: object, *_: object) -> bool | None:
-    """Show the values of enumerations, which have no docstrings, and no methods of texts."""
+    """Include values of enumerations, which have no docstrings, and exclude methods of str."""
     if isinstance(member, MethodDescriptorType | BuiltinFunctionType):
         return True
     return False if isinstance(member, Enum) else None
 
 
 def setup(app: Sphinx) -> None:
-    """Register it."""
+    """Connect the event handler."""
     app.connect("autodoc-skip-member", keep_values)

@@ -1,7 +1,7 @@
 """A toolkit for dynamical systems with impacts.
 
-What is simulated stands in `dynkit.systems`, what is measured in `dynkit.analysis`. Every name here
-is imported when it is first used, so that ``import dynkit`` stays light.
+`dynkit.systems` has the systems, and `dynkit.analysis` has measures and figures of their motions.
+Every name is imported when it is first used, so that ``import dynkit`` is fast.
 """
 
 import lazy_loader

@@ -9,7 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.reprs import told
+from dynkit.core.reprs import system_repr
 from dynkit.core.validation import Array, finite_array, finite_scalar, non_negative, positive
 
 _DOUBLE, _PAIR = 2.0**-53, 2.0**-105
@@ -118,7 +118,7 @@ class ExactImpacts:
         self._set("error", non_negative("error", self.error))
 
     def __repr__(self) -> str:
-        system = self.system if isinstance(self.system, str) else told(self.system, 6)
+        system = self.system if isinstance(self.system, str) else system_repr(self.system, 6)
         parts = [f"{len(self.times)} impacts", f"{len(self.releases)} releases"]
         parts += [f"{len(self.chatters)} chatters"] if len(self.chatters) else []
         return f"<ExactImpacts of {system}: {', '.join(parts)} up to {self.until:g}>"

@@ -8,12 +8,12 @@ from itertools import groupby
 import dynkit.analysis
 from tests.public_classes import classes_met
 
-HEADINGS = {False: "`dynkit.analysis`: what is measured", True: "Error against run time"}
-"""By whether a name is of the package `work_precision`."""
+HEADINGS = {False: "`dynkit.analysis`: measures", True: "Error against run time"}
+"""Headings; the second is that of the package `work_precision`."""
 
 
 def analysis_page() -> str:
-    """Return it: all public names, and below them the classes of what their members give."""
+    """Return the page: all public names, and below them the classes that their members return."""
     members = [getattr(dynkit.analysis, name) for name in dynkit.analysis.__all__]
     given = [kind for kind in classes_met() if kind not in members]
     given = [kind for kind in given if kind.__module__.startswith("dynkit.analysis.")]
@@ -21,7 +21,7 @@ def analysis_page() -> str:
     for late, names in groupby(sorted(members, key=_is_late), key=_is_late):
         lines += [f"{'##' if late else '#'} {HEADINGS[late]}", ""]
         lines += _table("dynkit.analysis", (member.__name__ for member in names))
-        lines += ["What they give back:", ""]
+        lines += ["Classes that they return:", ""]
         lines += _table("dynkit", (_path(kind) for kind in given if _is_late(kind) == late))
     return "\n".join(lines)
 

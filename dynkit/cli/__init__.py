@@ -115,7 +115,9 @@ def _run(arguments: argparse.Namespace, unknown: list[str]) -> int:
         return _say(command, f"error: there is no argument {' '.join(unknown)}", _BAD_INPUT)
     try:
         if arguments.file and arguments.config:
-            raise ValueError(f"config must not be given beside a file; got {arguments.config!r}")
+            raise ValueError(
+                f"config must not be given together with a file; got {arguments.config!r}"
+            )
         file = arguments.file or arguments.config
         arguments.run(Asked.of(arguments.options, file, vars(arguments)))
     except ValueError as refusal:

@@ -107,7 +107,7 @@ def run(asked: Asked) -> None:
 def _orbit(asked: Asked, chain: ImpactChain) -> PeriodicOrbit:
     given = asked.only("impacts", "periods")
     if given:
-        asked.refuse(["transient"], "beside impacts or periods")
+        asked.refuse(["transient"], "together with impacts or periods")
         orbit: PeriodicOrbit = chain.periodic_orbit(**given)
         return orbit
     attractor = chain.attractor(start=asked.start(chain), **asked.only("transient"))

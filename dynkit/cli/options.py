@@ -264,7 +264,7 @@ def values_of(options: Mapping[str, Any]) -> Array:
     [0.7, 0.75, 0.8]
     """
     if "values" in options:
-        Asked(options).refuse(_RANGE, "beside values")
+        Asked(options).refuse(_RANGE, "together with values")
         given = options["values"]
         listed = finite_array("values", given if _is_list(given) else [given], (None,))
         if not len(listed):

@@ -28,22 +28,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.analysis.diagram import BifurcationDiagram
-from dynkit.cli.options import (
-    OBSERVABLE,
-    SYSTEM,
-    Asked,
-    Option,
-    options_of,
-    values_of,
-)  # fmt: skip
-from dynkit.cli.output import (
-    OUT,
-    SYMBOLS,
-    counted,
-    files_of,
-    print_summary,
-    write,
-)  # fmt: skip
+from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, Option, options_of, values_of
+from dynkit.cli.output import OUT, SYMBOLS, counted, files_of, print_summary, write
 from dynkit.core.reprs import costing, span
 from dynkit.plotting.figures import new_figure
 from dynkit.sweeps import sweep

@@ -75,8 +75,8 @@ class Bifurcation(Tabled):
         the critical eigenvalue, 0 or i omega. None at GR and CB.
     direction : (m,) array
         Null vector of D(multiplier), in the unknowns of the orbit's problem; empty at GR and CB.
-        It has no error estimate, and neither has `tangent`: orbits that start along them are
-        corrected by Newton's method.
+        Neither it nor `tangent` has an error estimate: Newton's method corrects the orbits that
+        start along them.
     place : float
         Position on the branch: 3.5 is between points 3 and 4; below 0, or above the index of the
         last point, just beyond an end.

@@ -17,8 +17,8 @@ from dynkit.continuation.orbit_equations import OrbitEquations, distance_from_cu
 from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Ending
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, told
-from dynkit.core.validation import Array
+from dynkit.core.reprs import Facts, system_repr
+from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, Variables
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.spectrum import Spectrum
@@ -107,9 +107,7 @@ class Branch(SolutionCurve):
 
         For equilibria, whether all eigenvalues have negative real parts.
         """
-        stable = np.asarray(np.all(self.spectrum.stable(self.multipliers), axis=1))
-        stable.setflags(write=False)
-        return stable
+        return read_only(np.asarray(np.all(self.spectrum.stable(self.multipliers), axis=1)))
 
     @cached_property
     def error(self) -> Array:
@@ -117,9 +115,7 @@ class Branch(SolutionCurve):
 
         The unit of the parameter is its range, those of the unknowns are their typical sizes.
         """
-        error = np.array([(moved / scale).max() for moved, scale in self._moved])
-        error.setflags(write=False)
-        return error
+        return read_only(np.array([(moved / scale).max() for moved, scale in self._moved]))
 
     @cached_property
     def multipliers_error(self) -> Array:
@@ -135,14 +131,11 @@ class Branch(SolutionCurve):
         from dynkit.orbits.multiplier_errors import multiplier_errors
 
         points = zip(self.unknowns, self.parameter, self.multipliers, self._moved, strict=True)
-        error = np.array(
-            [
-                multiplier_errors(self.problem, x, np.array([p]), found, moved)
-                for x, p, found, (moved, _) in points
-            ]
-        )
-        error.setflags(write=False)
-        return error
+        errors = [
+            multiplier_errors(self.problem, x, np.array([p]), found, moved)
+            for x, p, found, (moved, _) in points
+        ]
+        return read_only(np.array(errors))
 
     @cached_property
     def _moved(self) -> list[tuple[Array, Array]]:
@@ -170,7 +163,7 @@ class Branch(SolutionCurve):
 
     def _facts(self) -> Facts:
         return {
-            "system": self._system and told(self._system, 6, [self.name]),
+            "system": self._system and system_repr(self._system, 6, [self.name]),
             self.name: self.parameter,
             "stable": self.stable,
             **super()._facts(),

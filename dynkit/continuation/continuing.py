@@ -27,7 +27,6 @@ from dynkit.core.validation import Array, boolean, in_interval
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem, is_admissible
 from dynkit.orbits.newton import FixedParameters, correct
-from dynkit.orbits.problem import shortest
 
 if TYPE_CHECKING:
     from dynkit.orbits.equations import ProblemSolution
@@ -151,7 +150,7 @@ def _once(problem: Problem, orbit: ProblemSolution) -> tuple[Problem, Array]:
 
     At a period doubling the orbit of the doubled branch is the single orbit, repeated twice.
     """
-    once, x = shortest(problem, orbit.unknowns)
+    once, x = problem.shortest(orbit.unknowns)
     if once is problem:
         return problem, x
     return once, correct(FixedParameters(once, once.values), x, once.scale(x)).y

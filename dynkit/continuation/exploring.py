@@ -15,7 +15,7 @@ from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.continuation.initial_orbits import Search, Told, searches_of, seeds_of
+from dynkit.continuation.initial_orbits import Describe, Search, searches_of, seeds_of
 from dynkit.continuation.kinds import KINDS, Noticed
 from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish, Link, Network, Unexplored
@@ -27,7 +27,7 @@ from dynkit.dynamics.map import Map
 from dynkit.engine.executors import WorkerLost, all_finished, finished
 from dynkit.orbits.equations import ProblemSolution
 from dynkit.orbits.newton import NoConvergence, NoSolution
-from dynkit.orbits.problem import PeriodicOrbit, shortest
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.search import OrbitSearch
 from dynkit.orbits.spectrum import Spectrum
 
@@ -125,15 +125,15 @@ def explore(
     count = positive_integer("values", values)
     searches: list[Search] = []
     orbits: list[ProblemSolution] = []
-    told: Told = _told_of_seeds
+    describe: Describe = _describe_seeds
     if seeds is None:
         if isinstance(system, Flow):
             raise ValueError("seeds must be equilibria, for a flow; got None")
-        searches, told = searches_of(
+        searches, describe = searches_of(
             system, parameter, within, values=count, largest=largest, box=box, calls=budget
         )
     elif box is not None:
-        raise ValueError(f"box must not be given beside seeds; got {box!r}")
+        raise ValueError(f"box must not be given together with seeds; got {box!r}")
     else:
         orbits = seeds_of(seeds, parameter)
     exploration = _Exploration(
@@ -158,11 +158,11 @@ def explore(
         if not exploration.kept():
             raise
         finish, failure = Finish.FAILED, f": {type(error).__name__}: {error}"
-    return exploration.network(finish, failure, told, time.perf_counter() - began)
+    return exploration.network(finish, failure, describe, time.perf_counter() - began)
 
 
-def _told_of_seeds(_: Sequence[OrbitSearch[Any]]) -> str:
-    return "nothing beside the orbits given"
+def _describe_seeds(_: Sequence[OrbitSearch[Any]]) -> str:
+    return "nothing but the orbits given"
 
 
 class _UsedUp(Exception):
@@ -333,7 +333,7 @@ class _Exploration:
                 self._add(branch)
         return bool(self.found)
 
-    def network(self, finish: Finish, failure: str, told: Told, seconds: float) -> Network:
+    def network(self, finish: Finish, failure: str, describe: Describe, seconds: float) -> Network:
         """Return the network, with all that is left unexplored."""
         left = list(self.left)
         why = finish.value
@@ -349,7 +349,7 @@ class _Exploration:
             elif count < len(left):
                 parts.append(f"{len(left) - count} orbits to start from")
             ending += f"; left unexplored: {' and '.join(parts)}"
-        ending += f"; searched: {told(self.searches)}"
+        ending += f"; searched: {describe(self.searches)}"
         steps = sum(branch.cost.counts.get("newton_steps", 0) for branch in self.found)
         counts = {"branches": len(self.found), "points": self.points, "newton_steps": steps}
         return Network(
@@ -397,5 +397,5 @@ def _switched(bifurcation: Bifurcation) -> tuple[list[ProblemSolution], str]:
 def _once(orbit: ProblemSolution) -> ProblemSolution:
     """Return the orbit with its least period."""
     problem = orbit.problem()
-    shorter, x = shortest(problem, orbit.unknowns)
+    shorter, x = problem.shortest(orbit.unknowns)
     return orbit if shorter is problem else shorter.solution(x, problem.values, orbit.history)

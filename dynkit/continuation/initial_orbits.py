@@ -15,7 +15,7 @@ from dynkit.orbits.search import OrbitSearch, checked_box, find_orbits
 
 Search: TypeAlias = Callable[[], OrbitSearch[Any]]
 
-Told: TypeAlias = Callable[[Sequence[OrbitSearch[Any]]], str]
+Describe: TypeAlias = Callable[[Sequence[OrbitSearch[Any]]], str]
 """Function from searches to a description of what they covered."""
 
 
@@ -40,7 +40,7 @@ def searches_of(
     largest: tuple[int, int],
     box: Any,
     calls: int,
-) -> tuple[list[Search], Told]:
+) -> tuple[list[Search], Describe]:
     """Return searches for orbits at values of a parameter, and a function that describes them.
 
     Parameters
@@ -76,9 +76,9 @@ def searches_of(
     if box is not None:
         inside = checked_box(box, system.dimension)
         searches = [partial(find_orbits, each, n, inside, calls=calls) for each in systems]
-        return list(searches), partial(_told_of_boxes, where=where)
+        return list(searches), partial(_describe_boxes, where=where)
     offers = [partial(each.find_orbits, impacts=n, periods=m) for each in systems]
-    return list(offers), partial(_told_of_offers, periods=m, where=where)
+    return list(offers), partial(_describe_offers, periods=m, where=where)
 
 
 def seeds_of(seeds: object, parameter: str) -> list[ProblemSolution]:
@@ -100,7 +100,7 @@ def seeds_of(seeds: object, parameter: str) -> list[ProblemSolution]:
     return orbits
 
 
-def told_of_counts(impacts: int, counts: Mapping[str, int]) -> str:
+def describe_counts(impacts: int, counts: Mapping[str, int]) -> str:
     """Return a description of the searches by `find_orbits` of an impact oscillator.
 
     Parameters
@@ -110,28 +110,28 @@ def told_of_counts(impacts: int, counts: Mapping[str, int]) -> str:
     counts : mapping
         Numbers of random ``guesses``, of ``starts``, and of ``impacts`` simulated from them.
     """
-    told = "P(1,m) from their closed form"
+    text = "P(1,m) from their closed form"
     if counts["guesses"]:
         guessed = "P(2,m)" if impacts == 2 else "P(2,m) and P(3,m)"
-        told += f", {guessed} from {counts['guesses']} random guesses"
+        text += f", {guessed} from {counts['guesses']} random guesses"
     if counts["starts"]:
-        told += (
+        text += (
             f", P(2,m) and more from near returns among {counts['impacts']} impacts simulated "
             f"from {counts['starts']} starts"
         )
-    return told
+    return text
 
 
-def _told_of_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: str) -> str:
+def _describe_offers(searches: Sequence[OrbitSearch[Any]], periods: int, where: str) -> str:
     """Return a description of searches by the system, at values of a parameter."""
     total: Counter[str] = Counter()
     for search in searches:
         total.update(search.cost.counts)
     n = searches[0].period
-    return f"P(1,1) to P({n},{periods}) {where}: {told_of_counts(n, total)}"
+    return f"P(1,1) to P({n},{periods}) {where}: {describe_counts(n, total)}"
 
 
-def _told_of_boxes(searches: Sequence[OrbitSearch[Any]], where: str) -> str:
+def _describe_boxes(searches: Sequence[OrbitSearch[Any]], where: str) -> str:
     """Return a description of searches of one box, at values of a parameter."""
     period = searches[0].period
     regions = np.array([search.region for search in searches])

@@ -9,7 +9,6 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.newton import Equations, error_bound
-from dynkit.orbits.problem import repetition
 
 
 class CurveEquations(Equations):
@@ -62,7 +61,7 @@ class CurveEquations(Equations):
 
     def repetition(self, y: Array) -> float:
         """Return the distance from repeated orbits of a shorter period; infinite without period."""
-        return repetition(self.problem, self.split(y)[0])
+        return self.problem.repetition(self.split(y)[0])
 
 
 @final

@@ -17,7 +17,6 @@ from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import repetition
 
 # Shortest step, in scaled unknowns, that is halved to separate bifurcations. This and the next two
 # are relative to the `repetition` where that is below one.
@@ -46,7 +45,7 @@ class Acceptance:
         except NoSolution:
             return after, False
         way = (after.y - before.y) / before.scale
-        sizes = (repetition(self.problem, point.y[:-1]) for point in (before, after))
+        sizes = (self.problem.repetition(point.y[:-1]) for point in (before, after))
         length = float(np.sqrt(way @ way)) / min(max(sizes), 1.0)
         after = replace(after, seen=seen)
         if length > _SHORTEST and self._unclear(before.seen, seen, length):

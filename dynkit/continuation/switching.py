@@ -13,7 +13,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem
 from dynkit.orbits.newton import NoConvergence, NoSolution, correct, solve
-from dynkit.orbits.problem import PeriodicProblem, shortest
+from dynkit.orbits.problem import PeriodicProblem
 from dynkit.orbits.spectrum import Spectrum
 
 # Distances along the new branch to try, in scaled unknowns: the first one close enough to the
@@ -112,7 +112,7 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
             size = np.linalg.norm(gap)
             # the error of the bifurcation is an error of both gaps
             if size < distance and np.linalg.norm(gap - 4.0 * of_half) <= _OFF * size + 5.0 * off:
-                once, x = shortest(problem, found.y[:-1])
+                once, x = problem.shortest(found.y[:-1])
                 made = once.solution(x, found.y[-1:], found.history)
                 if _is_near(problem, found.y):
                     return [made]

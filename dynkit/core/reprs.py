@@ -66,7 +66,7 @@ class Shown(Tabled):
             cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        return told(self)
+        return system_repr(self)
 
     def _caption(self) -> str:
         return type(self).__name__
@@ -79,7 +79,7 @@ class Shown(Tabled):
         }
 
 
-def told(system: object, digits: int | None = None, without: Collection[str] = ()) -> str:
+def system_repr(system: object, digits: int | None = None, without: Collection[str] = ()) -> str:
     """Return the class of a system and the arguments that differ from their defaults.
 
     Parameters
@@ -93,7 +93,7 @@ def told(system: object, digits: int | None = None, without: Collection[str] = (
     Examples
     --------
     >>> from dynkit.systems import ImpactChain
-    >>> told(ImpactChain(masses=2, frequency=2.0**0.5, restitution=0.85), digits=3)
+    >>> system_repr(ImpactChain(masses=2, frequency=2.0**0.5, restitution=0.85), digits=3)
     'ImpactChain(frequency=1.41, masses=2)'
     """
     shown = [
@@ -109,7 +109,7 @@ def line_of(system: object, kind: str, swept: Collection[str] = ()) -> str:
 
     Where the system is None, the line is the name of its class: the last part of ``kind``.
     """
-    return kind.rpartition(".")[2] if system is None else told(system, 6, swept)
+    return kind.rpartition(".")[2] if system is None else system_repr(system, 6, swept)
 
 
 def _arguments(system: Any) -> list[tuple[str, object, object]]:

@@ -334,6 +334,11 @@ def generic_direction(dimension: int) -> Array:
     return np.asarray(roots / np.linalg.norm(roots))
 
 
+def proper_divisors(n: int) -> list[int]:
+    """Return the proper divisors of n: the possible least periods of an orbit of n iterates."""
+    return [k for k in range(1, n // 2 + 1) if n % k == 0]
+
+
 def refuse_infinite(state: Array, iterates: int) -> None:
     """Raise `Diverged` when the state after some iterates is not finite.
 

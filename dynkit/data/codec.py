@@ -48,7 +48,7 @@ def encoded(name: str, value: Any, arrays: Arrays) -> Any:
         }
     if isinstance(value, Sequence):
         return [encoded(f"{name}/{i}", part, arrays) for i, part in enumerate(value)]
-    raise TypeError(f"{name} is no plain data: {value!r}")
+    raise TypeError(f"{name} must be plain data; got {value!r}")
 
 
 def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:

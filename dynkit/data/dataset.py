@@ -14,7 +14,7 @@ import numpy as np
 
 from dynkit._version import __version__
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import told
+from dynkit.core.reprs import system_repr
 from dynkit.data.atomic_files import whole
 
 if TYPE_CHECKING:
@@ -65,12 +65,18 @@ class Dataset:
                 names = (dimensions,) if isinstance(dimensions, str) else tuple(dimensions)
                 array = np.asarray(values)
                 if array.dtype.hasobject:
-                    raise ValueError(f"{name} holds what is neither a number nor a text")
+                    raise ValueError(f"{name} must hold numbers or texts; got objects")
                 if array.ndim != len(names):
-                    raise ValueError(f"{name} has the shape {array.shape}, of {', '.join(names)}")
+                    raise ValueError(
+                        f"{name} must have the dimensions {', '.join(names)}; got shape "
+                        f"{array.shape}"
+                    )
                 for dimension, size in zip(names, array.shape, strict=True):
                     if sizes.setdefault(dimension, size) != size:
-                        raise ValueError(f"{name} has {size} of {dimension}; {sizes[dimension]}")
+                        raise ValueError(
+                            f"{name} must have length {sizes[dimension]} along {dimension}; got "
+                            f"{size}"
+                        )
                 made[name] = names, array
             object.__setattr__(self, group, made)
 
@@ -237,7 +243,7 @@ def described(
     attributes: dict[str, str | float] = {"title": title, "dynkit_version": __version__}
     if system is not None:
         fixed = {name: v for name, v in system.parameters.items() if name not in swept}
-        attributes["system"] = told(system, without=swept)
+        attributes["system"] = system_repr(system, without=swept)
         attributes |= {f"parameter_{name}": v for name, v in fixed.items()}
     attributes |= {"error_meaning": error, "cost_seconds": cost.seconds}
     attributes |= {f"cost_{name.replace(' ', '_')}": float(n) for name, n in cost.counts.items()}

@@ -150,9 +150,9 @@ def _parsed(path: Path, data: bytes) -> Archive:
             def collect(name: str, item: Any) -> None:
                 if isinstance(item, h5py.Dataset):
                     if item.external or item.is_virtual:  # h5py would read other files
-                        raise ValueError(f"the data of {name!r} are elsewhere")
+                        raise ValueError(f"{name!r} has its data in another file")
                     if item.id.get_storage_size() != item.size * item.dtype.itemsize:
-                        raise ValueError(f"{name!r} is {item.shape}, and holds less")
+                        raise ValueError(f"{name!r} has shape {item.shape} but not all its data")
                     arrays[name] = np.asarray(item)
 
             file.visititems(collect)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, Tabled, told
+from dynkit.core.reprs import Facts, Tabled, system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, one_of
 from dynkit.dynamics.section import PoincareSection
@@ -119,7 +119,7 @@ class Attractor(Tabled, ABC):
     def __repr__(self) -> str:
         label = self._known_label
         name = "" if label is None else f"{label}, "
-        kind, system = type(self).__name__, told(self.system, 6)
+        kind, system = type(self).__name__, system_repr(self.system, 6)
         return f"<{kind} of {system}: {name}{self._kept} states after {self.transient}>"
 
     def _caption(self) -> str:
@@ -127,7 +127,7 @@ class Attractor(Tabled, ABC):
 
     def _facts(self) -> Facts:
         return {
-            "system": told(self.system, 6),
+            "system": system_repr(self.system, 6),
             "label": self._known_label or "not decided yet",
             "states kept": self._kept,
             "states skipped": self.transient,

@@ -17,6 +17,7 @@ from dynkit.core.validation import (
     finite_array,
     non_negative_integer,
     positive_integer,
+    read_only,
     within_memory,
 )
 from dynkit.dynamics.attractor import Attractor
@@ -79,15 +80,13 @@ class MapAttractor(Attractor):
     def __init__(self, system: SmoothMap, start: Array, transient: int, iterations: int) -> None:
         began = time.perf_counter()
         self._system: SmoothMap = checked_map(system)
-        self._start = finite_array("start", start, (system.dimension,)).copy()
+        self._start = read_only(finite_array("start", start, (system.dimension,)).copy())
         self._transient = non_negative_integer("transient", transient)
         kept = positive_integer("iterations", iterations)
         self._last = self._transient + kept - 1
         count = self._last + 1
         within_memory("transient + iterations", count, 8.0 * count * system.dimension)
-        self._states = system.iterate(self._start, self._last)[self._transient :]
-        self._states.setflags(write=False)
-        self._start.setflags(write=False)
+        self._states = read_only(system.iterate(self._start, self._last)[self._transient :])
         self._cost = Cost(time.perf_counter() - began, {"iterates": self._last})
 
     @property

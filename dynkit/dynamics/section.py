@@ -25,11 +25,11 @@ class PoincareSection(ABC):
 
     1. `dimension`, the number d of coordinates of the surrounding state space.
     2. `direction`: +1 when a crossing increases the value, -1 when it decreases the value.
-    3. ``value(state)``, a smooth number that is zero on the surface and not zero beside it.
+    3. ``value(state)``, a smooth number that is zero on the surface, and not elsewhere near it.
     4. ``gradient(state)``, its exact (d,) derivative.
     5. ``reduce(state)``, the (d - 1,) coordinates of a state on the surface, and
        ``lift(reduced)``, the (d,) state on the surface with these coordinates: the inverse.
-       ``reduce`` is defined and smooth beside the surface, too.
+       ``reduce`` is also defined and smooth near the surface.
     6. ``reduce_derivative(state)``, (d - 1, d), and ``lift_derivative(reduced)``, (d, d - 1).
 
     A subclass may implement:

@@ -121,11 +121,11 @@ def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
         if done.dtype.kind != "i" or done.ndim != 1:
             raise ValueError(f"done is {done.dtype} {done.shape}")
         if len(done) and not (done[0] >= 0 and (np.diff(done) > 0).all()):
-            raise ValueError("done names a point twice")
+            raise ValueError("done must have ascending indices of points")
         arrays, codes = (_group(archive.arrays, name) for name in ("found", "texts"))
         for name, column in [*arrays.items(), *codes.items()]:
             if len(column) != len(done):
-                raise ValueError(f"{name} has {len(column)} rows of {len(done)}")
+                raise ValueError(f"{name} has {len(column)} rows for {len(done)} points")
         known = json.loads(archive.entries["texts"])
         texts = {name: [known[code] for code in column.tolist()] for name, column in codes.items()}
         cost = Cost(float(archive.entries["seconds"]), json.loads(archive.entries["work"]))
@@ -187,11 +187,11 @@ def refuse_misfits(points: Points, findings: Findings) -> None:
         When a column is missing, or does not fit.
     """
     if findings.count != len(points):
-        raise ValueError(f"{findings.count} of {len(points)} points")
+        raise ValueError(f"{findings.count} points instead of {len(points)}")
     if not findings.done.any():
         return
     if points.chained and not findings.done[: int(findings.done.sum())].all():
-        raise ValueError("done leaves out a point before others, which follow it")
+        raise ValueError("done lacks a point on which later points depend")
     for name, (letter, shape) in points.columns.items():
         found = findings.arrays[name]
         alike = [b in (None, a) for a, b in zip(found.shape[1:], shape, strict=False)]

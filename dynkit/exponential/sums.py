@@ -20,6 +20,7 @@ from dynkit.core.validation import (
     non_negative,
     positive,
     positive_integer,
+    read_only,
 )
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import Propagators, cells_of_a_call, ladder, workspace
@@ -130,8 +131,7 @@ class ExponentialSum:
             positive(f"frequency[{k}]", arrays["frequency"][k])
             non_negative(f"decay[{k}]", arrays["decay"][k])
         for name, array in arrays.items():
-            object.__setattr__(self, name, array.copy())
-            getattr(self, name).setflags(write=False)
+            object.__setattr__(self, name, read_only(array.copy()))
         object.__setattr__(self, "offset", finite_scalar("offset", offset))
 
     @cached_property

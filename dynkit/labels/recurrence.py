@@ -8,6 +8,7 @@ from typing import Any, TypeAlias, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
 
 _Indices: TypeAlias = NDArray[np.intp]
@@ -130,7 +131,7 @@ class Recurrences:
                 return None
             n *= factor
         rest = self.rest(n)
-        for divisor in _proper_divisors(n):
+        for divisor in proper_divisors(n):
             clear = _CLOSE if rest == np.inf else 3.0 * rest
             if self.steps(divisor)[-1] <= clear or self._decay(divisor).settles:
                 return None
@@ -169,12 +170,12 @@ class Recurrences:
 
     def settling(self, near: float) -> int | None:
         """Return the period of the orbit, near in this distance, that the motion settles on."""
-        for n in [*_proper_divisors(self._best), self._best] if self._best else []:
+        for n in [*proper_divisors(self._best), self._best] if self._best else []:
             decay = self._decay(n)
             # the smallest period that settles is the period: its multiples seem to settle faster
             if decay.settles:
                 certain = decay.count >= _DECAY_RECURRENCES and decay.rest <= near
-                apart = all(self.steps(k)[-1] > 3.0 * decay.rest for k in _proper_divisors(n))
+                apart = all(self.steps(k)[-1] > 3.0 * decay.rest for k in proper_divisors(n))
                 return n if certain and apart else None
         return None
 
@@ -233,7 +234,3 @@ def _rate(logs: Array) -> tuple[float, float]:
     slope = float(place @ logs) / weight
     residual = logs - logs.mean() - slope * place
     return -slope, float(np.sqrt(residual @ residual / (len(logs) - 2) / weight))
-
-
-def _proper_divisors(n: int) -> list[int]:
-    return [k for k in range(1, n // 2 + 1) if n % k == 0]

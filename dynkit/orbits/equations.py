@@ -12,7 +12,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Tabled
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, read_only
 from dynkit.orbits.spectrum import Spectrum
 
 NOISE = 1e-13
@@ -111,6 +111,21 @@ class Problem(ABC):
         matrix = np.asarray(self.linearization(x, p))
         off = 4.0 * _ROUNDING * float(abs(matrix).max(initial=0.0))
         return matrix[None], np.array([off + float(np.max(self.linearization_error(x, p)))])
+
+    def shortest(self, x: Array) -> tuple[Problem, Array]:
+        """Return problem and unknowns of the same orbit with its least period, to rounding.
+
+        By default this problem and the same unknowns.
+        """
+        return self, x
+
+    def repetition(self, x: Array) -> float:
+        """Return the distance of a solution from the repetitions of orbits with a shorter period.
+
+        It is the smallest root mean square of the changes over a fraction of the period, in units
+        of `scale`: zero for a repeated orbit, infinite where none is possible.
+        """
+        return np.inf
 
     def _matrix(self, x: Array, p: Array) -> Array:
         known = self.factors(x, p)
@@ -222,8 +237,7 @@ class KeptSolution(ProblemSolution):
 
     def __init__(self, problem: Any, x: Array, history: Sequence[float], cost: Cost) -> None:
         self._problem = problem
-        self._x = np.array(x, dtype=np.float64)
-        self._x.setflags(write=False)
+        self._x = read_only(np.array(x, dtype=np.float64))
         self._history = tuple(history)
         self._cost = cost
 

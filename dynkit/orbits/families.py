@@ -13,8 +13,8 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.reprs import Facts, largest, told, written
-from dynkit.core.validation import Array, finite_array, one_of
+from dynkit.core.reprs import Facts, largest, system_repr, written
+from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution, Problem
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution, orbit_bound, solve
@@ -115,7 +115,7 @@ class FamilySolution(KeptSolution):
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
-        return f"<{self.label} of {told(self.system, 6)}: {kind}>"
+        return f"<{self.label} of {system_repr(self.system, 6)}: {kind}>"
 
     def _caption(self) -> str:
         return self.label.capitalize()
@@ -123,7 +123,7 @@ class FamilySolution(KeptSolution):
     def _facts(self) -> Facts:
         more = ", ..." if len(self.eigenvalues) > 6 else ""
         return {
-            "system": told(self.system, 6),
+            "system": system_repr(self.system, 6),
             "stable": self.stable,
             "eigenvalues": ", ".join(written(complex(v)) for v in self.eigenvalues[:6]) + more,
             "residual": largest(self.residual),
@@ -154,9 +154,7 @@ class FamilySolution(KeptSolution):
 
         They determine stability where F is the rate of the state, x' = F(x, p).
         """
-        found = np.asarray(self._problem.spectrum(self._x, _NONE))
-        found.setflags(write=False)
-        return found
+        return read_only(np.asarray(self._problem.spectrum(self._x, _NONE)))
 
     @cached_property
     def eigenvalues_error(self) -> Array:
@@ -166,9 +164,7 @@ class FamilySolution(KeptSolution):
         entries of the linearization by their errors.
         """
         moved = orbit_bound(self._problem, self._x, _NONE)
-        error = multiplier_errors(self._problem, self._x, _NONE, self.eigenvalues, moved)
-        error.setflags(write=False)
-        return error
+        return read_only(multiplier_errors(self._problem, self._x, _NONE, self.eigenvalues, moved))
 
     @cached_property
     def error(self) -> float:

@@ -8,9 +8,9 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.reprs import told
+from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array, finite_array, one_of
+from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.newton import orbit_bound
 from dynkit.orbits.problem import PeriodicOrbit
@@ -29,7 +29,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
         hidden = int((~self.multipliers_resolved).sum())
         doubt = f"; {hidden} of {len(self.multipliers)} multipliers not resolved" if hidden else ""
         kind = "stable" if self.stable else "unstable"
-        return f"<{self.label} of {told(self.system, 6)}: {kind}{doubt}>"
+        return f"<{self.label} of {system_repr(self.system, 6)}: {kind}{doubt}>"
 
     @property
     def system(self) -> SmoothMap:
@@ -49,9 +49,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
     @cached_property
     def states(self) -> Array:
         """The states, (n, d), in their order, read-only; angles are those that the map returns."""
-        states: Array = self._problem.states(self._x)
-        states.setflags(write=False)
-        return states
+        return read_only(self._problem.states(self._x))
 
     @cached_property
     def multipliers(self) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.smooth_map import SmoothMap
+from dynkit.core.smooth_map import SmoothMap, proper_divisors
 from dynkit.core.stretching import product_with_error
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import NOISE
@@ -18,7 +18,7 @@ from dynkit.orbits.families import FamilyProblem
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import PeriodicProblem, fractions
+from dynkit.orbits.problem import PeriodicProblem
 
 TURN = 2.0 * np.pi
 
@@ -100,7 +100,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return problem, np.concatenate([x, x]), np.concatenate([disturbance, -disturbance])
 
     def shortest(self, x: Array) -> tuple[PeriodicProblem, Array]:
-        for k in fractions(len(self._like)):
+        for k in proper_divisors(len(self._like)):
             if (abs(self._changes_over(k, x)) <= _REPEATED * self.units).all():
                 problem = type(self)(self._system, self._like[:k], self._names)
                 return problem, self._rows(x)[:k].ravel()
@@ -108,7 +108,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
     def repetition(self, x: Array) -> float:
         sizes = self.scale(x).reshape(self._like.shape)
-        parts = [self._changes_over(k, x) / sizes for k in fractions(len(self._like))]
+        parts = [self._changes_over(k, x) / sizes for k in proper_divisors(len(self._like))]
         return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
 
     def _changes_over(self, k: int, x: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.smooth_map import SmoothMap, checked_map
+from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
 from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
@@ -116,7 +116,7 @@ def _shorter(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]
     """Return the solution of the orbit's least period, if that is smaller than n."""
     n = len(states)
     near = _SAME * sizes(states)
-    for k in (k for k in range(1, n // 2 + 1) if n % k == 0):
+    for k in proper_divisors(n):
         if (abs(system.difference(np.roll(states, -k, axis=0), states)) > near).any():
             continue
         try:

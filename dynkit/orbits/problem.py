@@ -11,24 +11,19 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from dynkit.core.reprs import Facts, largest, told, written
+from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, read_only
 from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.orbits.spectrum import Spectrum
 
 
-def fractions(n: int) -> list[int]:
-    """Return the proper divisors of n: the possible least periods of an orbit of n states."""
-    return [k for k in range(1, n // 2 + 1) if n % k == 0]
-
-
 class PeriodicProblem(Problem):
     """A problem whose solutions are the periodic orbits of one kind in a family.
 
-    A subclass must implement, beside the equations:
+    A subclass must implement, in addition to the equations:
 
     1. ``linearization(x, p, multiplier)``, the derivative D(mu) for x(T) = mu x(0);
     2. ``multipliers(x, p)``, the Floquet multipliers;
@@ -106,31 +101,6 @@ class PeriodicProblem(Problem):
         doubling.
         """
 
-    def shortest(self, x: Array) -> tuple[PeriodicProblem, Array]:
-        """Return problem and unknowns of the orbit with its least period, to rounding.
-
-        By default this problem and the same unknowns.
-        """
-        return self, x
-
-    def repetition(self, x: Array) -> float:
-        """Return the distance of a solution from the repetitions of orbits with a shorter period.
-
-        It is the smallest root mean square of the changes over a fraction of the period, in units
-        of `scale`: zero for a repeated orbit, infinite where none is possible.
-        """
-        return np.inf
-
-
-def shortest(problem: Problem, x: Array) -> tuple[Problem, Array]:
-    """Return problem and unknowns with the least period: see `PeriodicProblem.shortest`."""
-    return problem.shortest(x) if isinstance(problem, PeriodicProblem) else (problem, x)
-
-
-def repetition(problem: Problem, x: Array) -> float:
-    """Return `PeriodicProblem.repetition`; infinite for solutions without a period."""
-    return problem.repetition(x) if isinstance(problem, PeriodicProblem) else np.inf
-
 
 class PeriodicOrbit(ProblemSolution):
     """A periodic orbit, stable or unstable, found by Newton's method.
@@ -146,7 +116,7 @@ class PeriodicOrbit(ProblemSolution):
         shown = ", ".join(written(complex(m)) if ok else "not resolved" for m, ok in rows)
         more = ", ..." if len(self.multipliers) > 6 else ""
         return {
-            "system": told(self.system, 6),
+            "system": system_repr(self.system, 6),
             "stable": self.stable,
             "admissible": self.admissible,
             "multipliers": shown + more,
@@ -189,9 +159,7 @@ class PeriodicOrbit(ProblemSolution):
             moved = orbit_bound(problem, x, none)
         except NoSolution:
             moved = np.full(len(x), np.inf)
-        error = multiplier_errors(problem, x, none, self.multipliers, moved)
-        error.setflags(write=False)
-        return error
+        return read_only(multiplier_errors(problem, x, none, self.multipliers, moved))
 
     @cached_property
     def multipliers_resolved(self) -> Any:
@@ -202,9 +170,7 @@ class PeriodicOrbit(ProblemSolution):
         certainly inside the unit circle.
         """
         error = self.multipliers_error
-        resolved = (error < abs(self.multipliers)) | (error == 0.0)
-        resolved.setflags(write=False)
-        return resolved
+        return read_only((error < abs(self.multipliers)) | (error == 0.0))
 
     @property
     @final

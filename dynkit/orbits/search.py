@@ -10,9 +10,9 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.reprs import told
-from dynkit.core.smooth_map import SmoothMap, checked_map
-from dynkit.core.validation import Array, finite_array, positive_integer
+from dynkit.core.reprs import system_repr
+from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
+from dynkit.core.validation import Array, finite_array, positive_integer, read_only
 from dynkit.orbits.covering import Covering
 from dynkit.orbits.laps import CELLS, periodic_points, reached
 from dynkit.orbits.map_calls import MapCalls, Spent
@@ -79,11 +79,10 @@ class OrbitSearch(Sequence[_Orbit]):
         self.system = system
         self.period = period
         self.resolved = resolved
-        self.region = region
+        self.region = read_only(region)
         self.message = message
         self.cost = cost
         self._orbits = tuple(orbits)
-        region.setflags(write=False)
 
     @property
     def error(self) -> Array:
@@ -115,7 +114,7 @@ class OrbitSearch(Sequence[_Orbit]):
         return len(self._orbits)
 
     def __repr__(self) -> str:
-        return f"<{len(self)} orbits of {told(self.system, 6)}; {self.message}>"
+        return f"<{len(self)} orbits of {system_repr(self.system, 6)}; {self.message}>"
 
 
 def find_orbits(
@@ -229,7 +228,7 @@ class _Found:
     def holds(self, states: Array) -> bool:
         """Whether successive iterates belong to a known orbit."""
         n = len(states)
-        divisors = (k for k in range(1, n + 1) if n % k == 0)
+        divisors = (*proper_divisors(n), n)
         return any(self._same(orbit, states) for k in divisors for orbit in self._orbits[k])
 
     def add(self, states: Array) -> None:

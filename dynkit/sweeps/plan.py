@@ -22,6 +22,7 @@ from dynkit.core.validation import (
     finite_array,
     non_negative_integer,
     positive_integer,
+    read_only,
     within_memory,
 )
 from dynkit.data.store import identity_of, kind_of
@@ -140,10 +141,7 @@ def plan_of(
     """
     checked_map(system, Map)
     system.value_of(parameter)
-    array = finite_array("values", values, (None,)).copy()
-    array.setflags(write=False)
-    if not len(array):
-        raise ValueError("values must hold at least one number; got none")
+    array = swept_values("values", values)
     if len(array) > MOST_POINTS:
         raise ValueError(f"values must not be more than {MOST_POINTS}; got {len(array)}")
     skipped = non_negative_integer("transient", transient)
@@ -158,6 +156,20 @@ def plan_of(
     packed = packed_start(system.replace(**{parameter: float(array[0])}), start)
     following = boolean("follow", follow)
     return Plan(system, kind_of(system), parameter, array, skipped, kept, names, packed, following)
+
+
+def swept_values(name: str, values: object) -> Array:
+    """Return values of a parameter as a new read-only array, (k,).
+
+    Raises
+    ------
+    ValueError
+        When they are not finite numbers, or there is none.
+    """
+    array = finite_array(name, values, (None,)).copy()
+    if not len(array):
+        raise ValueError(f"{name} must hold at least one number; got none")
+    return read_only(array)
 
 
 def packed_start(system: Map, start: object) -> Array:

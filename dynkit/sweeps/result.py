@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, line_of
-from dynkit.core.validation import Array, index_in, one_of
+from dynkit.core.validation import Array, index_in, one_of, read_only
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.store import Archive, arrays_of
 from dynkit.dynamics.attractor import Attractor
@@ -251,6 +251,4 @@ class Sweep(Swept):
         exact: a stable motion loses all memory of its start. In chaos the error is as large as the
         attractor, and only the distribution of many states has a meaning.
         """
-        errors = np.array([self.attractor(place).error for place in range(len(self))])
-        errors.setflags(write=False)
-        return errors
+        return read_only(np.array([self.attractor(place).error for place in range(len(self))]))

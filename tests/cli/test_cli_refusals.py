@@ -53,7 +53,7 @@ BAD_INPUT = [
     ("sweep --from 1 --to 2 --step -0.1", "step must lead from 1.0 to 2.0; got -0.1"),
     ("sweep --from 1 --to 2 --step 0", "step must lead from 1.0 to 2.0; got 0.0"),
     ("sweep --from 1 --to 2 --step 1e-9", "step must not give more than 1000000 values; got 1e-09"),
-    ("sweep --from 1 --values 1,2", "from must not be given beside values; got 1"),
+    ("sweep --from 1 --values 1,2", "from must not be given together with values; got 1"),
     ("sweep --values 1 --frequency 1", "frequency must not be given when it is swept; got 1"),
     (
         "sweep --values 1 --parameter masses",
@@ -79,7 +79,10 @@ BAD_INPUT = [
         "simulate --frequency 1 --transient -1",
         "transient must be zero or a positive integer; got -1",
     ),
-    ("simulate a.toml --config b.toml", "config must not be given beside a file; got 'b.toml'"),
+    (
+        "simulate a.toml --config b.toml",
+        "config must not be given together with a file; got 'b.toml'",
+    ),
     (
         "sweep --values 1 --no-labels=3",
         "argument --labels/--no-labels: ignored explicit argument '3'",
@@ -111,7 +114,7 @@ BAD_INPUT = [
     (f"{CONTINUE} --impacts 0", "impacts must be a positive integer; got 0"),
     (
         f"{CONTINUE} --periods 3 --transient 10",
-        "transient must not be given beside impacts or periods; got 10",
+        "transient must not be given together with impacts or periods; got 10",
     ),
     (
         f"{CONTINUE} --out branch.jpg",

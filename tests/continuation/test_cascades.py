@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, Map, continue_orbit, explore, periodic_orbit
-from dynkit.orbits.problem import PeriodicOrbit, shortest
+from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import Henon, ImpactChain, Logistic
 from tests.continuation.cascades import Hump, Sine, cascade, random_hump
 from tests.example_systems import Ricker
@@ -154,7 +154,7 @@ def test_impacts_of_a_mass_double_their_periods() -> None:
         assert abs(orbit.multipliers - 1.0).min() < 0.25
         branch = continue_orbit(orbit, "frequency", bounds=(0.3, 1.2), points=60)
         assert branch.label == f"P({n},{n})"
-        once = [shortest(branch.problem, x)[0] is branch.problem for x in branch.unknowns]
+        once = [branch.problem.shortest(x)[0] is branch.problem for x in branch.unknowns]
         assert all(once)
 
 

@@ -208,7 +208,7 @@ def test_what_is_left_is_named() -> None:
     assert why == "the budget was used up"
     assert network.message == (
         "the budget was used up; left unexplored: 1 bifurcations; "
-        "searched: nothing beside the orbits given"
+        "searched: nothing but the orbits given"
     )
 
 
@@ -383,7 +383,7 @@ def test_grazing_leads_to_orbits_of_one_impact_more(chain: Network) -> None:
         ({"box": None}, "box or seeds must be given for a system without find_orbits; got"),
         ({"box": [(1.0, 0.0)]}, "box.0. must be .low, high. with low < high; got .1.0, 0.0."),
         ({"box": [0.0, 1.0]}, "box must have shape .1, 2.; got shape .2,."),
-        ({"seeds": []}, "box must not be given beside seeds"),
+        ({"seeds": []}, "box must not be given together with seeds"),
     ],
 )
 def test_bad_input_is_refused(options: dict[str, object], message: str) -> None:

@@ -176,8 +176,8 @@ def test_other_dimensions_become_columns() -> None:
 @pytest.mark.parametrize(
     ("variables", "message"),
     [
-        ({"x": (("k", "m"), [1.0])}, r"x has the shape \(1,\), of k, m"),
-        ({"x": ("k", [1.0]), "y": ("k", [1.0, 2.0])}, "y has 2 of k; 1"),
+        ({"x": (("k", "m"), [1.0])}, r"x must have the dimensions k, m; got shape \(1,\)"),
+        ({"x": ("k", [1.0]), "y": ("k", [1.0, 2.0])}, "y must have length 1 along k; got 2"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(variables: Any, message: str) -> None:
@@ -200,9 +200,9 @@ def changed(path: Path, target: Path, name: str, array: Array) -> None:
 @pytest.mark.parametrize(
     ("array", "message"),
     [
-        (np.zeros((2, 3)), "displacement has 2 of time"),
+        (np.zeros((2, 3)), "displacement must have length .* along time; got 2"),
         (np.zeros((2, 3), dtype=np.int64), "displacements is int64"),
-        (np.zeros(3), "displacement has the shape"),
+        (np.zeros(3), "displacement must have the dimensions"),
     ],
 )
 def test_arrays_made_by_hand_are_refused(
@@ -223,7 +223,9 @@ def test_a_huge_shape_that_holds_nothing_is_refused_before_memory_is_asked_for(
         file.create_dataset("displacements", (1 << 40, 100), dtype="f8", chunks=(1, 100))
     data = buffer.getbuffer()[512:]
     (tmp_path / "x.h5").write_bytes(bytes(dynkit.data.store._heading(data)) + bytes(data))
-    with pytest.raises(ValueError, match=r"'displacements' is \(1099511627776, 100\), and holds"):
+    with pytest.raises(
+        ValueError, match=r"'displacements' has shape \(1099511627776, 100\) but not all its data"
+    ):
         SpaceTime.load(tmp_path / "x.h5")
 
 

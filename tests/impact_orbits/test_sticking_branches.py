@@ -17,7 +17,6 @@ from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import solve
-from dynkit.orbits.problem import shortest
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.simulation.state import TWO_PI
@@ -376,7 +375,7 @@ def test_all_points_of_a_doubled_branch_that_sticks_have_twice_the_period() -> N
         orbit = branch.problem.solution(x, branch.parameter[:1])
         assert isinstance(orbit, ImpactOrbit)
         assert orbit.sticks
-        assert shortest(branch.problem, x)[0] is branch.problem
+        assert branch.problem.shortest(x)[0] is branch.problem
         phases = orbit.phases.reshape(2, -1)
         # the second half is not the first one a period of the table later
         assert abs(phases[1] - phases[0] - 2.0 * np.pi).max() > 1e-7

@@ -7,6 +7,7 @@ its output: words must be the same, numbers to their last printed digit.
 from __future__ import annotations
 
 import base64
+import importlib
 import io
 import re
 import shlex
@@ -24,7 +25,7 @@ from matplotlib import pyplot as plt
 from matplotlib.backend_bases import FigureCanvasBase
 
 from dynkit.cli import COMMANDS, main
-from tests.pictures import describe_pictures, described
+from tests.pictures import describe_pictures, described, description
 
 ROOT = Path(__file__).parents[2]
 HOW_TO = "docs/how-to/"
@@ -204,3 +205,14 @@ def test_every_run_of_the_cluster_page_goes_on_from_one_store() -> None:
     assert len(calls) == 3
     assert all("transient=900" in call and 'store="map.h5"' in call for call in calls)
     assert command[command.index("--transient") + 1] == "900"
+
+
+def test_the_sketch_of_the_first_page_is_that_of_its_machine() -> None:
+    sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
+    try:
+        pictures = importlib.import_module("pictures")
+    finally:
+        sys.path.pop(0)
+    assert shows(pictures.MACHINE) == description(pictures.machine())
+    for page in ("README.md", "docs/index.md"):
+        assert "_static/machine.png)" in text(page)

@@ -151,5 +151,7 @@ def test_a_store_that_leaves_out_a_value_before_others_is_refused(tmp_path: Path
         for name, rows in whole.arrays.items()
     }
     dynkit.data.store.write(store, dynkit.data.store.Archive(whole.entries, rest))
-    with pytest.raises(ValueError, match=r"all of a sweep.*done leaves out a point before others"):
+    with pytest.raises(
+        ValueError, match=r"all of a sweep.*done lacks a point on which later points depend"
+    ):
         sweep_rates(store)

@@ -72,7 +72,7 @@ class Look:
     def _moved(self, state: Any, transient: int) -> Attractor:
         """Simulate from a state.
 
-        A motion beside an unstable orbit leaves it, but slowly. A motion that is still there after
+        A motion near an unstable orbit leaves it, but slowly. A motion that is still there after
         `_BUDGET` more states lies on the orbit.
         """
         motion = self.system.attractor(start=state, transient=transient, keep=self.keep)
@@ -166,7 +166,7 @@ class Look:
         difference, window = self.system.difference, orbit_size(label)
         states, final, seen = motion.states, motion.final, 0
         later = label.simulated - len(states)
-        if later > 0:  # the label describes later states; kept ones may lie beside another orbit
+        if later > 0:  # the label describes later states; kept ones may lie near another orbit
             (_, final), states = self.states_after(final, later), states[:0]
         while True:
             if len(states) < 3 * window:

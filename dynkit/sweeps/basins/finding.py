@@ -18,7 +18,7 @@ from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
 from dynkit.engine.points import MOST_POINTS
 from dynkit.sweeps.basins.classification import Starts, look_at
-from dynkit.sweeps.basins.matching import told_apart
+from dynkit.sweeps.basins.matching import group_starts
 from dynkit.sweeps.basins.result import Basins
 
 
@@ -49,7 +49,7 @@ def basins(
     Motions at rest are separated by the reasons of their endings.
 
     A start on an unstable orbit stays there and is a basin of its own, whose label says
-    ``unstable``. Motions beside an unstable orbit are simulated for 20,000 more states, in which
+    ``unstable``. Motions near an unstable orbit are simulated for 20,000 more states, in which
     they leave it.
 
     Parameters
@@ -117,5 +117,5 @@ def basins(
         within_memory("keep", kept, 8.0 * kept * system.dimension),
     )
     rows_found = collect(Starts(look, rows), executor=executor, store=store, progress=progress)
-    numbers, basins = told_apart(look, rows_found, given.shape[:-1], executor)
+    numbers, basins = group_starts(look, rows_found, given.shape[:-1], executor)
     return Basins(rows.reshape(given.shape), numbers, basins, rows_found.cost, look)

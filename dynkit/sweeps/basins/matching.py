@@ -44,7 +44,7 @@ class Found:
     states: Array
 
 
-def told_apart(
+def group_starts(
     look: Look, rows: Rows, shape: tuple[int, ...], executor: Executor | None
 ) -> tuple[NDArray[np.int64], tuple[Basin, ...]]:
     """Return the number of each start's attractor, and the basins in the order of the starts.

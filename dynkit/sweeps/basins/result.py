@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, largest, table, told
+from dynkit.core.reprs import Facts, largest, system_repr, table
 from dynkit.core.validation import Array, index_in
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved, read_result, write_result
@@ -86,7 +86,7 @@ class Basins(Saved):
     def _facts(self) -> Facts:
         counts = {text: int((self.numbers == n).sum()) for n, text in OTHER_ENDS.items()}
         return {
-            "system": self._look and told(self._look.system, 6),
+            "system": self._look and system_repr(self._look.system, 6),
             "starts": " x ".join(map(str, self.numbers.shape)),
             **{text: count or None for text, count in counts.items()},
             "cost": self.cost,

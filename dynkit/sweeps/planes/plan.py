@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from dynkit.core.no_motion import NoMotion, Refused, replaced
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import (
     Array,
-    finite_array,
     non_negative_integer,
     positive_integer,
     within_memory,
@@ -25,7 +24,7 @@ from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.engine.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
 from dynkit.labels.columns import COLUMNS, empty_columns, put_label
-from dynkit.sweeps.plan import known_names, packed_start, start_of
+from dynkit.sweeps.plan import known_names, packed_start, start_of, swept_values
 
 KIND = "map of two parameters"
 
@@ -157,7 +156,10 @@ def plan_of(
     for name in (first, second):
         if name not in family.parameters:
             raise ValueError(f"values must be of parameters among {known}; got {name!r}")
-    axes = _axis(first, values[first]), _axis(second, values[second])
+    axes = (
+        swept_values(f"values[{first!r}]", values[first]),
+        swept_values(f"values[{second!r}]", values[second]),
+    )
     if len(axes[0]) * len(axes[1]) > MOST_POINTS:
         raise ValueError(
             f"values must not make more than {MOST_POINTS} pairs; got {len(axes[0])} of {first} "
@@ -198,14 +200,6 @@ def _places_of(family: Map, one: tuple[str, float, int], other: tuple[str, float
         except Refused:
             return at
     return f"{own} with {beside}"
-
-
-def _axis(name: str, values: Any) -> Array:
-    axis = finite_array(f"values[{name!r}]", values, (None,)).copy()
-    if not len(axis):
-        raise ValueError(f"values[{name!r}] must hold at least one number; got none")
-    axis.setflags(write=False)
-    return axis
 
 
 @final

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, line_of, table
-from dynkit.core.validation import Array, index_in, one_of
+from dynkit.core.validation import Array, index_in, one_of, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.store import Archive
 from dynkit.dynamics.attractor import Attractor
@@ -151,9 +151,7 @@ class ParameterMap(Swept):
             OTHER_ENDS.get(kind) or label_in(arrays, place, KINDS[kind]).name
             for place, kind in enumerate(arrays["kind"].tolist())
         ]
-        found = np.array(texts).reshape(self._shape)
-        found.setflags(write=False)
-        return found
+        return read_only(np.array(texts).reshape(self._shape))
 
     def largest(self, name: str | None = None) -> Array:
         """Return the largest kept value of an observable, (k1, k2); NaN where there is none.
@@ -195,9 +193,7 @@ class ParameterMap(Swept):
         """
         labels = [self._label(place) for place in range(len(self._rows.arrays["kind"]))]
         errors = [np.nan if label is None else label.error for label in labels]
-        found = np.array(errors).reshape(self._shape)
-        found.setflags(write=False)
-        return found
+        return read_only(np.array(errors).reshape(self._shape))
 
     def __repr__(self) -> str:
         names, counts = np.unique(self.names, return_counts=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
 import numpy as np
 
-from dynkit.core.reprs import Facts, told
+from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.validation import Array, finite_array
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
@@ -46,7 +46,7 @@ class OrbitEquations(Protocol):
         """Whether the solution is a motion of the oscillator."""
 
     @property
-    def returns(self) -> int:
+    def section_returns(self) -> int:
         """Number of returns to the section in a period."""
 
     def counts(self) -> dict[str, float]:
@@ -78,7 +78,10 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         if not self.admissible:
             kind = f"inadmissible, {kind}"
         largest = abs(self.multipliers[0])
-        return f"<{self.label} of {told(self.system, 6)}: {kind}, multipliers up to {largest:.4g}>"
+        return (
+            f"<{self.label} of {system_repr(self.system, 6)}: {kind}, "
+            f"multipliers up to {largest:.4g}>"
+        )
 
     def _facts(self) -> Facts:
         return {**super()._facts(), "period": self.period, "states": len(self.states)}
@@ -108,7 +111,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         Without a hard stop n is the number of periods, as of the label of an attractor.
         """
         if not self._problem.driven:
-            return f"P({self._problem.returns})"
+            return f"P({self._problem.section_returns})"
         count = self.periods if self.system._strobed else self.impacts
         return f"P({count},{self.periods})"
 

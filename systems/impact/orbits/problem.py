@@ -11,11 +11,12 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Refused, replaced
+from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.newton import NoSolution
-from dynkit.orbits.problem import PeriodicProblem, fractions
+from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.orbits.borders import Border, borders
 from dynkit.systems.impact.orbits.machine import Changes
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -169,7 +170,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
 
     @property
-    def returns(self) -> int:
+    def section_returns(self) -> int:
         """Number of returns to the section in a period."""
         return len(self.itinerary)
 
@@ -222,7 +223,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         Those of the phases, and in their units those of what else is known of each item.
         """
         count, m = len(self.itinerary), self.periods
-        for k in fractions(count):
+        for k in proper_divisors(count):
             if m % (count // k) == 0 and self._may_repeat(k):
                 phases, others = self._marked(x)
                 periods = m // (count // k)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.continuation.initial_orbits import told_of_counts
+from dynkit.continuation.initial_orbits import describe_counts
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
 from dynkit.labels.recurrence import Recurrences
@@ -77,7 +77,7 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
             region = np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
     orbits = sorted(found.orbits(began), key=lambda orbit: (orbit.impacts, orbit.periods))
     cost = Cost(time.perf_counter() - began, counts)
-    message = f"P(1,1) to P({n},{m}): {told_of_counts(n, counts)}"
+    message = f"P(1,1) to P({n},{m}): {describe_counts(n, counts)}"
     return OrbitSearch(oscillator, n, 0, region, message, orbits, cost)
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.reprs import Facts, largest, told
+from dynkit.core.reprs import Facts, largest, system_repr
 from dynkit.core.validation import (
     Array,
     finite_array,
@@ -158,7 +158,7 @@ class ImpactRecord(Result):
 
     def _facts(self) -> Facts:
         return {
-            "system": told(self.system, 6),
+            "system": system_repr(self.system, 6),
             "contacts": len(self.sticking),
             "ending": self.ending.value,
             "times of impacts": self.time,

@@ -335,7 +335,7 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2))
 
     @property
-    def returns(self) -> int:
+    def section_returns(self) -> int:
         return returns_of(self.oscillator, self.itinerary)
 
     def counts(self) -> dict[str, float]:
