@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
 
     from dynkit.systems.impact.impact_map import ImpactMap
-    from dynkit.systems.impact.records.record import ImpactRecord
 
 _PERIODS, _INTERVAL, _FADES = 6.0, 40, 4.0
 """Periods that are shown by default; milliseconds from frame to frame; frames in which the mark of
@@ -26,15 +25,40 @@ _REACH = 0.75
 """Largest change of a distance between masses, as a part of that distance in the sketch."""
 
 
+class Recorded(Protocol):
+    """What an animation uses of a record."""
+
+    system: ImpactMap
+
+    @property
+    def time(self) -> Array:
+        """Times (n,) of the impacts."""
+
+    @property
+    def element(self) -> Any:
+        """Number (n,) of the stop that each impact hit."""
+
+    def sample(self, times: object) -> tuple[Array, Array]:
+        """Positions and velocities at given times."""
+
+    def observable(self, name: str, times: object = None) -> Array:
+        """An observable of an element at given times."""
+
+    def plot(
+        self, ax: Any = None, element: str | None = None, *, begin: float = 0.0, end: Any = None
+    ) -> Any:
+        """Draw the time series of an element."""
+
+
 @print_style()
 def animate(
-    record: ImpactRecord, begin: float | None, end: float | None, frames: int, element: str | None
+    record: Recorded, begin: float | None, end: float | None, frames: int, element: str | None
 ) -> FuncAnimation:
     """Animate a record, as `ImpactRecord.animate` says."""
     from matplotlib.animation import FuncAnimation
 
     count = positive_integer("frames", frames)
-    last = float(record.time[-1]) if len(record) else 0.0
+    last = float(record.time[-1]) if len(record.time) else 0.0
     until = in_interval("end", last if end is None else end, 0.0, last)
     shown = _PERIODS * 2.0 * math.pi / record.system.frequency
     since = in_interval("begin", max(until - shown, 0.0) if begin is None else begin, 0.0, until)
@@ -61,7 +85,7 @@ def animate(
     return Film(figure, show, frames=count, interval=_INTERVAL, blit=False)
 
 
-def poses_at(record: ImpactRecord, times: Array) -> list[Pose]:
+def poses_at(record: Recorded, times: Array) -> list[Pose]:
     """The machine at times (k,), in units of the sketch."""
     system, names = record.system, element_names(record.system)
     x = record.sample(times)[0]
@@ -91,7 +115,7 @@ def poses_at(record: ImpactRecord, times: Array) -> list[Pose]:
     ]
 
 
-def _since(record: ImpactRecord, element: int, times: Array) -> Array:
+def _since(record: Recorded, element: int, times: Array) -> Array:
     """Times since the last impact with a stop, (k,); infinite before the first one."""
     hits = np.append(-math.inf, record.time[record.element == element])
     return np.asarray(times - hits[np.searchsorted(hits, times, side="right") - 1])
