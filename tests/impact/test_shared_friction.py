@@ -41,7 +41,7 @@ def test_they_stick_up_to_the_sum_of_their_static_forces() -> None:
     block = ImpactChain(masses=1, damping=0.0, frequency=1.0, elements=elements)
     for place, stays in ((0.299, True), (0.301, False), (-0.299, True), (-0.301, False)):
         record = block.simulate(impacts=3, start=block.state([place], [0.0]))
-        assert (abs(record.position - place).max() < 1e-15) == stays
+        assert (len(record.events) == 0) == stays
     slid = block.simulate(impacts=1, start=block.state([0.31], [0.0]))
     # slips by the kinetic forces, 0.2, to the other side of the balance of spring and friction
     assert slid.events.position[-1, 0] == pytest.approx(0.09, abs=1e-14)

@@ -80,8 +80,8 @@ class ImpactOscillator(ImpactMap):
         the next, at phase 0; its states are positions and velocities, and every count of impacts is
         a count of periods. Without a hard stop and without harmonic forces or motions, the section
         is where the first friction comes to a halt, or without friction where the gap of the first
-        soft stop closes. Its 2N - 1 coordinates omit the velocity, or the position, that is fixed
-        there, and every count of impacts is a count of returns.
+        soft stop without preload closes. Its 2N - 1 coordinates omit the velocity, or the position,
+        that is fixed there, and every count of impacts is a count of returns.
 
     Raises
     ------

@@ -433,11 +433,18 @@ def cycled_by(elements: Sequence[Element]) -> int | None:
     """Number of the element whose events are the section of a machine that nothing drives.
 
     It is the first friction, where it comes to a halt, else the first soft stop, where its gap
-    closes. None where there is neither.
+    closes; not one with a preload, at whose edge a motion may cross without end. None where there
+    is neither.
     """
     friction = (k for k, element in enumerate(elements) if halts(element))
-    others = (k for k, element in enumerate(elements) if not element.slider)
+    others = (k for k, e in enumerate(elements) if not (e.slider or _pushes_at_once(e)))
     return next(friction, next(others, None))
+
+
+def _pushes_at_once(element: Element) -> bool:
+    """Whether its force jumps where it is met."""
+    met = element.regimes[element.regimes[0].guards[0].to]
+    return bool(met.push)
 
 
 def halts(element: Element) -> bool:
