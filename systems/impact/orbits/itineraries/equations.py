@@ -104,7 +104,7 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
     def layout(self) -> Layout:
         """Of unknowns and equations."""
         hits = sum(event.kicked is not None for event in self.itinerary)
-        return Layout(len(self.itinerary), hits, self.oscillator.dimension)
+        return Layout(len(self.itinerary), hits, 2 * self.oscillator.degrees_of_freedom)
 
     @cached_property
     def pairs(self) -> list[divided.Pair | None]:
