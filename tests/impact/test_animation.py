@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from dynkit.plotting.figures import new_figure
 from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactRecord, SoftStop
 from dynkit.systems.impact.records.animation import poses_at
 from dynkit.systems.impact.records.sketch import sketch
@@ -66,8 +67,9 @@ def test_friction_that_sticks_is_named(record: ImpactRecord) -> None:
 
 def test_names_stay_apart_from_all_else_in_a_row_of_their_own(record: ImpactRecord) -> None:
     for pose in poses_at(record, np.linspace(250.0, 300.0, 5)):
-        ax = sketch(None, MACHINE, pose)
-        ax.figure.draw_without_rendering()  # type: ignore[union-attr]
+        figure, (ax,) = new_figure()
+        sketch(ax, MACHINE, pose)
+        figure.draw_without_rendering()
         names = [text for text in ax.texts if text.get_text() in {"table", "pad", "belt"}]
         assert len(names) == 3
         assert len({text.get_position()[1] for text in names}) == 3

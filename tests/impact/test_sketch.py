@@ -1,7 +1,10 @@
 """Sketches of machines show every element, on its side, by its name, and nothing overlaps."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
@@ -46,6 +49,12 @@ MACHINES: dict[str, ImpactOscillator] = {
         ],
     ),
 }
+
+
+@pytest.fixture(autouse=True)
+def closed() -> Iterator[None]:
+    yield
+    pyplot.close("all")
 
 
 def texts(ax: Axes) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.plotting.figures import ink, new_figure, print_style
+from dynkit.plotting.figures import ink, print_style, shown_axes
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.records.event_counts import element_names
 
@@ -60,10 +60,12 @@ class Pose(NamedTuple):
 @print_style()
 def sketch(ax: Axes | None, system: ImpactMap, pose: Pose | None = None) -> Axes:
     """Draw a machine, as `ImpactOscillator.plot` says; in a pose, if there is one."""
+    from matplotlib.figure import Figure
+
     n = system.degrees_of_freedom
     if n > _MOST:
         raise ValueError(f"degrees_of_freedom must not exceed {_MOST} in a sketch; got {n}")
-    figure, (axes,) = (None, (ax,)) if ax is not None else new_figure()
+    axes = shown_axes(ax)
     pen = _Pen(axes, n, pose or Pose(np.zeros(n), {}, {}, (), -math.inf))
     for k in range(n):
         pen.mass(k)
@@ -82,7 +84,9 @@ def sketch(ax: Axes | None, system: ImpactMap, pose: Pose | None = None) -> Axes
     axes.set_aspect("equal")
     axes.margins(0.02, 0.05)
     axes.axis("off")
-    if figure is not None:
+    if ax is None:
+        figure = axes.figure
+        assert isinstance(figure, Figure)
         width, height = (high - low for low, high in (axes.get_xlim(), axes.get_ylim()))
         scale = min(_SCALE, _WIDEST / width)
         figure.set_layout_engine("none")
