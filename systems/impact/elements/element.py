@@ -1,4 +1,4 @@
-"""What acts on a structure: in each of its regimes, what it does and what ends it."""
+"""Elements: forces on a structure in several regimes, and the guards that end a regime."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from dynkit.core.validation import (
 from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, checked_restitution
 
 IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
-"""What happens where a guard is zero: the law of impacts in the same regime, another regime, or the
-end of the motion. Another regime, too, where a rate has become zero; or only where the guard is
-negative at once, after an event."""
+"""Kinds of events at the zero of a guard: an impact in the same regime, another regime, the end of
+the motion, another regime because a rate has become zero, or another regime only if the guard is
+negative just after an event."""
 
 RELEASED = 3
-"""Order of the gap after contact: it, its rate and its acceleration are zero."""
+"""Order of the gap after contact: gap, rate and acceleration are zero."""
 
 LAIN = 2
-"""Regime of a hard stop that is open, and at which friction holds what it stops."""
+"""Regime of a hard stop that is open while friction holds the mass at a gap of zero."""
 
 
 @final
 @dataclass(frozen=True)
 class Watch:
-    """A guard: ``gap * g + rate * g' + force * f + stretch * e + level`` is positive in a regime.
+    """A guard of a regime: ``gap * g + rate * g' + force * f + stretch * e + level`` is positive.
 
-    Of the element's gap g, the force f along its row where it holds or sticks, and how far e the
-    spring to its slider is stretched.
+    Here g is the element's gap, f the force along its row while it holds or sticks, and e the
+    stretch of the spring to its slider.
 
     Attributes
     ----------
     to : int
-        The regime that follows; of an impact, where its chatter comes to an end.
+        Regime that follows; for an impact, the regime after a complete chatter.
     order : int
-        How many leading Taylor coefficients of the guard of that regime vanish after a switch.
+        Number of leading Taylor coefficients of the next guard that are zero after a switch.
     event : SWITCH, IMPACT, JAM, HALT or JUMP
         IMPACT and JAM are for hard stops, ``Watch.HALT`` and ``Watch.JUMP`` for friction.
     """
@@ -71,30 +71,32 @@ class Watch:
 
     @property
     def halts(self) -> bool:
-        """Whether it is a rate that becomes zero there."""
+        """Whether a rate becomes zero there, which may then stick."""
         return self.event == HALT
 
     @property
     def at_once(self) -> bool:
-        """Whether it matters only just after an event, where it is negative."""
+        """Whether it acts only just after an event, if it is negative then."""
         return self.event == JUMP
 
 
 @final
 @dataclass(frozen=True)
 class Regime:
-    """What an element does to its coordinate: it pushes by p - k g - c g', or by what it takes.
+    """A regime of an element: a force p - k g - c g' or a constraint, and the guards that end it.
 
-    By what it takes to hold the gap at zero, or to stick: to hold its rate at zero.
+    A constraint holds the gap at zero (``holds``) or its rate at zero (``sticks``).
 
     Attributes
     ----------
     guards : tuple of Watch
-        The first is where the element's own search goes on after an event.
+        The search for the next event starts with the first one.
+    push, stiffness, damping : float
+        p, k and c.
     anchored : bool
-        Its spring ends at its slider, which sticks to its surface.
+        Whether the spring ends at a slider that sticks to its surface.
     stretch : float
-        Of the spring to its slider, where that slides.
+        Stretch of the spring to the slider while that slides.
     """
 
     guards: tuple[Watch, ...]
@@ -118,7 +120,7 @@ class Regime:
 
 
 class EventKind(IntEnum):
-    """What happened: an impact, the begin of contact, its end, or another regime of an element."""
+    """Kind of an event: an impact, begin or end of contact, or another change of regime."""
 
     IMPACT = 0
     CONTACT = 1
@@ -128,24 +130,25 @@ class EventKind(IntEnum):
 
 @dataclass(frozen=True)
 class Element(ABC):
-    """What acts along one row J of a structure's coordinates, and may move: a `HardStop`, for one.
+    """Base of all elements: forces or constraints along one row J of a structure's coordinates.
 
-    Its gap is J x - offset - amplitude sin(phase of the oscillator - phase), or minus that.
+    The element may move. Its gap is y - offset - amplitude sin(phase of the oscillator - phase),
+    with y = J x, or minus that for ``side="below"``.
 
     Parameters
     ----------
     coordinate : int or (int, int) or (N,) sequence of float
-        Of J x: a coordinate x_j, a difference x_j - x_i of two, given as (i, j), or any row.
+        Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, or the row J.
     offset : float
-        Middle of its motion.
+        Middle of the element's motion.
     amplitude : float
-        Of its motion, not negative.
+        Amplitude of the element's motion, not negative.
     phase : float
-        By which its motion lags.
+        Lag of the element's motion, in radians.
     side : {"above", "below"}
-        On which side of it the gap is positive.
+        Side of the element on which the gap is positive.
     name : str
-        Its parameters are ``name.offset`` and so on; by default ``elements[k].offset``.
+        Name in parameters such as ``name.offset``; by default ``elements[k].offset``.
 
     Raises
     ------
@@ -183,39 +186,39 @@ class Element(ABC):
 
     @property
     def sign(self) -> int:
-        """1 above it, -1 below."""
+        """1 for a positive gap above the element, -1 below."""
         return 1 if self.side == "above" else -1
 
     @property
     def phasor(self) -> complex:
-        """Complex amplitude of its motion: that is Im(phasor exp(i phase of the oscillator))."""
+        """Complex amplitude of the motion Im(phasor exp(i phase of the oscillator))."""
         return self.amplitude * cmath.exp(-1j * self.phase) if self.phase else self.amplitude
 
     @property
     def drift(self) -> float:
-        """Velocity with which it moves besides."""
+        """Constant velocity, added to the harmonic motion."""
         return 0.0
 
     @final
     def swing(self, sine: Any, cosine: Any) -> Any:
-        """Where it is, from the middle of its motion, by the phase of the oscillator."""
+        """Displacement from the middle of its motion, by sine and cosine of the phase."""
         return self.phasor.real * sine + self.phasor.imag * cosine
 
     @final
     def swing_rate(self, frequency: float, sine: Any, cosine: Any) -> Any:
-        """Rate of change of where it is."""
+        """Rate of change of `swing`."""
         turned = self.phasor.imag * frequency * sine
         return self.phasor.real * frequency * cosine - turned
 
     @property
     @abstractmethod
     def regimes(self) -> tuple[Regime, ...]:
-        """What it does; in flight it is in the first one."""
+        """The regimes of the element; free flight is in the first one."""
 
     @final
     @property
     def slider(self) -> bool:
-        """Whether it has a slider, whose place is a number of the state."""
+        """Whether it has a slider, whose position is part of the state."""
         return self.spring > 0.0
 
     @final
@@ -227,13 +230,13 @@ class Element(ABC):
     @final
     @property
     def reach(self) -> float:
-        """How far its slider is behind where it slides."""
+        """Stretch of the spring while the slider slides."""
         return max(abs(regime.stretch) for regime in self.regimes)
 
     @final
     @property
     def doing(self) -> list[str]:
-        """What it does in each regime, in a word: it contacts, sticks, presses, or nothing."""
+        """One word for each regime: contacts, sticks, presses, or an empty text."""
         first, apart = self.regimes[0], not any(regime.sticks for regime in self.regimes)
         return [
             "contacts"
@@ -248,7 +251,7 @@ class Element(ABC):
 
     @final
     def row(self, size: int) -> Array:
-        """The row J, (N,), and zeros where there are more coordinates."""
+        """The row J, (N,), padded with zeros to a given size."""
         row, places = np.zeros(size), np.atleast_1d(self.coordinate)
         if places.dtype != int:
             row[: len(places)] = places
@@ -258,7 +261,7 @@ class Element(ABC):
 
     @final
     def of(self, size: int, where: str) -> Element:
-        """The same with indices of coordinates in [0, N); ValueError where there is none."""
+        """The same element with indices of coordinates in [0, N); ValueError beyond these."""
         name, given = f"{where}.coordinate", self.coordinate
         if isinstance(given, Integral):
             return replace(self, coordinate=index_in(name, given, -size, size - 1) % size)
@@ -275,9 +278,9 @@ class Element(ABC):
 @final
 @dataclass(frozen=True)
 class HardStop(Element):
-    """A stop that is hit: an impact turns the rate -u of its gap into restitution u.
+    """A rigid stop: an impact changes the rate of its gap from -u to restitution * u.
 
-    Between two masses, given as (i, j), they hit each other where x_j - x_i falls to its place.
+    For a pair (i, j) of coordinates, two masses hit each other where x_j - x_i reaches the offset.
 
     Parameters
     ----------
@@ -318,9 +321,9 @@ _CLOSED = Regime((Watch(to=0, force=1.0, order=RELEASED),), holds=True)
 @final
 @dataclass(frozen=True)
 class SoftStop(Element):
-    """A stop with a spring and a dashpot: where its gap g < 0 its force is max(0, p - k g - c g').
+    """A stop with a spring and a dashpot: its force is max(0, p - k g - c g') for a gap g < 0.
 
-    It never pulls: where the dashpot would, what it stops has left it before the gap has closed.
+    It never pulls: where the dashpot would pull, the mass has lifted off before the gap opens.
 
     Parameters
     ----------
@@ -380,7 +383,7 @@ def _is_index(given: object) -> bool:
 
 
 def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
-    """Elements on a structure of N coordinates; ValueError for what is none."""
+    """Checked elements on a structure of N coordinates; ValueError for others."""
     if isinstance(given, Element) or not isinstance(given, Iterable):
         raise ValueError(f"elements must be a sequence of elements; got {given!r}")
     elements = tuple(given)
@@ -406,7 +409,7 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
 
 
 def names_of(elements: tuple[Element, ...]) -> list[str]:
-    """Their names, or ``elements[k]``."""
+    """Names of elements, or ``elements[k]``."""
     return [element.name or f"elements[{k}]" for k, element in enumerate(elements)]
 
 
@@ -420,7 +423,7 @@ def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
 
 
 def numbers_in(name: str, value: object) -> dict[str, float]:
-    """The parameters that a field of this name has: itself, or those of a law, or none."""
+    """Parameters of a field: the number itself, the numbers of a law, or none."""
     if isinstance(value, ImpactLaw):
         return {f"{name}.{own}": number for own, number in value.numbers.items()}
     return {name: value} if isinstance(value, float) else {}

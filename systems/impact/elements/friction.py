@@ -1,4 +1,4 @@
-"""Dry friction: what slips, and what sticks."""
+"""Dry friction: slipping and sticking."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ TURNED = (0, 2, 1, 3)
 @final
 @dataclass(frozen=True)
 class DryFriction(Element):
-    """Friction against a surface, or between two coordinates, by a force that does not depend on w.
+    """Coulomb friction against a surface, or between two coordinates.
 
-    w = y' - velocity is the rate at which it slips. While it does, the force is -force sign(w) -
-    slope w; it sticks, w = 0, as long as that takes no more than the static force. An impact that
-    changes w makes it slip: friction is finite and takes no impulse.
+    The slip velocity is w = y' - velocity. While the contact slips, the force is -force sign(w) -
+    slope w. It sticks, w = 0, as long as this requires at most the static force. An impact that
+    changes w makes it slip, since friction forces are finite and transmit no impulse.
 
     Parameters
     ----------
     coordinate, amplitude, phase, name
-        As for every `Element`; where the surface moves.
+        As for every `Element`: the motion of the surface.
     force : float
-        While it slips; not negative.
+        Kinetic friction force, not negative.
     static : float, optional
-        Most with which it sticks; not less than the force. By default it is the force, and follows
-        it where that is changed.
+        Largest force while it sticks, at least `force`. By default it equals `force`, also where
+        that is changed.
     velocity : float
-        Of the surface, a belt, besides its motion.
+        Constant velocity of the surface (a belt), added to its harmonic motion.
     slope : float
-        Of the force over the rate of slip; negative where it falls, as far as dashpots of the
-        structure make up for it.
+        Slope of the force over the slip velocity. It may be negative as long as dashpots of the
+        structure keep the damping positive.
 
     Examples
     --------

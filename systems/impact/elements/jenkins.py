@@ -1,4 +1,4 @@
-"""Springs in series with sliders: elements of Jenkin, and Iwan's models made of them."""
+"""Jenkins elements, springs in series with sliders, and Iwan's models of joints."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from dynkit.systems.impact.elements.element import JUMP, SWITCH, Element, Regime
 @final
 @dataclass(frozen=True)
 class Jenkins(Element):
-    """A spring in series with a slider, which dry friction holds on a surface: hysteresis.
+    """A spring in series with a slider on a surface with dry friction: a model of hysteresis.
 
-    With y = J x and the place s of the slider the force is -stiffness (y - s). The slider sticks to
-    the surface while that is less than ``force`` in absolute value; else it slides, and follows y
-    at the distance force / stiffness, until y' - velocity changes its sign. The place s is a number
-    of the state: `ImpactState.sliders`. Any number of them may act along one row.
+    With y = J x and the slider at s, the force on the structure along J is -stiffness (y - s).
+    While its absolute value is less than ``force``, the slider sticks to the surface. Otherwise it
+    slides and follows y at the distance force / stiffness, until y' - velocity changes its sign.
+    The position s is part of the state: `ImpactState.sliders`. Any number of these elements may act
+    along one row.
 
     Parameters
     ----------
     coordinate, offset, amplitude, phase, name
-        As for every `Element`; where the surface is, and moves. Where nothing else is said the
-        slider starts in the middle of the surface, as far as its spring lets it.
+        As for every `Element`: the position and motion of the surface. By default the slider starts
+        in the middle of the surface, or as near to it as its spring allows.
     stiffness : float
-        Of the spring, positive.
+        Stiffness of the spring, positive.
     force : float
-        With which it slides; positive.
+        Friction force of the slider, positive.
     velocity : float
-        Of the surface, a belt, besides its motion.
+        Constant velocity of the surface (a belt), added to its harmonic motion.
 
     References
     ----------
@@ -40,7 +41,7 @@ class Jenkins(Element):
 
     Examples
     --------
-    A block on a joint that slips a little in each period:
+    A block on a joint that slips in each period:
 
     >>> from dynkit.systems import ImpactChain, Jenkins
     >>> block = ImpactChain(masses=1, frequency=0.8, harmonic_forces=[0.5], elements=[
@@ -70,7 +71,7 @@ class Jenkins(Element):
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
-        """It sticks; it slides forward, backward."""
+        """Sticking, sliding forward, sliding backward."""
         k, force = self.stiffness, self.force
         yields = tuple(
             Watch(to=to, stretch=sign * k, level=force) for to, sign in ((1, -1.0), (2, 1.0))
@@ -98,32 +99,34 @@ def iwan(
     name: str = "",
     **motion: Any,
 ) -> list[Jenkins]:
-    """Return Iwan's model of a joint: `Jenkins` elements in parallel, to be put among ``elements``.
+    """Return Iwan's model of a joint: a list of parallel `Jenkins` elements, for ``elements``.
 
-    Springs whose sliders slide at the stretch p have the density p^exponent for p up to the stretch
-    p_max at which the joint slips as a whole, and there some more that slide at once. Each element
-    stands for the springs of an interval of p: it has the sum of their stiffnesses and of their
-    slip forces, so that those of the joint are exact for any number of elements.
+    Springs that start to slide at the stretch p are distributed with the density p^exponent up to
+    p_max, the stretch at which the whole joint slips; additional springs slide at p_max. Each
+    element represents the springs in an interval of p. Its stiffness and its slip force are the
+    sums over these springs, so the stiffness and the slip force of the joint are exact for any
+    number of elements.
 
     Parameters
     ----------
     coordinate
         As for every element.
     stiffness : float
-        K_T of the joint where nothing slips, positive: the sum of all.
+        K_T, stiffness of the joint without slip: the sum over all elements. Positive.
     force : float
-        F_S with which it slips as a whole, positive: the sum of all.
+        F_S, force at which the whole joint slips: the sum over all elements. Positive.
     elements : int
-        How many.
+        Number of elements.
     exponent : float
-        chi, above -1. With 0, a uniform density, Iwan's model of 1966; joints have -1 < chi <= 0:
-        in microslip the energy dissipated in a cycle goes with the power chi + 3 of the amplitude.
+        chi, above -1. With chi = 0, a uniform density, this is Iwan's model of 1966. Joints have
+        -1 < chi <= 0: in microslip the dissipated energy in a cycle is proportional to the power
+        chi + 3 of the amplitude.
     macroslip : float
-        beta, not negative: the stiffness of what slides at p_max only, one of the elements, over
-        that of all others.
+        beta, not negative: stiffness of the element that slides only at p_max, divided by that of
+        all others.
     ratio : float
-        Positive: each interval is so many times as wide as the one before. Above 1 it resolves
-        microslip of small amplitudes.
+        Ratio of the widths of successive intervals, positive. Values above 1 resolve microslip at
+        small amplitudes.
     name : str
         Its elements are ``name0``, ``name1`` and so on.
     **motion
@@ -132,7 +135,7 @@ def iwan(
     Returns
     -------
     list of Jenkins
-        By rising stretch at which they slide.
+        In the order of the stretch at which they slide.
 
     Raises
     ------
