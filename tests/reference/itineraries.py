@@ -124,7 +124,8 @@ class ExactOrbit:
                 guards.append((self.machine.guard(regimes, event.element, event.guard) * z)[0])
             if event.kicked:
                 stop = self.machine.parts[event.element]
-                change = (1 + stop.restitution) * (stop.rate * z)[0]
+                rate = (stop.rate * z)[0]
+                change = (1 + stop.restitution(-rate)) * rate
                 z = z - change * self.machine.kick(event.kicked.numbers, stop)
             after = self.itinerary[(i + 1) % self.count].mode.numbers
             z = mp.expm(self.flows[after] * ((phases[i + 1] - phases[i]) / clock)) * z

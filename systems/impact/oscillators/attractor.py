@@ -30,8 +30,8 @@ from dynkit.systems.impact.variational.tangents import growth, returned
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from dynkit.orbits.problem import PeriodicOrbit
     from dynkit.systems.impact.impact_map import ImpactMap
-    from dynkit.systems.impact.orbits.orbit import ImpactOrbit
     from dynkit.systems.impact.records.second_moments import SecondMoments
 
 TWO_PI = 2.0 * math.pi
@@ -161,12 +161,13 @@ class ImpactAttractor(Attractor):
         orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
         return orbit.named(settled_label(orbit, kept=kept, budget=budget))
 
-    def periodic_orbit(self) -> ImpactOrbit:
+    def periodic_orbit(self) -> PeriodicOrbit:
         """Return the periodic orbit of this attractor, refined by Newton's method.
 
         Returns
         -------
         ImpactOrbit
+            With sliders or impact laws, a `MapOrbit`.
 
         Raises
         ------
@@ -178,10 +179,13 @@ class ImpactAttractor(Attractor):
             When it chatters on other elements than a table; `dynkit.periodic_orbit` finds orbits of
             the map.
         """
+        from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
+        from dynkit.systems.impact.orbits.itineraries.itinerary import unknown_element
 
-        if self._system._own and not self._system._excitation.turns:
+        known = unknown_element(self._system) is None
+        if known and self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
         if n is m is None:
@@ -191,6 +195,8 @@ class ImpactAttractor(Attractor):
             return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
+        if not known:
+            return map_orbit(self._system, record.states)
         if self._system._own or m is None:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)

@@ -275,6 +275,7 @@ class ImpulseEquations(ImpactProblem[ImpulseSolution]):
         return self.speed / solution.frequency, self.speed, self.speed * solution.frequency
 
     def with_impact(self, x: Array, flight: Flight, phase: float) -> tuple[Self, Array]:
+        """Return equations and unknowns with one impact more, where a gap touches zero."""
         phases, impulses, border = np.split(x, [len(self.sides), 2 * len(self.sides)])
         sides = np.append(self.sides, flight.side)
         return self._ascending(np.append(phases, phase), np.append(impulses, 0.0), sides, border)

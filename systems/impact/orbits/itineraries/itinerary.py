@@ -9,7 +9,14 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
-from dynkit.systems.impact.elements.element import HALT, IMPACT, JUMP, EventKind, HardStop
+from dynkit.systems.impact.elements.element import (
+    HALT,
+    IMPACT,
+    JUMP,
+    Element,
+    EventKind,
+    HardStop,
+)
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.automaton import cycled_by, halts
@@ -63,15 +70,22 @@ class Seen(NamedTuple):
         return Seen(self.times[low:high], self.events[low:high], self.states[low:high])
 
 
-def check_elements(oscillator: ImpactMap) -> None:
-    """Raise NotImplementedError where what an element does is not known here."""
+def unknown_element(oscillator: ImpactMap) -> Element | None:
+    """The first element with a slider or an impact law, which these equations do not describe."""
     for element in oscillator._elements:
-        law = getattr(element, "restitution", 0.0)
-        if element.slider or not isinstance(law, float):
-            raise NotImplementedError(
-                f"orbits by itinerary know no sliders and no impact laws; got {element!r}: "
-                "dynkit.periodic_orbit finds orbits of the map"
-            )
+        if element.slider or not isinstance(getattr(element, "restitution", 0.0), float):
+            return element
+    return None
+
+
+def check_elements(oscillator: ImpactMap) -> None:
+    """Raise NotImplementedError where there is an `unknown_element`."""
+    element = unknown_element(oscillator)
+    if element is not None:
+        raise NotImplementedError(
+            f"orbits by itinerary know no sliders and no impact laws; got {element!r}: "
+            "dynkit.periodic_orbit finds orbits of the map"
+        )
 
 
 def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
@@ -113,7 +127,8 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
     at_once = _AT_ONCE * max(run.duration, 1.0 / oscillator.frequency)
     last, lasting, now = -np.inf, parts.mode[0], set[int]()
     reached = _reached(run)
-    sizes = abs(reached).max(axis=0, initial=0.0)
+    # states at events alone may all have a coordinate of zero
+    sizes = abs(np.concatenate([reached, _reached(run, 0.5)])).max(axis=0, initial=0.0)
     for k in range(1, len(parts.begin)):
         hit = parts.kind[k] == EventKind.IMPACT
         if (hit and oscillator._strobed) or parts.begin[k] <= at_once:
@@ -152,10 +167,11 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
 
 
-def _reached(run: Trajectory) -> Array:
-    """States (k, D) just before all events."""
-    parts, lasts = run.segments, np.diff(run.segments.begin)
-    phases = run.start.phase + run.start._system.frequency * parts.begin[1:]
+def _reached(run: Trajectory, part: float = 1.0) -> Array:
+    """States (k, D) just before all events, or after a part of the time from one to the next."""
+    parts, lasts = run.segments, part * np.diff(run.segments.begin)
+    times = parts.begin[1:] - (np.diff(parts.begin) - lasts)
+    phases = run.start.phase + run.start._system.frequency * times
     x, v = np.empty((2, len(lasts), run.start._system.degrees_of_freedom))
     for mode, here in run.modes(parts.mode[:-1]):
         some = np.flatnonzero(here)

@@ -270,6 +270,7 @@ class PassageEquations(ImpactProblem[PassageSolution]):
         return length, speed, length * solution.frequency**2
 
     def with_impact(self, x: Array, flight: Flight, phase: float) -> tuple[Self, Array]:
+        """Return equations and unknowns with one impact more, where a gap touches zero."""
         return self._renamed(x, flight.end, added=(flight.side, phase))
 
     def without_impact(self, x: Array, p: Array, i: int) -> tuple[Self, Array] | None:
