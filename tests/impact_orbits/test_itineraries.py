@@ -13,6 +13,7 @@ from dynkit import NoConvergence, continue_orbit
 from dynkit.core.differences import numerical_derivative
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
 from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.testing import check_problem
 from tests.reference.itineraries import actual_error
@@ -290,6 +291,7 @@ def test_equations_of_a_table_alone_give_the_same_orbits(seed: int) -> None:
         if attractor.label.periods is not None and (attractor.label.iterates or 99) < 5:
             break
     known = attractor.periodic_orbit()
+    assert isinstance(known, ImpactOrbit)
     own = orbit_near(chain, attractor.final, attractor.label.periods)
     first = np.argmin(abs(chain.difference(own.states, known.states[0])).max(axis=1))
     states = np.roll(own.states, -first, axis=0)

@@ -42,7 +42,9 @@ SEARCHED = {
 
 @cache
 def settled(frequency: float) -> ImpactOrbit:
-    return ImpactChain(frequency=frequency).attractor().periodic_orbit()
+    orbit = ImpactChain(frequency=frequency).attractor().periodic_orbit()
+    assert isinstance(orbit, ImpactOrbit)
+    return orbit
 
 
 @cache

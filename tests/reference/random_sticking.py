@@ -74,7 +74,7 @@ def sticking_orbit(number: int) -> ImpactOrbit | None:
         found = random_sticking(number).attractor(transient=500, impacts=200).periodic_orbit()
     except (ValueError, NoConvergence):
         return None
-    return found if found.sticks else None
+    return found if isinstance(found, ImpactOrbit) and found.sticks else None
 
 
 def exact(orbit: ImpactOrbit) -> list[Any]:
