@@ -1,4 +1,4 @@
-"""Maps whose step is machine code, made of a user's expressions or by a user's own compiler."""
+"""Maps whose step is machine code, from SymPy expressions or from a function of Numba."""
 
 from __future__ import annotations
 
@@ -25,26 +25,25 @@ _TURN = 2.0 * np.pi
 
 
 class CompiledMap(CodedFamily, Map):
-    """A map whose next state is a function of numbers that Numba compiles.
+    """A map whose next state is a function compiled by Numba.
 
-    A subclass owes ``next_state``, a static method and a function of ``numba.njit``, which takes
-    the coordinates and then the parameters by their names, and returns a tuple of the coordinates'
-    next values. The fields of the class, ``rate: float = 3.0``, are its parameters; those that are
-    annotated as float are checked to be finite. Its derivatives are found by differences, unless
-    the subclass offers a `jacobian`.
+    A subclass must implement ``next_state``, a static method decorated by ``numba.njit``. Its
+    arguments are the coordinates and then the parameters by name; it returns a tuple of the next
+    values of the coordinates. The fields of the class, ``rate: float = 3.0``, are its parameters;
+    fields that are annotated as float must be finite. Derivatives are differences, unless the
+    subclass implements `jacobian`.
 
     Attributes
     ----------
     angles : tuple of str
-        A class variable: the names of coordinates that are angles. Their `difference` is wrapped to
-        the shortest way.
+        A class variable: names of coordinates that are angles. Their `difference` is wrapped.
 
     Raises
     ------
     ValueError
         When a number is not finite.
     TypeError
-        When it is first called, and ``next_state`` is not of this kind.
+        At the first call, when ``next_state`` is not of this kind.
 
     Examples
     --------
@@ -86,7 +85,7 @@ class CompiledMap(CodedFamily, Map):
         return None
 
     def difference(self, a: Array, b: Array) -> Array:
-        """Return a - b, the `angles` wrapped to the shortest way; (..., d) arrays."""
+        """Return a - b with the `angles` wrapped; (..., d) arrays."""
         gap = super().difference(a, b)
         if self.angles:
             places = [self._coordinates.index(name) for name in self.angles]
@@ -103,34 +102,33 @@ class CompiledMap(CodedFamily, Map):
 
 
 class SymbolicMap(CompiledMap):
-    """A map given by expressions: SymPy finds its derivatives, and LLVM compiles them.
+    """A map given by SymPy expressions, with derivatives by SymPy, compiled to machine code.
 
-    A subclass owes ``next_state(self, x, y, ...)``, which takes one SymPy symbol for each
-    coordinate and returns a tuple of as many expressions. The fields of the class, ``a: float =
-    1.4``, are its parameters: within the method ``self.a`` is a symbol, too. The names of the
-    arguments name the coordinates. Other fields, such as words and tuples, are what they are.
+    A subclass must implement ``next_state(self, x, y, ...)``. It takes one SymPy symbol for each
+    coordinate and returns a tuple of as many expressions; the argument names are the names of the
+    coordinates. The fields of the class, ``a: float = 1.4``, are its parameters: within the method
+    ``self.a`` is a symbol. Other fields, such as texts and tuples, keep their values.
 
-    The method is called once for a class, not for each value of a parameter. So it must not compare
-    symbols; ``sympy.Piecewise``, ``Min``, ``Max`` and ``Abs`` choose between expressions. The
-    functions that can be compiled are those of C's mathematical library, powers, ``Mod``, ``sign``
-    and ``Heaviside``. A step between two values has the derivative zero.
+    The method is called once for each class, not for each value of a parameter. It must therefore
+    not compare symbols; ``sympy.Piecewise``, ``Min``, ``Max`` and ``Abs`` choose between
+    expressions. Functions of C's mathematical library, powers, ``Mod``, ``sign`` and ``Heaviside``
+    can be compiled. The derivative of a step function is zero.
 
     Next states, the `jacobian`, derivatives by parameters, `iterate` and `stretching` are machine
-    code: one of them takes about a microsecond when Python asks for it, and some nanoseconds within
-    a loop.
+    code. A call from Python takes about a microsecond, an iterate within a loop some nanoseconds.
 
     Attributes
     ----------
     angles : tuple of str
-        A class variable: the names of coordinates that are angles.
+        A class variable: names of coordinates that are angles.
 
     Raises
     ------
     ValueError
-        When a number is not finite; when it is first called, and ``next_state`` returns no tuple of
-        expressions, not as many as coordinates, or a function that cannot be compiled.
+        When a number is not finite. At the first call, when ``next_state`` does not return one
+        expression for each coordinate, or returns a function that cannot be compiled.
     TypeError
-        When it is first called, and ``next_state`` compares symbols.
+        At the first call, when ``next_state`` compares symbols.
 
     Examples
     --------

@@ -14,7 +14,7 @@ import numpy as np
 from dynkit.core.validation import Array, finite_scalar, in_interval, non_negative
 
 JUMP = 2.0**-40
-"""Where a law changes within this part of a velocity by more than its slope says, it jumps."""
+"""A law jumps where it changes within this part of a velocity by more than its slope predicts."""
 
 _SLOW, _ELASTIC = 1e-300, 1e-6
 """A velocity at which a law has reached its limit for slow impacts, and how near to 1 it is 1."""
@@ -24,18 +24,18 @@ _SLOW, _ELASTIC = 1e-300, 1e-6
 class ImpactLaw(ABC):
     """Restitution r(u) that depends on the velocity u > 0 with which a stop is approached.
 
-    A subclass is a frozen dataclass, whose fields are numbers, and must implement `expression`, and
-    nothing else. Everything that follows from it is derived: the reset of an impact, the slope
-    d(r u)/du of disturbances, and the end of chatter. It may override `tail`.
+    A subclass is a frozen dataclass whose fields are numbers. It must implement `expression` only;
+    the reset of an impact, the slope d(r u)/du for disturbances, and the end of chatter are derived
+    from it. It may override `tail`.
 
-    Its fields are parameters of the machine, such as ``"table.restitution.velocity"``. Another
-    number, or another law, compiles nothing.
+    The fields are parameters of the machine, such as ``"table.restitution.velocity"``. Neither
+    another value nor another law needs a new compilation.
 
     Raises
     ------
     ValueError
-        When a field is no finite number. When a motion has an impact for which r(u) is not in
-        [0, 1], at that impact.
+        When a field is not a finite number. During a simulation, when r(u) of an impact is not in
+        [0, 1].
 
     Examples
     --------
@@ -61,9 +61,10 @@ class ImpactLaw(ABC):
 
     @abstractmethod
     def expression(self, velocity: Any) -> Any:
-        """R as a SymPy expression of the approach velocity, a positive symbol.
+        """Return r as a SymPy expression of the approach velocity, a positive symbol.
 
-        Of sums, products, powers, exp, log, sin, cos, tanh, atan, Abs, Min, Max and Piecewise.
+        It may contain sums, products, powers, exp, log, sin, cos, tanh, atan, Abs, Min, Max and
+        Piecewise.
         """
 
     @property
@@ -179,15 +180,15 @@ Restitution: TypeAlias = float | ImpactLaw
 @final
 @dataclass(frozen=True)
 class PlasticBelow(ImpactLaw):
-    """No rebound below a velocity, and a constant restitution from it on.
+    """No rebound below a velocity, constant restitution above it.
 
-    Slow impacts come to rest at once. The law jumps: of an impact at just this velocity, but for
-    rounding, the outcome is open, its `error` is large and derivatives are refused.
+    Slow impacts come to rest at once. The law jumps at this velocity: an impact at it, to within
+    rounding, has no certain outcome; its `error` is then large, and derivatives are refused.
 
     Parameters
     ----------
     velocity : float
-        Below which nothing rebounds, not negative.
+        Smallest approach velocity with a rebound, not negative.
     rebound : float
         Coefficient of restitution in [0, 1] of faster impacts.
 
