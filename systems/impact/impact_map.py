@@ -17,7 +17,13 @@ from dynkit.core.smooth_map import generic_direction
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
-from dynkit.systems.impact.elements.element import numbers_in, numbers_of, with_law, with_numbers
+from dynkit.systems.impact.elements.element import (
+    laws_of,
+    numbers_in,
+    numbers_of,
+    with_law,
+    with_numbers,
+)
 from dynkit.systems.impact.elements.laws import law_text
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE, DrivenStructure
 from dynkit.systems.impact.simulation.runs import trajectory_of
@@ -79,7 +85,7 @@ class ImpactMap(DrivenStructure, Map):
         ValueError
             When a name is not an argument of this class, or a value is refused.
         """
-        known, of_elements = self._arguments, self._numbers
+        known, of_elements = self._arguments, [*self._numbers, *laws_of(self.elements)]
         for name in parameters:
             if name not in known and name not in of_elements:
                 names = ", ".join([*known, *of_elements])

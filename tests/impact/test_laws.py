@@ -499,3 +499,14 @@ def test_a_bouncing_ball_takes_a_law() -> None:
     ball = BouncingBall(amplitude=0.1, frequency=3.0, restitution=PlasticBelow(0.1, rebound=0.5))
     assert ball.attractor().label.counts is None or len(ball.simulate(impacts=10))
     assert replace(PlasticBelow(0.1), rebound=0.4).rebound == 0.4
+
+
+def test_a_law_of_an_element_is_replaced_by_a_number_or_another_law() -> None:
+    stop = HardStop(1, amplitude=0.1, restitution=PlasticBelow(0.05, rebound=0.6), name="rock")
+    machine = ImpactChain(masses=2, frequency=0.9, elements=[stop])
+    for law in (0.7, ViscoelasticSpheres(0.2)):
+        (replaced,) = machine.replace(**{"rock.restitution": law}).elements
+        assert isinstance(replaced, HardStop)
+        assert replaced.restitution == law
+    with pytest.raises(ValueError, match=r"restitution must lie in \[0, 1\]; got 1.5"):
+        machine.replace(**{"rock.restitution": 1.5})

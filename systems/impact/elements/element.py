@@ -439,8 +439,17 @@ def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]
     return others | {name: replace(given.get(name, law), **own)}
 
 
+def laws_of(elements: tuple[Element, ...]) -> list[str]:
+    """Names of the fields of elements that are laws, such as ``table.restitution``."""
+    return [
+        f"{name}.restitution"
+        for name, element in zip(names_of(elements), elements, strict=True)
+        if isinstance(getattr(element, "restitution", None), ImpactLaw)
+    ]
+
+
 def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tuple[Element, ...]:
-    """The elements with other values of some of the parameters that `numbers_of` names."""
+    """The elements with other values of some of the parameters in `numbers_of` and `laws_of`."""
     found = list(elements)
     for k, name in enumerate(names_of(elements)):
         start = f"{name}."
