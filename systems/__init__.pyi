@@ -8,13 +8,7 @@ from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
 from .flows.van_der_pol import VanDerPol as VanDerPol
-from .impact.elements.element import (
-    Element as Element,
-    HardStop as HardStop,
-    Regime as Regime,
-    SoftStop as SoftStop,
-    Watch as Watch,
-)
+from .impact.elements.element import Element as Element, Regime as Regime, Watch as Watch
 from .impact.elements.friction import DryFriction as DryFriction
 from .impact.elements.jenkins import Jenkins as Jenkins, iwan as iwan
 from .impact.elements.laws import (
@@ -22,6 +16,7 @@ from .impact.elements.laws import (
     PlasticBelow as PlasticBelow,
     ViscoelasticSpheres as ViscoelasticSpheres,
 )
+from .impact.elements.stops import HardStop as HardStop, SoftStop as SoftStop
 from .impact.orbits.orbit import ImpactOrbit as ImpactOrbit
 from .impact.oscillators.attractor import ImpactAttractor as ImpactAttractor
 from .impact.oscillators.ball import BouncingBall as BouncingBall

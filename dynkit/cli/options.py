@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.validation import finite_array, finite_scalar, one_of
-from dynkit.systems.impact.elements.element import Element, HardStop, SoftStop
+from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.friction import DryFriction
 from dynkit.systems.impact.elements.jenkins import Jenkins
 from dynkit.systems.impact.elements.laws import PlasticBelow, ViscoelasticSpheres
+from dynkit.systems.impact.elements.stops import HardStop, SoftStop
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 

@@ -17,14 +17,14 @@ from dynkit.core.smooth_map import generic_direction
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
-from dynkit.systems.impact.elements.element import (
+from dynkit.systems.impact.elements.laws import law_text
+from dynkit.systems.impact.elements.parameters import (
     laws_of,
     numbers_in,
     numbers_of,
     with_law,
     with_numbers,
 )
-from dynkit.systems.impact.elements.laws import law_text
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE, DrivenStructure
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.starts import entered, start

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import cmath
-import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from enum import IntEnum
 from numbers import Integral
@@ -21,7 +19,6 @@ from dynkit.core.validation import (
     non_negative,
     one_of,
 )
-from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, checked_restitution
 
 IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
 """Kinds of events at the zero of a guard: an impact in the same regime, another regime, the end of
@@ -275,185 +272,5 @@ class Element(ABC):
         return self
 
 
-@final
-@dataclass(frozen=True)
-class HardStop(Element):
-    """A rigid stop: an impact changes the rate of its gap from -u to restitution * u.
-
-    For a pair (i, j) of coordinates, two masses hit each other where x_j - x_i reaches the offset.
-
-    Parameters
-    ----------
-    coordinate, offset, amplitude, phase, side, name
-        As for every `Element`; its gap is never negative.
-    restitution : float or ImpactLaw
-        Coefficient of restitution in [0, 1], or a law by which it depends on u, such as
-        `ViscoelasticSpheres`, `PlasticBelow`, or one's own.
-
-    Examples
-    --------
-    Two masses that may come no closer than 0.2 less than at rest:
-
-    >>> from dynkit.systems import HardStop, ImpactChain
-    >>> pair = ImpactChain(masses=2, frequency=1.5, harmonic_forces=[0.0, 0.8], elements=[
-    ...     HardStop((0, 1), offset=-0.2, restitution=0.5),
-    ... ])
-    >>> print(pair.attractor().label)
-    P(1,1)
-    """
-
-    _: KW_ONLY
-    restitution: Restitution = 0.85
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set("restitution", checked_restitution("restitution", self.restitution))
-
-    @property
-    def regimes(self) -> tuple[Regime, ...]:
-        return _OPEN, _CLOSED, _OPEN
-
-
-_OPEN = Regime((Watch(to=1, gap=1.0, event=IMPACT),))
-_CLOSED = Regime((Watch(to=0, force=1.0, order=RELEASED),), holds=True)
-
-
-@final
-@dataclass(frozen=True)
-class SoftStop(Element):
-    """A stop with a spring and a dashpot: its force is max(0, p - k g - c g') for a gap g < 0.
-
-    It never pulls: where the dashpot would pull, the mass has lifted off before the gap opens.
-
-    Parameters
-    ----------
-    coordinate, offset, amplitude, phase, side, name
-        As for every `Element`.
-    stiffness, damping : float
-        k and c, not negative.
-    preload : float
-        p, not negative: the spring is compressed when it is met, and the force jumps to p there. A
-        mass that is pressed against it by less than p crosses the place g = 0 more and more often,
-        and a motion that does so without end stops with a name (`record.ending`). One of k, c and p
-        is positive; with p alone the force is constant.
-
-    Examples
-    --------
-    Two masses whose first one runs into a cushion, the second one above a vibrating table:
-
-    >>> from dynkit.systems import HardStop, ImpactChain, SoftStop
-    >>> machine = ImpactChain(masses=2, frequency=0.9, elements=[
-    ...     HardStop(1, amplitude=0.1, restitution=0.85),
-    ...     SoftStop(0, offset=0.02, stiffness=50.0, damping=0.2),
-    ... ])
-    >>> machine.simulate(impacts=50).events
-    <Events: 50 impacts, 0 contacts, 0 releases, 283 other switches>
-    """
-
-    _: KW_ONLY
-    stiffness: float
-    damping: float = 0.0
-    preload: float = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("stiffness", "damping", "preload"):
-            self._set(name, non_negative(name, getattr(self, name)))
-        if self.stiffness == self.damping == self.preload == 0.0:
-            raise ValueError("stiffness must be positive where damping and preload are 0; got 0.0")
-
-    @property
-    def regimes(self) -> tuple[Regime, ...]:
-        """Outside, pressing, lifted; with a preload pressing again, entered by the force."""
-        k, c, p = self.stiffness, self.damping, self.preload
-        # The gap is what vanishes where pressing begins, but for a force of the dashpot alone.
-        touched = Watch(to=1, gap=1.0, order=0 if c and not p else 1)
-        left = Watch(to=0, gap=-1.0 if c else -(k or 1.0), order=1)
-        if c == 0.0:
-            return Regime((touched,)), Regime((left,), push=p, stiffness=k)
-        lifted = Watch(to=2, gap=-k, rate=-c, level=p, order=1)
-        pressed = Watch(to=3 if p else 1, gap=k, rate=c, level=-p, order=1)
-        guards = [(left, lifted), (lifted, left)] if p else [(lifted,)]
-        pressing = [Regime(own, push=p, stiffness=k, damping=c) for own in guards]
-        return Regime((touched,)), pressing[0], Regime((pressed, left)), *pressing[1:]
-
-
 def _is_index(given: object) -> bool:
     return isinstance(given, Integral) and not isinstance(given, bool)
-
-
-def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
-    """Checked elements on a structure of N coordinates; ValueError for others."""
-    if isinstance(given, Element) or not isinstance(given, Iterable):
-        raise ValueError(f"elements must be a sequence of elements; got {given!r}")
-    elements = tuple(given)
-    if not elements:
-        raise ValueError("elements must hold one element at least; got none")
-    for k, element in enumerate(elements):
-        if not isinstance(element, Element):
-            raise ValueError(f"elements[{k}] must be an element like HardStop; got {element!r}")
-        hits = any(watch.event == IMPACT for regime in element.regimes for watch in regime.guards)
-        if (hits or any(r.holds for r in element.regimes)) and not isinstance(element, HardStop):
-            raise ValueError(
-                f"elements[{k}] must not be hit, nor hold, which is for HardStop; got {element!r}"
-            )
-        if element.slider and not element.regimes[0].anchored:
-            raise ValueError(
-                f"elements[{k}] must stick in its first regime, as it does in one; got {element!r}"
-            )
-    names = [element.name for element in elements if element.name]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"elements must have different names; got {name!r} twice")
-    return tuple(element.of(size, f"elements[{k}]") for k, element in enumerate(elements))
-
-
-def names_of(elements: tuple[Element, ...]) -> list[str]:
-    """Names of elements, or ``elements[k]``."""
-    return [element.name or f"elements[{k}]" for k, element in enumerate(elements)]
-
-
-def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
-    """The parameters of elements by their names."""
-    found: dict[str, float] = {}
-    for name, element in zip(names_of(elements), elements, strict=True):
-        for entry in dataclasses.fields(element):
-            found |= numbers_in(f"{name}.{entry.name}", getattr(element, entry.name))
-    return found
-
-
-def numbers_in(name: str, value: object) -> dict[str, float]:
-    """Parameters of a field: the number itself, the numbers of a law, or none."""
-    if isinstance(value, ImpactLaw):
-        return {f"{name}.{own}": number for own, number in value.numbers.items()}
-    return {name: value} if isinstance(value, float) else {}
-
-
-def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The given fields, with those that are numbers of a law, ``name.number``, made that law."""
-    start = f"{name}."
-    own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
-    if not own:
-        return dict(given)
-    others = {n: v for n, v in given.items() if not n.startswith(start)}
-    return others | {name: replace(given.get(name, law), **own)}
-
-
-def laws_of(elements: tuple[Element, ...]) -> list[str]:
-    """Names of the fields of elements that are laws, such as ``table.restitution``."""
-    return [
-        f"{name}.restitution"
-        for name, element in zip(names_of(elements), elements, strict=True)
-        if isinstance(getattr(element, "restitution", None), ImpactLaw)
-    ]
-
-
-def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tuple[Element, ...]:
-    """The elements with other values of some of the parameters in `numbers_of` and `laws_of`."""
-    found = list(elements)
-    for k, name in enumerate(names_of(elements)):
-        start = f"{name}."
-        own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
-        law = getattr(elements[k], "restitution", None)
-        found[k] = replace(elements[k], **with_law("restitution", law, own))
-    return tuple(found)

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.systems.impact.elements.element import EventKind, HardStop, names_of
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.elements.parameters import names_of
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import Ending
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dynkit.core.validation import Array, one_of
-from dynkit.systems.impact.elements.element import Element, EventKind, HardStop
+from dynkit.systems.impact.elements.element import Element, EventKind
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.sampling import states_at

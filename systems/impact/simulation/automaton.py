@@ -23,10 +23,10 @@ from dynkit.systems.impact.elements.element import (
     SWITCH,
     Element,
     EventKind,
-    HardStop,
     Watch,
 )
 from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import Slider, force_of, mode_of, moves, pushed, sum_of
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure

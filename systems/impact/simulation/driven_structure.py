@@ -20,8 +20,10 @@ from dynkit.core.validation import (
     positive_integer,
     unmasked,
 )
-from dynkit.systems.impact.elements.element import Element, HardStop, checked_elements
+from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
+from dynkit.systems.impact.elements.parameters import checked_elements
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.modes.structure import (
     Contact,

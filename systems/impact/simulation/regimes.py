@@ -9,8 +9,9 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import LARGEST
-from dynkit.systems.impact.elements.element import LAIN, Element, HardStop, Regime
+from dynkit.systems.impact.elements.element import LAIN, Element, Regime
 from dynkit.systems.impact.elements.friction import TURNED, DryFriction
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import rides
 from dynkit.systems.impact.modes.structure import Structure
 

@@ -25,7 +25,7 @@ from dynkit.systems.impact.simulation.state import (
 )
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.elements.element import HardStop
+    from dynkit.systems.impact.elements.stops import HardStop
     from dynkit.systems.impact.modes.structure import Contact
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 

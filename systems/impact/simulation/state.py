@@ -16,7 +16,7 @@ from dynkit.core.validation import Array, finite_array
 from dynkit.systems.impact.modes.constrained import rides
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.elements.element import HardStop
+    from dynkit.systems.impact.elements.stops import HardStop
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 TWO_PI = 2.0 * math.pi

@@ -8,8 +8,8 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing, NoDerivative
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import HardStop
 from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.runs import trajectory_of

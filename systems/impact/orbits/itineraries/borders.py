@@ -11,7 +11,8 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.systems.impact.elements.element import HALT, IMPACT, HardStop
+from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.borders import Border, Touching, VanishingImpulse
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary, regimes_of

@@ -9,14 +9,8 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
-from dynkit.systems.impact.elements.element import (
-    HALT,
-    IMPACT,
-    JUMP,
-    Element,
-    EventKind,
-    HardStop,
-)
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JUMP, Element, EventKind
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.automaton import cycled_by, halts

@@ -1,0 +1,89 @@
+"""The elements of a machine: checked, and their parameters by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from dynkit.systems.impact.elements.element import IMPACT, Element
+from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.elements.stops import HardStop
+
+
+def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
+    """Checked elements on a structure of N coordinates; ValueError for others."""
+    if isinstance(given, Element) or not isinstance(given, Iterable):
+        raise ValueError(f"elements must be a sequence of elements; got {given!r}")
+    elements = tuple(given)
+    if not elements:
+        raise ValueError("elements must hold one element at least; got none")
+    for k, element in enumerate(elements):
+        if not isinstance(element, Element):
+            raise ValueError(f"elements[{k}] must be an element like HardStop; got {element!r}")
+        hits = any(watch.event == IMPACT for regime in element.regimes for watch in regime.guards)
+        if (hits or any(r.holds for r in element.regimes)) and not isinstance(element, HardStop):
+            raise ValueError(
+                f"elements[{k}] must not be hit, nor hold, which is for HardStop; got {element!r}"
+            )
+        if element.slider and not element.regimes[0].anchored:
+            raise ValueError(
+                f"elements[{k}] must stick in its first regime, as it does in one; got {element!r}"
+            )
+    names = [element.name for element in elements if element.name]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"elements must have different names; got {name!r} twice")
+    return tuple(element.of(size, f"elements[{k}]") for k, element in enumerate(elements))
+
+
+def names_of(elements: tuple[Element, ...]) -> list[str]:
+    """Names of elements, or ``elements[k]``."""
+    return [element.name or f"elements[{k}]" for k, element in enumerate(elements)]
+
+
+def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
+    """The parameters of elements by their names."""
+    found: dict[str, float] = {}
+    for name, element in zip(names_of(elements), elements, strict=True):
+        for entry in dataclasses.fields(element):
+            found |= numbers_in(f"{name}.{entry.name}", getattr(element, entry.name))
+    return found
+
+
+def numbers_in(name: str, value: object) -> dict[str, float]:
+    """Parameters of a field: the number itself, the numbers of a law, or none."""
+    if isinstance(value, ImpactLaw):
+        return {f"{name}.{own}": number for own, number in value.numbers.items()}
+    return {name: value} if isinstance(value, float) else {}
+
+
+def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The given fields, with those that are numbers of a law, ``name.number``, made that law."""
+    start = f"{name}."
+    own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
+    if not own:
+        return dict(given)
+    others = {n: v for n, v in given.items() if not n.startswith(start)}
+    return others | {name: replace(given.get(name, law), **own)}
+
+
+def laws_of(elements: tuple[Element, ...]) -> list[str]:
+    """Names of the fields of elements that are laws, such as ``table.restitution``."""
+    return [
+        f"{name}.restitution"
+        for name, element in zip(names_of(elements), elements, strict=True)
+        if isinstance(getattr(element, "restitution", None), ImpactLaw)
+    ]
+
+
+def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tuple[Element, ...]:
+    """The elements with other values of some of the parameters in `numbers_of` and `laws_of`."""
+    found = list(elements)
+    for k, name in enumerate(names_of(elements)):
+        start = f"{name}."
+        own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
+        law = getattr(elements[k], "restitution", None)
+        found[k] = replace(elements[k], **with_law("restitution", law, own))
+    return tuple(found)

@@ -1,0 +1,113 @@
+"""Hard stops, which are hit, and soft stops, which press by springs and dashpots."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import final
+
+from dynkit.core.validation import non_negative
+from dynkit.systems.impact.elements.element import IMPACT, RELEASED, Element, Regime, Watch
+from dynkit.systems.impact.elements.laws import Restitution, checked_restitution
+
+
+@final
+@dataclass(frozen=True)
+class HardStop(Element):
+    """A rigid stop: an impact changes the rate of its gap from -u to restitution * u.
+
+    For a pair (i, j) of coordinates, two masses hit each other where x_j - x_i reaches the offset.
+
+    Parameters
+    ----------
+    coordinate, offset, amplitude, phase, side, name
+        As for every `Element`; its gap is never negative.
+    restitution : float or ImpactLaw
+        Coefficient of restitution in [0, 1], or a law by which it depends on u, such as
+        `ViscoelasticSpheres`, `PlasticBelow`, or one's own.
+
+    Examples
+    --------
+    Two masses that may come no closer than 0.2 less than at rest:
+
+    >>> from dynkit.systems import HardStop, ImpactChain
+    >>> pair = ImpactChain(masses=2, frequency=1.5, harmonic_forces=[0.0, 0.8], elements=[
+    ...     HardStop((0, 1), offset=-0.2, restitution=0.5),
+    ... ])
+    >>> print(pair.attractor().label)
+    P(1,1)
+    """
+
+    _: KW_ONLY
+    restitution: Restitution = 0.85
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set("restitution", checked_restitution("restitution", self.restitution))
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        return _OPEN, _CLOSED, _OPEN
+
+
+_OPEN = Regime((Watch(to=1, gap=1.0, event=IMPACT),))
+_CLOSED = Regime((Watch(to=0, force=1.0, order=RELEASED),), holds=True)
+
+
+@final
+@dataclass(frozen=True)
+class SoftStop(Element):
+    """A stop with a spring and a dashpot: its force is max(0, p - k g - c g') for a gap g < 0.
+
+    It never pulls: where the dashpot would pull, the mass has lifted off before the gap opens.
+
+    Parameters
+    ----------
+    coordinate, offset, amplitude, phase, side, name
+        As for every `Element`.
+    stiffness, damping : float
+        k and c, not negative.
+    preload : float
+        p, not negative: the spring is compressed when it is met, and the force jumps to p there. A
+        mass that is pressed against it by less than p crosses the place g = 0 more and more often,
+        and a motion that does so without end stops with a name (`record.ending`). One of k, c and p
+        is positive; with p alone the force is constant.
+
+    Examples
+    --------
+    Two masses whose first one runs into a cushion, the second one above a vibrating table:
+
+    >>> from dynkit.systems import HardStop, ImpactChain, SoftStop
+    >>> machine = ImpactChain(masses=2, frequency=0.9, elements=[
+    ...     HardStop(1, amplitude=0.1, restitution=0.85),
+    ...     SoftStop(0, offset=0.02, stiffness=50.0, damping=0.2),
+    ... ])
+    >>> machine.simulate(impacts=50).events
+    <Events: 50 impacts, 0 contacts, 0 releases, 283 other switches>
+    """
+
+    _: KW_ONLY
+    stiffness: float
+    damping: float = 0.0
+    preload: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("stiffness", "damping", "preload"):
+            self._set(name, non_negative(name, getattr(self, name)))
+        if self.stiffness == self.damping == self.preload == 0.0:
+            raise ValueError("stiffness must be positive where damping and preload are 0; got 0.0")
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        """Outside, pressing, lifted; with a preload pressing again, entered by the force."""
+        k, c, p = self.stiffness, self.damping, self.preload
+        # The gap is what vanishes where pressing begins, but for a force of the dashpot alone.
+        touched = Watch(to=1, gap=1.0, order=0 if c and not p else 1)
+        left = Watch(to=0, gap=-1.0 if c else -(k or 1.0), order=1)
+        if c == 0.0:
+            return Regime((touched,)), Regime((left,), push=p, stiffness=k)
+        lifted = Watch(to=2, gap=-k, rate=-c, level=p, order=1)
+        pressed = Watch(to=3 if p else 1, gap=k, rate=c, level=-p, order=1)
+        guards = [(left, lifted), (lifted, left)] if p else [(lifted,)]
+        pressing = [Regime(own, push=p, stiffness=k, damping=c) for own in guards]
+        return Regime((touched,)), pressing[0], Regime((pressed, left)), *pressing[1:]
