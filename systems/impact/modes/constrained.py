@@ -1,4 +1,4 @@
-"""Modes of a structure that elements hold or leave free, and what their guards watch."""
+"""Modes of a structure with coordinates that elements hold, and the sums of their guards."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Held, St
 
 
 class Slider(NamedTuple):
-    """The slider of an element: the number of its coordinate, how far it is behind if it slides."""
+    """The slider of an element: the number of its coordinate, and its lag while it slides."""
 
     element: Element
     place: int
@@ -32,10 +32,10 @@ def mode_of(
     hit: Sequence[Array],
     sliders: Sequence[Slider] = (),
 ) -> Mode:
-    """The mode in which elements hold what they act along, or its rate.
+    """The mode in which some elements hold their row, or its rate.
 
-    Rows (N,) of all coordinates are watched, and impulses act along some of them. Sliders stick to
-    their surfaces, or follow what their elements act along.
+    Guards depend on some rows (N,) of all coordinates, and impulses act along some of them. Sliders
+    stick to their surfaces, or follow the rows of their elements.
     """
     w, s = excitation.frequency, structure
     others, pivots, ties = np.arange(s.size), None, None
@@ -120,7 +120,7 @@ def _mode(
     watched: Sequence[Array],
     hit: Sequence[Array],
 ) -> Mode:
-    """The mode, whose searches see the modes with a share in what is watched, or hit."""
+    """The mode; its searches use the normal modes with a share in the guards or impulses."""
     if structure is None:
         return Mode(None, forced, excitation, np.ones(0, dtype=bool))
     rows, along = ([forced.gathered(row) for row in part] for part in (watched, hit))
@@ -135,9 +135,9 @@ def _mode(
 
 
 def rides(structure: Structure, held: Sequence[Element], element: Element) -> bool | None:
-    """Whether an element's gap stays as it is; None where it changes as what is held moves it.
+    """Whether an element's gap is constant while others hold; None if the held ones change it.
 
-    Else it depends on coordinates that are not held.
+    False means that it depends on coordinates that are not held.
     """
     row = element.row(structure.size)
     if not held or (grip := _grip(structure, held)).leaves(row).any():
@@ -153,10 +153,10 @@ def rides(structure: Structure, held: Sequence[Element], element: Element) -> bo
 
 
 def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tuple[int, bool]:
-    """Which closed stop an impact opens, -1 for none, and whether it pushes against another one.
+    """The closed stop that an impact opens, -1 for none, and whether it pushes against another.
 
-    By Newton's law with complementarity: the closed ones have impulses p >= 0 and rates u >= 0
-    after it with p u = 0, whatever the size of the impact. Of several that open, the fastest.
+    Newton's law with complementarity: the closed stops have impulses p >= 0 and rates u >= 0 after
+    the impact with p u = 0, independent of its size. Of several that open, it is the fastest.
 
     References
     ----------
@@ -179,7 +179,7 @@ def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tup
 
 
 def moves(structure: Structure, closed: Sequence[Element], hit: Element, other: Element) -> bool:
-    """Whether an impact changes the rate of what another element acts along."""
+    """Whether an impact changes the rate of another element's row."""
     rows = [element.row(structure.size) for element in (*closed, hit)]
     effect = np.linalg.solve(structure.mass, np.array(rows).T)
     inertia = np.array(rows) @ effect
@@ -190,7 +190,7 @@ def moves(structure: Structure, closed: Sequence[Element], hit: Element, other: 
 
 
 def sum_of(mode: Mode, element: Element, watch: Watch, slider: int) -> Any:
-    """What a guard watches of an element's gap, or of its spring to a slider, as a sum."""
+    """The exponential sum of a guard that depends on a gap, or on the spring to a slider."""
     along, sign = element.row(len(mode.forced.rest)), element.sign
     row = mode.row(along)
     if mode.layout.table >= 0:
@@ -213,9 +213,9 @@ def force_of(
     element: Element,
     watch: Watch,
 ) -> Any:
-    """What a guard watches of the force by which an element holds the structure, or sticks to it.
+    """The exponential sum of a guard that depends on the force of a holding or sticking element.
 
-    Towards its side, together with others that do.
+    The force is towards the element's side; other elements may hold at the same time.
     """
     s, weights = structure, _grip(structure, held).weights[list(held).index(element)]
     row = mode.row(weights @ s.stiffness)

@@ -1,4 +1,4 @@
-"""Linear modes of the motion: how states evolve, and how they change, in the kernels' slots."""
+"""Linear modes of the motion: evolution of states, changes of basis, transition matrices."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from dynkit.systems.impact.modes.structure import Contact, Excitation, Structure
 
 @final
 class Mode:
-    """A linear mode of the motion, in the slots of the kernels: free flight, or contact.
+    """A linear mode of the motion, packed into the slots of the kernels' arrays.
 
     Attributes
     ----------
     structure : Structure or None
-        Of the coordinates that are not held.
+        Structure of the coordinates that are not held.
     forced : Forced
     layout : Layout
     propagators : Propagators
-        The steps of all slots.
+        Propagators of all slots.
     bodies : int
-        How many coordinates there are before those of sliders.
+        Number of coordinates without sliders.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Mode:
         self._drifts = np.zeros(0)
 
     def anchor(self, stuck: int, places: list[int], drifts: Array, bodies: int) -> None:
-        """Know the sliders that stick: the first of the last pairs, places (s,), velocities (s,).
+        """Set the sticking sliders: first of the last pairs, coordinates (s,), velocities (s,).
 
         All coordinates beyond the bodies are sliders.
         """
@@ -59,9 +59,9 @@ class Mode:
         self._anchored, self._drifts, self.bodies = np.array(places, np.intp), drifts, bodies
 
     def coordinates(self, x: Array, v: Array, sine: Any, cosine: Any, one: Any = 1.0) -> Array:
-        """Coordinates (..., 2, m) of positions and velocities (..., N), and of the number one.
+        """Coordinates (..., 2, m) of positions and velocities (..., N).
 
-        Sliders that stick are as fast as their surfaces, whatever their velocities are.
+        Sticking sliders get the velocities of their surfaces in place of the given ones.
         """
         forced, there = self.forced, self._anchored
         if len(there):
@@ -73,7 +73,7 @@ class Mode:
         return self.steady(forced.coordinates(x, v, sine, cosine), one)
 
     def steady(self, q: Array, one: Any = 1.0) -> Array:
-        """Coordinates (..., 2, m), modified in place: sliders that stick are that fast exactly."""
+        """Give sticking sliders their exact velocities; coordinates (..., 2, m), in place."""
         q[..., 1, self._anchors] = np.multiply.outer(one, self._drifts)
         return q
 
@@ -83,7 +83,7 @@ class Mode:
         return self.propagators.pairs
 
     def row(self, coefficients: Array) -> Array:
-        """Row (2, slots) of a sum (N,) of positions, without their rest."""
+        """Row (2, slots) of a combination (N,) of positions, relative to rest."""
         out = np.zeros((2, self.layout.slots))
         if self.forced.basis is not None:
             own = self.forced.gathered(coefficients)
@@ -94,7 +94,7 @@ class Mode:
         return out
 
     def placed(self, rows: Array) -> Array:
-        """Numbers (..., slots): those of the modes, (..., m), as given, and the rest zero."""
+        """Numbers (..., slots): given ones (..., m) in the slots of the modes, zero elsewhere."""
         out = np.zeros((*rows.shape[:-1], self.layout.slots))
         out[..., self.layout.own] = rows
         return out
@@ -117,7 +117,7 @@ class Mode:
         return q, states[..., 0, self.layout.table], states[..., 1, self.layout.table]
 
     def units(self) -> tuple[Array, Array]:
-        """Positions and velocities (2 slots, N) of unit states, less those at rest."""
+        """Positions and velocities (2 slots, N) of unit states, relative to rest."""
         forced, layout = self.forced, self.layout
         x, v = np.zeros((2, 2, layout.slots, len(forced.rest)))
         if forced.basis is not None:
@@ -130,14 +130,14 @@ class Mode:
         return x.reshape(shape), v.reshape(shape)
 
     def driven(self) -> tuple[Array, Array]:
-        """Positions and velocities (3, N) of the sine, of the cosine, and at rest."""
+        """Positions and velocities (3, N) by the sine, by the cosine, and at rest."""
         forced = self.forced
         x = np.stack([forced.shape.real, forced.shape.imag, forced.rest])
         v = np.stack([forced.turning.real, forced.turning.imag, forced.drift])
         return x, v
 
     def contact(self, row: Array) -> Contact:
-        """What impulses along a row (N,) of coordinates do, among those that are not held."""
+        """The contact along a row (N,) of coordinates, restricted to those that are not held."""
         assert self.structure is not None
         return self.structure.contact(self.forced.gathered(row))
 
@@ -146,9 +146,9 @@ class Mode:
         return self.forced.spread(self.contact(row).kick_velocity)
 
     def seen_from(self, one: Mode, stop: Element | None = None) -> Array:
-        """Affine change of basis (2 slots, 2 slots of another mode + 1) from that mode.
+        """Affine change of basis (2 slots, 2 slots of the other mode + 1) from another mode.
 
-        Nothing jumps but, where a stop is given, the rate of its gap, which is lost.
+        The state is continuous; if a stop is given, the rate of its gap becomes zero.
         """
         x, v = one.driven()
         if stop is not None:
@@ -169,7 +169,7 @@ class Mode:
         return out
 
     def _modes_from(self, one: Mode, stop: Element | None) -> Array:
-        """That of the modes alone, (2 modes, 2 modes of the other one); kept with the basis."""
+        """The change of basis of the modes alone, (2 modes, 2 other modes); kept with the basis."""
         basis, other = self.forced.basis, one.forced.basis
         if basis is None or other is None:
             return np.zeros((2 * len(self.layout.modes), 2 * len(one.layout.modes)))
@@ -232,9 +232,10 @@ class Mode:
         return out
 
     def _apart(self, slots: Any) -> tuple[Any, Any, Array]:
-        """Slots that nothing links, and those that something does, each ascending; unit states.
+        """Slots without links, slots with links, each ascending, and unit states.
 
-        The latter, (2 + 2b, 2, slots), are those of all alone at once, and of each of b linked.
+        The unit states (2 + 2b, 2, slots) are two for all slots without links together, and two for
+        each of the b linked slots.
         """
         key = slots.tobytes()
         if key not in self._known:
@@ -263,16 +264,16 @@ class Mode:
 
 @final
 class Transitions:
-    """What becomes of all states in some durations.
+    """Transition matrices over k durations.
 
     Parameters
     ----------
     alone, linked : (a,), (b,)
-        Slots of the pairs that nothing links, and of those that something does.
+        Slots of pairs without links, and with links.
     own : (k, 2, 2, slots)
-        Transition matrices of the former; zero in other slots.
+        2x2 transition matrices of the slots without links; zero in other slots.
     joint : (k, 2, b, 2 b)
-        Of the latter; columns are both numbers of a slot, one slot after the other.
+        Transition matrices of the linked slots; columns are both numbers of one slot after another.
     """
 
     def __init__(self, alone: Any, linked: Any, own: Array, joint: Array) -> None:
@@ -301,9 +302,9 @@ class Transitions:
         return out.reshape(k, 2 * n, 2 * n)
 
     def amplification(self, slots: int) -> Array:
-        """By how much the rounding of the first of them grows, (slots,), in a periodic response.
+        """Factors (slots,) by which rounding grows in a periodic response over the first duration.
 
-        It is large near a resonance without damping.
+        They are large near a resonance without damping.
         """
         out = np.zeros(slots)
         parts = [(self.alone, np.moveaxis(self.own[0][..., self.alone], -1, 0))]
@@ -315,15 +316,15 @@ class Transitions:
         return out
 
     def periodic(self, state: Array, multiplier: complex = 1.0) -> Any:
-        """Return z, (2, slots), with z = state + transition(z) / multiplier, over the first one.
+        """Return z, (2, slots), with z = state + transition(z) / multiplier, first duration.
 
-        The state just after a kick that is repeated after every period, multiplied each time; of
-        what has no transition that after one kick.
+        It is the state just after a kick that is repeated after every period, multiplied each time.
+        In slots without transition it is the state after one kick.
 
         Raises
         ------
         NoSolution
-            When the multiplier is one of the free motion's own.
+            When the multiplier is one of the free motion.
         """
         (a, b), (c, d) = self.own[0] / multiplier
         a, d = 1.0 - a, 1.0 - d

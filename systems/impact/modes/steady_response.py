@@ -1,4 +1,4 @@
-"""Linear structures under harmonic and constant forces, in numbers that evolve by themselves."""
+"""Steady response of linear structures to harmonic and constant forces, in modal coordinates."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from dynkit.exponential.propagators import Propagators, padded
 from dynkit.systems.impact.modes.bases import Basis, row_by_row
 
 RESONANT = 1e-3
-"""A mode whose rate is nearer to the drive's, relative to both, is driven step by step: the steady
-response would be so large that the rest of the motion would lose digits against it."""
+"""Relative distance of a mode's rate from the forcing frequency below which the mode is driven step
+by step: its steady response would be so large that the rest of the motion lost digits."""
 
 HIDDEN = 2.0**-80
-"""A mode whose share in what is searched is smaller than this part of the largest has none."""
+"""Modes with a smaller share in a guard, relative to the largest share, are left out of it."""
 
 
 @final
 @dataclass(frozen=True)
 class Layout:
-    """Slots of the kernels: what a search sees first, then what is carried along.
+    """Slots of the kernels' arrays: first those that a search uses, then all others.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Layout:
 @final
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Forces on some coordinates of a structure, and what the others do to it.
+    """Forces on some coordinates of a structure, and the given motion of the others.
 
     Attributes
     ----------
@@ -86,11 +86,11 @@ class Load:
 
 @final
 class Forced:
-    """Motion of N coordinates: those of a basis under forces, the others as they are told to.
+    """Motion of N coordinates: some move in a basis under forces, the others are prescribed.
 
-    Positions are Im(shape exp(i phase)) + rest + those of the basis, velocities Im(turning exp(i
-    phase)) + drift + those of the basis. With ties (h, m) those at some places (h,) follow the
-    basis's, too.
+    Positions are Im(shape exp(i phase)) + rest plus those of the basis, velocities are
+    Im(turning exp(i phase)) + drift plus those of the basis. With ties (h, m), h of the other
+    coordinates also follow those of the basis.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class Forced:
 
     @cached_property
     def rest_terms(self) -> Array:
-        """Sums (N,) of the absolute terms of which the rest is the sum."""
+        """Sums (N,) of the absolute terms of the position of rest."""
         terms = self._rest_given.copy()
         if self.basis is not None and self._still.any():
             places = self.basis.units()[0]
@@ -136,7 +136,7 @@ class Forced:
         return np.asarray(terms)
 
     def spread(self, own: Array, *, absolute: bool = False) -> Array:
-        """What numbers (..., m) of the basis's coordinates make of all, (..., N)."""
+        """Extend numbers (..., m) of the basis's coordinates to all coordinates, (..., N)."""
         if len(self.free) == self.rest.size:
             return own
         out = np.zeros((*own.shape[:-1], self.rest.size))
@@ -151,7 +151,7 @@ class Forced:
         return x if len(self.free) == self.rest.size else x[..., self.free]
 
     def gathered(self, row: Array) -> Array:
-        """A sum (N,) of all coordinates as one, (m,), of the basis's."""
+        """A combination (N,) of all coordinates as one (m,) of the basis's coordinates."""
         out = self.own(row)
         return out if self._ties is None else out + row[self._tied] @ self._ties
 

@@ -1,4 +1,4 @@
-"""Structures of which friction holds rates: what sticks keeps its rate, and drags others along."""
+"""Structures with sticking friction: some rows of coordinates have constant rates."""
 
 from __future__ import annotations
 
@@ -107,11 +107,9 @@ class StuckModes(Basis):
 
 
 def stuck(structure: Structure, rows: Array, still: NDArray[np.bool_]) -> Structure:
-    """The same structure, of which rows (h, N) of coordinates have constant rates; kept.
+    """The structure while rows (h, N) of coordinates have constant rates; cached.
 
-    Some of the rates, (h,), are zero.
-
-    Impacts act as if none had: what holds the rates is finite.
+    Some of the rates, (h,), are zero. Impacts are not affected, since friction forces are finite.
     """
     key = rows.tobytes() + still.tobytes()
     if key not in structure.stuck:
@@ -121,7 +119,7 @@ def stuck(structure: Structure, rows: Array, still: NDArray[np.bool_]) -> Struct
 
 
 def _solved(stiffness: Array, forces: Array) -> Array:
-    """Where forces (m, h) push a structure that other than rigid motions have."""
+    """Static displacements (m, h) by forces (m, h), which must not act on rigid motions."""
     found = np.asarray(np.linalg.lstsq(stiffness, forces)[0])
     off = abs(stiffness @ found - forces).max(initial=0.0)
     if off > _CONSISTENT * abs(forces).max(initial=0.0):

@@ -1,4 +1,4 @@
-"""Structures under impacts: mass, damping, stiffness and contact, and what drives them."""
+"""Structures under impacts: mass, damping, stiffness, contacts, held coordinates, excitation."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from dynkit.systems.structure.modes import Derivation
 
 @final
 class Structure:
-    """What follows from mass, damping and stiffness: shared by all other parameters.
+    """Data that follow from mass, damping and stiffness; oscillators with equal ones share it.
 
     Attributes
     ----------
     mass, damping, stiffness : (N, N)
     size : int
     sliders : int
-        How many of the coordinates, the last ones, are places of sliders: a mass of one stands for
-        none in the matrix, which couples it to no other. Impacts do not move them.
+        Number of sliders, the last coordinates. They are massless; the matrix has a mass of one for
+        each, without coupling. Impacts do not move them.
     free : Basis
     seen, stuck : dict
-        Modes that take part in the motion of some coordinates, filled in `contact`; structures of
-        which some coordinates stick, filled in `stuck`.
+        Caches: modes with a share in some rows, filled by `contact`; structures with sticking rows,
+        filled by `stuck`.
     """
 
     def __init__(self, given: Derivation, sliders: int = 0, free: Basis | None = None) -> None:
@@ -55,11 +55,11 @@ class Structure:
 
     @cached_property
     def free(self) -> Basis:
-        """The basis of its motion."""
+        """The basis of the free motion."""
         return basis_of(self._given)
 
     def beside(self, sliders: int) -> Structure:
-        """The same with coordinates more that are places of sliders; kept."""
+        """The same structure with sliders as further coordinates; cached."""
         if not sliders:
             return self
         if sliders not in self._beside:
@@ -72,7 +72,7 @@ class Structure:
         return self._beside[sliders]
 
     def without(self, places: NDArray[np.intp]) -> Structure | None:
-        """That of the other coordinates, while these are zero; kept, None where there are none."""
+        """The structure of the other coordinates while these are zero; cached, None without any."""
         key = places.tobytes()
         if key not in self._without:
             left = int((places >= self.size - self.sliders).sum())
@@ -83,13 +83,13 @@ class Structure:
         return self._without[key]
 
     def with_basis(self, basis: Basis) -> Structure:
-        """The same in another basis."""
+        """The same structure with another basis."""
         other = copy.copy(self)
         other.free, other._contacts, other.seen = basis, {}, {}
         return other
 
     def stiffened(self, springs: Sequence[tuple[Array, float, float]]) -> Structure:
-        """The same with springs and dashpots more along rows (N,) of coordinates; kept."""
+        """The same structure with further springs and dashpots along rows (N,); cached."""
         added = [(row, k, c) for row, k, c in springs if k or c]
         if not added:
             return self
@@ -105,14 +105,14 @@ class Structure:
         return self._stiffened[key]
 
     def contact(self, row: Array) -> Contact:
-        """What impulses along a row (N,) of coordinates do; kept."""
+        """The contact along a row (N,) of coordinates; cached."""
         key = row.tobytes()
         if key not in self._contacts:
             self._contacts[key] = Contact(self, row)
         return self._contacts[key]
 
     def holding(self, rows: Array) -> Held:
-        """The structure of which rows (h, N) of coordinates are held; kept."""
+        """The structure with held rows (h, N) of coordinates; cached."""
         key = rows.tobytes()
         if key not in self._held:
             self._held[key] = Held(self._given, rows, self.sliders)
@@ -121,20 +121,20 @@ class Structure:
 
 @final
 class Held:
-    """A structure of which the sums z = J x are held, J (h, N): some coordinates follow the others.
+    """A structure with prescribed sums z = J x, J (h, N): h coordinates follow the others.
 
-    These are x_p = told z + ties x_o.
+    The dependent coordinates are x_p = told z + ties x_o.
 
     Attributes
     ----------
     others, pivots : (m,), (h,)
-        Places of the coordinates that are left, and of those that follow.
+        Numbers of the independent and of the dependent coordinates.
     told : (h, h)
-    ties : (h, m), or None where they do not depend on the others
+    ties : (h, m), or None if x_p does not depend on x_o
     weights : (h, N)
-        Give the forces that hold, along J, as sums of those on the coordinates.
+        Forces along J as combinations of the forces on the coordinates.
     structure : Structure or None
-        Of the coordinates that are left.
+        Structure of the independent coordinates.
     """
 
     def __init__(self, given: Derivation, rows: Array, sliders: int) -> None:
@@ -150,30 +150,30 @@ class Held:
         self.structure = None if left is None else Structure(left, sliders)
 
     def leaves(self, row: Array) -> Array:
-        """A sum (N,) of all coordinates as one, (m,), of those that are left; zero for rounding."""
+        """A combination (N,) of all coordinates by the independent ones, (m,); rounding is zero."""
         out = row[self.others]
         if self.ties is not None:
             out = out + row[self.pivots] @ self.ties
         return out if abs(out).max(initial=0.0) > ROUNDING * abs(row).max() else np.zeros_like(out)
 
     def put(self, x: Array, totals: Array) -> None:
-        """Make what is held of positions or velocities (..., N) these, (..., h)."""
+        """Set the prescribed sums (..., h) of positions or velocities (..., N), in place."""
         x[..., self.pivots] = row_by_row(totals, self.told)
         if self.ties is not None:
             x[..., self.pivots] += row_by_row(x[..., self.others], self.ties)
 
 
 ROUNDING = 1e-12
-"""Of a sum of coordinates that is held, the part that rounding may leave."""
+"""Relative rounding error of a prescribed sum of coordinates."""
 
 
 def place_of(row: Array) -> int:
-    """Of the largest number in a row (N,), the last of them."""
+    """Index of the largest number in a row (N,), the last one if there are several."""
     return int(len(row) - 1 - np.argmax(abs(row[::-1])))
 
 
 def _pivots(rows: Array) -> list[int]:
-    """Of each row (h, N) the place of its largest number, those above it eliminated."""
+    """Pivots (h,) of rows (h, N): index of the largest number after elimination."""
     left, found = rows.copy(), []
     for k, row in enumerate(left):
         found.append(place_of(row))
@@ -190,9 +190,9 @@ class Contact:
     structure : Structure
     row : (N,)
     place : int
-        Of the coordinate that an impact leaves by its row: the one with the largest part in it.
+        Number of the coordinate with the largest entry in the row, which sections omit.
     others : (N - 1,)
-        Places of all others.
+        Numbers of all others.
     """
 
     def __init__(self, structure: Structure, row: Array) -> None:
@@ -201,7 +201,7 @@ class Contact:
         self.others = np.delete(np.arange(structure.size), self.place)
 
     def put(self, x: Array, total: Any) -> None:
-        """Make the row's sums of positions or velocities (..., N) these, (...), at its place."""
+        """Set the row's sums (...) of positions or velocities (..., N) by coordinate `place`."""
         rest = self.row[None, self.others]
         if rest.any():
             total = total - row_by_row(x[..., self.others], rest)[..., 0]
@@ -246,8 +246,8 @@ class Contact:
     def coupling(self) -> float:
         """Largest change by an `excursion`.
 
-        Springs and dashpots may cancel, which leaves terms that are smaller by a power of the
-        duration; what the springs do counts by itself, too.
+        Effects of springs and dashpots may cancel up to terms that are smaller by a power of the
+        duration; therefore the effect of the springs alone also counts.
         """
         largest = abs(self.excursion).max()
         if len(self.others):
@@ -285,7 +285,7 @@ _structures: WeakKeyDictionary[Any, Structure] = WeakKeyDictionary()
 
 
 def structure_of(given: LagrangianStructure) -> Structure:
-    """The shared part, computed once for all oscillators of equal structure."""
+    """The structure of an oscillator, shared by all oscillators with equal matrices."""
     if given._derivation not in _structures:
         derivation = given._derivation
         _structures[derivation] = Structure(derivation, free=basis_of(derivation))
@@ -295,12 +295,12 @@ def structure_of(given: LagrangianStructure) -> Structure:
 @final
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """What acts from outside at one frequency, phase' = frequency: forces on all coordinates (N,).
+    """Harmonic and constant forces on all coordinates (N,), with phase' = frequency.
 
     Attributes
     ----------
     turns : bool
-        Whether anything depends on the phase, these forces or motions of elements.
+        Whether forces or motions of elements depend on the phase.
     """
 
     frequency: float
@@ -309,7 +309,7 @@ class Excitation:
     turns: bool
 
     def pulled(self, element: Element, regime: Regime) -> Excitation:
-        """The same with what an element, which moves, adds to the forces."""
+        """The same excitation with the forces that a moving element adds in a regime."""
         k, c, row = regime.stiffness, regime.damping, element.row(len(self.constant))
         if k == c == regime.push == 0.0 or regime.anchored:
             return self

@@ -1,4 +1,4 @@
-"""Modes of an oscillator and the guards that join them, as the kernels take them."""
+"""The automaton of an oscillator: its modes and the guards that join them, as kernel tables."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structur
 from dynkit.systems.impact.simulation.regimes import Parts
 
 MOST_NUMBERS = 1 << 25
-"""Of the changes of bases between all modes: 256 MB."""
+"""Limit on the numbers in all changes of basis between modes: 256 MB."""
 
 
 @final
 @dataclass(eq=False)
 class Guard:
-    """What ends a flight in a mode, and what then happens.
+    """A guard of a mode, and the event at its zero.
 
     Attributes
     ----------
     mode, element : int
-        Numbers of the mode that it is of, and of what it belongs to.
+        Numbers of its mode and of its element.
     watch : Watch
-    sum : the exponential sum that is positive before
+    sum : the exponential sum that is positive before the event
     target, partner : int
-        The mode that it leads to, for an impact that of contact, and the first guard of the same
-        element there; -1 where it has not been entered.
+        Next mode (for an impact, the mode of contact), and the first guard of the same element
+        there; -1 if that mode has not been entered.
     change : (2 slots, 2 slots + 1), of both modes, or None
-        What becomes of the state, and one.
+        Affine change of the state from one mode to the other.
     opens : int
-        The closed stop from which an impact pulls away, or what sticks and it moves; -1 for none.
+        The closed stop that an impact opens, or the sticking element that it moves; -1 for none.
     ambiguous : bool
         Whether an impact pushes against a closed stop.
     """
@@ -75,8 +75,8 @@ class Grip(NamedTuple):
     Attributes
     ----------
     mode : Mode
-    force : its force, as an exponential sum
-    to_stuck, to_free : changes of basis from free flight, whose relative velocity is lost, and back
+    force : contact force, as an exponential sum
+    to_stuck, to_free : changes of basis from free flight, without the relative velocity, and back
     """
 
     mode: Mode
@@ -87,21 +87,21 @@ class Grip(NamedTuple):
 
 @final
 class Automaton:
-    """The modes that motions of one oscillator entered so far; in the first all regimes are 0.
+    """The modes that motions of one oscillator have entered; in the first one all regimes are 0.
 
     Attributes
     ----------
     modes : list of Mode
     regimes : list of tuple
-        Of each mode, those of all elements.
+        Regimes of all elements in each mode.
     parts : Parts
-        What these are.
+        Rules for the regimes of elements.
     guards : list of Guard
-        In the order of their modes.
+        Guards in the order of their modes.
     sliders : dict
-        Of elements, by number, that have sliders: the coordinates of these.
+        Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
-        Of each guard its mode, its element, the mode that it leads to, and the kind of this switch.
+        For each guard: its mode, its element, the next mode, and the kind of the event.
     """
 
     def __init__(
@@ -137,20 +137,20 @@ class Automaton:
         self._number((0,) * len(self._elements))
 
     def mode(self, regimes: tuple[int, ...]) -> Mode:
-        """The mode of some regimes, built where no motion has entered it."""
+        """The mode of given regimes; it is built if no motion has entered it."""
         return self.modes[self._number(regimes)]
 
     def gap(self, regimes: tuple[int, ...], element: int) -> Any:
-        """The sum that the first guard of an element watches in a mode."""
+        """The exponential sum of the first guard of an element in a mode."""
         return self.guards[self.guard(self._number(regimes), element)].sum
 
     def guard(self, mode: int, element: int) -> int:
-        """The first guard of an element in a mode; where it has none, that of the mode."""
+        """Number of the first guard of an element in a mode, or else of the mode."""
         own = [k for k, g in enumerate(self.guards) if g.mode == mode]
         return next((k for k in own if self.guards[k].element == element), own[0])
 
     def held(self, element: int) -> Grip:
-        """Contact with one element, the others in their first regime."""
+        """Contact with one element while all others are in their first regime."""
         if element not in self._grips:
             regimes = self.parts.settled([int(k == element) for k in range(len(self._elements))])
             mode, free = self.mode(regimes), self.modes[0]
@@ -160,7 +160,7 @@ class Automaton:
         return self._grips[element]
 
     def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:
-        """A state (2, slots) of a mode as one of the first mode, and the elements that held it."""
+        """A state (2, slots) of a mode in the basis of the first mode, and the holding elements."""
         mode = self.modes[number]
         states = state[None, :, : mode.layout.slots]
         return transformed(self.modes[0].seen_from(mode), states)[0], self.parts.holding(
@@ -168,7 +168,7 @@ class Automaton:
         )
 
     def enter(self, number: int) -> None:
-        """Build the mode that a guard leads to, where no motion has done so."""
+        """Build the next mode of a guard, unless a motion has entered it."""
         with self._lock:
             guard = self.guards[number]
             target = self._number(self._after(guard))
@@ -179,14 +179,14 @@ class Automaton:
 
     @property
     def tables(self) -> Any:
-        """What the kernels take."""
+        """The tables of the kernels."""
         with self._lock:
             if self._tables is None:
                 self._tables = self._stacked()
             return self._tables
 
     def rest_terms(self) -> Array:
-        """Of what each guard watches the sum of the absolute terms of its rest, (guards,)."""
+        """Sum (guards,) of the absolute terms of the offset of each guard's exponential sum."""
         own, s = self.modes[0].forced.rest_terms, self._structure
         along = [abs(element.row(s.size)) for element in self._elements]
         gaps, forces = [r @ own for r in along], [r @ abs(s.stiffness) @ own for r in along]
@@ -271,14 +271,14 @@ class Automaton:
                     self.guards.append(guard)
 
     def _shared(self, element: int, watch: Watch) -> Watch:
-        """What is watched of a force, of friction that sticks together of the sum."""
+        """The guard of a friction force, or of the sum for friction that sticks together."""
         if len(self.parts.led(element)) < 2:
             return watch
         force, static = self.parts.most(element)
         return replace(watch, level=static, order=2 if force == static else 1)
 
     def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
-        """What sticks, or the closed stop, that an impact moves; whether it pushes against one."""
+        """Sticking element or closed stop moved by an impact; whether it pushes against a stop."""
         structure, (closed, sticking) = self._structure, self.parts.grips(regimes)
         own = [self._elements[k] for k in closed]
         for k in sticking:
@@ -290,7 +290,7 @@ class Automaton:
         return closed[opened] if opened >= 0 else -1, ambiguous
 
     def _join(self, guard: Guard) -> None:
-        """Find what becomes of the state where a guard is zero."""
+        """Set the change of the state at the zero of a guard."""
         one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
         guard.partner = self.guard(guard.target, guard.element)
         stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
@@ -300,14 +300,14 @@ class Automaton:
         )
         halts = guard.watch.event == HALT or guard.element in self.sliders
         for k in (k for k in sticking if halts and k not in before):
-            # Its rate is that of the surface, and not what rounding leaves of it.
+            # The rate is exactly that of the surface.
             layout = self.modes[guard.target].layout
             own = layout.modes[sticking.index(k) - len(sticking)]
             guard.change[layout.slots + own] = 0.0
             guard.change[layout.slots + own, -1] = self._elements[k].drift
 
     def _kind(self, guard: Guard) -> EventKind:
-        """What it is to be led to another mode."""
+        """Kind of the event that leads to another mode."""
         if guard.watch.event == IMPACT:
             return EventKind.CONTACT
         now = self.parts.now(self.regimes[guard.mode])[guard.element]
@@ -364,7 +364,7 @@ class Automaton:
         )
 
     def _stack_guard(self, k: int) -> None:
-        """Put what does not change of a guard into the tables."""
+        """Put the constant data of a guard into the tables."""
         guard, put = self.guards[k], self._stack.put
         mode, element, watch = self.modes[guard.mode], self._elements[guard.element], guard.watch
         slots = mode.layout.slots
@@ -403,7 +403,7 @@ class Automaton:
         put("marks", k, self.marks(guard))
 
     def marks(self, guard: Guard) -> bool:
-        """Whether the section of cycles is where this guard is zero."""
+        """Whether the zero of this guard is the section of an undriven machine."""
         if guard.element != self._cycled:
             return False
         if halts(self._elements[guard.element]):
@@ -411,7 +411,7 @@ class Automaton:
         return not self.regimes[guard.mode][guard.element]
 
     def _coupled(self, guard: Guard) -> list[bool]:
-        """Of all elements whether an impact at a guard changes the rate of their gaps."""
+        """For each element, whether an impact at a guard changes the rate of its gap."""
         size, out = self._structure.size, [False] * len(self._elements)
         stops = [k for k, e in enumerate(self._elements) if isinstance(e, HardStop)]
         if len(stops) > 1:
@@ -423,7 +423,7 @@ class Automaton:
 
 
 def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
-    """Guards of an element; without what others determine: that it comes to a halt and sticks."""
+    """Guards of an element, without a halt that other elements decide."""
     if along is not None or guards[0].event != HALT:
         return guards
     return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
@@ -472,7 +472,7 @@ _OF_GUARDS = (
 
 
 def _torn(watch: Watch) -> int:
-    """How many Taylor coefficients vanish of what follows where a force is too large at once."""
+    """Code of the next guard's leading Taylor coefficients if a force is too large at once."""
     return 0 if not watch.force else 2 if watch.order == RELEASED else 1
 
 

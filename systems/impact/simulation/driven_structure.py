@@ -1,4 +1,4 @@
-"""A linear structure, what drives it and what it hits: as numbers, and as kernels take them."""
+"""A linear structure with its excitation and its elements: parameters, checked and composed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
 OF_TABLE = (*_OF_STOP, "contact", "play")
-"""Parameters of the table: with elements, those of its `HardStop`."""
+"""Parameters of the table; with elements, they are taken from the first `HardStop`."""
 
 _CACHES = frozenset(
     {
@@ -59,7 +59,7 @@ _CACHES = frozenset(
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenStructure(LagrangianStructure):
-    """A structure, its forces and its table: the parameters that `ImpactOscillator` describes.
+    """A structure with its forces and elements; `ImpactOscillator` describes the parameters.
 
     Raises
     ------
@@ -111,7 +111,7 @@ class DrivenStructure(LagrangianStructure):
             self._set(name, _forces(name, getattr(self, name), n, kind))
 
     def _compose(self) -> None:
-        """Take the table from the elements: it is their first hard stop."""
+        """Set the parameters of the table from the first hard stop of the elements."""
         elements = checked_elements(self.elements, self.degrees_of_freedom)
         stop = next((element for element in elements if isinstance(element, HardStop)), None)
         own = {entry.name: entry.default for entry in fields(self) if entry.name in OF_TABLE}
@@ -155,28 +155,28 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _sliders(self) -> tuple[Element, ...]:
-        """The elements that have sliders, whose places are coordinates after all others."""
+        """The elements with sliders; the positions of sliders are the last coordinates."""
         return tuple(element for element in self._soft if element.slider)
 
     @property
     def _size(self) -> int:
-        """Number of coordinates, those of sliders among them."""
+        """Number of coordinates, sliders included."""
         return self.degrees_of_freedom + len(self._sliders)
 
     @cached_property
     def _contact(self) -> Contact:
-        """Where the first stop acts."""
+        """The contact of the first stop."""
         return self._contacts[0]
 
     @cached_property
     def _contacts(self) -> tuple[Contact, ...]:
-        """Where the stops act."""
+        """The contacts of all hard stops."""
         n, structure = self._size, self._structure
         return tuple(structure.contact(stop.row(n)) for stop in self._stops)
 
     @property
     def _others(self) -> list[Any]:
-        """Of each stop the coordinates but for the one at its place, (N - 1,)."""
+        """For each stop, the numbers (N - 1,) of the coordinates that its section keeps."""
         return [contact.others[: self.degrees_of_freedom - 1] for contact in self._contacts]
 
     @cached_property
@@ -201,7 +201,7 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _soft(self) -> tuple[Element, ...]:
-        """What acts besides hard stops."""
+        """The elements that are not hard stops."""
         return tuple(e for e in self.elements if not isinstance(e, HardStop))
 
     @property
@@ -243,13 +243,13 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _holding(self) -> int:
-        """Of how many elements a state says whether they hold: of none where only a table does."""
+        """Number of elements whose contact or sticking a state stores; 0 for a table alone."""
         sticky = any(regime.sticks for element in self._soft for regime in element.regimes)
         return len(self._elements) if self._several or sticky else 0
 
     @property
     def _mapped(self) -> bool:
-        """Whether disturbances are followed from impact to impact, whatever happens between."""
+        """Whether tangent vectors use the derivative of the map in place of faster steps."""
         return bool(self._soft) or self._several
 
     @property
@@ -259,7 +259,7 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _elements(self) -> tuple[Element, ...]:
-        """All that acts, the hard stops first."""
+        """All elements, the hard stops first."""
         return *self._stops, *self._soft
 
     @cached_property
@@ -279,20 +279,20 @@ class DrivenStructure(LagrangianStructure):
 @final
 @dataclass(frozen=True)
 class Crossed:
-    """A section of positions and velocities, all or those that are not fixed on it.
+    """A section of positions and velocities: all of them, or those that it does not fix.
 
     Attributes
     ----------
     element : Element
-        Whose events are the section, where nothing drives the machine.
+        Element whose events are the section of an undriven machine.
     contact : Contact
-        Where it acts.
+        Contact of this element.
     halts : bool
-        Whether the rate of slip is zero on the section, else the gap.
+        Whether the slip velocity is zero on the section; else the gap is.
     cycled : bool
-        Whether nothing drives the machine. Else nothing is fixed.
+        Whether the machine is undriven. Otherwise the section fixes nothing.
     size : int
-        N.
+        Number of coordinates without sliders.
     """
 
     element: Element
@@ -303,7 +303,7 @@ class Crossed:
 
     @property
     def kept(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Places of the positions and velocities that are section coordinates."""
+        """Numbers of the positions and of the velocities that are section coordinates."""
         everything = np.arange(self.size)
         others = self.contact.others[: self.size - 1] if self.cycled else everything
         return (everything, others) if self.halts else (others, everything)

@@ -1,4 +1,4 @@
-"""Which regimes of elements go together, and which of them hold what others act along."""
+"""Rules for the regimes of several elements: which of them hold, stick or rest together."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from dynkit.systems.impact.modes.structure import Structure
 
 @final
 class Parts:
-    """The elements of a machine, by number, and their regimes.
+    """The elements of a machine, by number, and the rules for their regimes.
 
     Raises
     ------
     ValueError
-        Where springs or dashpots are too much for the masses that they act on.
+        When springs or dashpots are too large for the masses on which they act.
     """
 
     def __init__(self, elements: Sequence[Element], structure: Structure) -> None:
@@ -45,11 +45,11 @@ class Parts:
                     )
 
     def now(self, regimes: Sequence[int]) -> list[Regime]:
-        """What all elements do in these regimes."""
+        """The regimes of all elements, by their numbers."""
         return [own[k] for own, k in zip(self._regimes, regimes, strict=True)]
 
     def follows(self, element: int) -> bool:
-        """Whether it is friction that slips and sticks as another one does, which leads."""
+        """Whether the element is friction that slips and sticks together with an earlier one."""
         return self._leads.get(element, element) != element
 
     def led(self, element: int) -> list[tuple[int, float]]:
@@ -60,9 +60,9 @@ class Parts:
         return [(k, float(rows[k] @ own / (own @ own))) for k in group]
 
     def halted(self, given: Sequence[int], element: int, *, jumps: bool) -> list[int]:
-        """Regimes where a slider turns: what slips along the same over the same surface sticks.
+        """Regimes after a halt: friction on the same row and surface sticks as well.
 
-        Where its rate has jumped, other sliders do.
+        After a jump of the rate this holds for sliders only.
         """
         regimes, both = list(given), sum(self.grips(given), ())
         along = (*both, element) if self.along(both, element) is False else (element,)
@@ -73,13 +73,12 @@ class Parts:
         return regimes
 
     def settled(self, given: Sequence[int]) -> tuple[int, ...]:
-        """Regimes that go together.
+        """Make regimes consistent.
 
-        Friction along one row over one surface slips and sticks together.
-
-        Friction along what stops hold rests: how they share the force is open, and it takes none.
-        Where they let go it sticks, and what then does not move lies at the stop. Sliders stick
-        where what they follow does not move over their surfaces.
+        Friction elements on one row and one surface slip and stick together. Friction on a row that
+        stops hold rests: the shares of the force are not determined, and it takes none. When the
+        stop opens, friction sticks, and a mass that then does not move lies at the stop. Sliders
+        stick while the coordinate that they follow does not move over their surfaces.
         """
         regimes = list(given)
         held = self.grips(regimes)[0]
@@ -102,24 +101,24 @@ class Parts:
         return tuple(regimes)
 
     def holding(self, regimes: Sequence[int]) -> list[int]:
-        """The elements that hold, or stick, and the stops that something lies at."""
+        """Numbers of the elements that hold or stick, and of the stops at which a mass lies."""
         lain = [k for k, lies in enumerate(self.lain(regimes)) if lies]
         return sorted(sum(self.grips(regimes), ()) + tuple(lain))
 
     def lain(self, regimes: Sequence[int]) -> list[bool]:
-        """Of all elements whether they are stops that are open, at which friction holds a mass."""
+        """For each element, whether it is an open stop at which friction holds a mass."""
         pairs = zip(self._elements, regimes, strict=True)
         return [regime == LAIN and isinstance(element, HardStop) for element, regime in pairs]
 
     def grips(self, regimes: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """The elements that hold, and those that stick where no others hold what they act along."""
+        """Numbers of the elements that hold, and of those that stick on rows that none holds."""
         now = self.now(regimes)
         held = tuple(k for k, regime in enumerate(now) if regime.holds)
         sticking = (k for k, r in enumerate(now) if r.sticks and not self.follows(k))
         return held, tuple(k for k in sticking if self.along(held, k) is False)
 
     def along(self, others: tuple[int, ...], element: int) -> bool | None:
-        """Whether others hold what an element acts along: see `rides`."""
+        """Whether other elements hold the row of an element: see `rides`."""
         if (others, element) not in self._along:
             held = [self._elements[k] for k in others]
             found = rides(self._structure, held, self._elements[element])
@@ -127,7 +126,7 @@ class Parts:
         return self._along[others, element]
 
     def rubbed(self, regimes: Sequence[int], stop: int) -> list[bool]:
-        """Of all elements whether they are friction that rests where this stop is closed, too."""
+        """For each element, whether it is friction that rests while this stop is closed."""
         held = self.grips(regimes)[0]
         return [
             any(regime.sticks for regime in own)
@@ -138,9 +137,10 @@ class Parts:
         ]
 
     def turns(self, rubbed: Sequence[bool], change: Array) -> tuple[float, float]:
-        """By how much friction changes a gap's acceleration where it turns, and the most it holds.
+        """Change of a gap's acceleration when friction reverses, and the most that friction holds.
 
-        Some of the elements rub; an impulse of one at the gap changes the velocities so, (N,).
+        `rubbed` says which elements are in friction; `change` (N,) are the velocities by a unit
+        impulse at the gap.
         """
         drop = hold = 0.0
         for k in np.flatnonzero(rubbed).tolist():
@@ -150,7 +150,7 @@ class Parts:
         return drop, hold
 
     def most(self, element: int) -> tuple[float, float]:
-        """Of friction that sticks together the force, and the static one, along the first one."""
+        """Kinetic and static force of friction that sticks together, along the first row."""
         force = static = 0.0
         for k, share in self.led(element):
             own = self._regimes[k]

@@ -1,4 +1,4 @@
-"""Where motions of an impact oscillator start: by default, as given, from another one's state."""
+"""Start states of an impact oscillator: default, given, or from another oscillator's state."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _NODE = 2.0**-26
 
 
 def _rounding(place: float, amplitude: float, offset: float) -> float:
-    """What rounding leaves of a gap of zero."""
+    """Rounding error of a gap of zero."""
     return 4.0 * 2.0**-53 * (abs(place) + amplitude + abs(offset))
 
 
 def default_position(oscillator: DrivenStructure, angle: float) -> Array:
-    """The shape of the first mode, of modal amplitude one where a mass at rest may be there."""
+    """Shape of the first mode with modal amplitude one, if a mass at rest can be there."""
     shape = oscillator.modal_matrix[:, 0]
     if oscillator._strobed:
         return shape
@@ -69,9 +69,10 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
 
 
 def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:
-    """Positions and velocities (2, N) within all stops: by one, or half of it, and so on; at rest.
+    """Positions and velocities (2, N) with all gaps at least one, or a half, a quarter and so on.
 
-    Those nearest to positions at rest. Without room, on the stops and as fast as these.
+    The positions are the nearest ones to given positions, and the velocities are zero. Without
+    room, they are on the stops and move with them.
     """
     rows = np.array([s.sign * c.row[: len(x)] for s, c in _stands(oscillator)])
     places = np.array([s.sign * (s.swing(*turn) + s.offset) for s in oscillator._stops])
@@ -91,11 +92,13 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
 
 
 _HALVINGS, _LEFT = 20, 2.0**-51
-"""How often the room is halved, and what rounding leaves of a place."""
+"""Number of halvings of the room, and relative rounding error of a position."""
 
 
 def _nearest(rows: Array, least: Array, x: Array) -> Array:
-    """The nearest (N,) of which sums, by rows (k, N), are no less than these (k,), if there is one.
+    """The nearest positions (N,) whose sums by rows (k, N) are at least given numbers (k,).
+
+    None where there are no such positions.
 
     References
     ----------
@@ -113,7 +116,7 @@ def _nearest(rows: Array, least: Array, x: Array) -> Array:
 
 
 def _stands(oscillator: DrivenStructure) -> Iterable[tuple[HardStop, Contact]]:
-    """The stops, and where they act."""
+    """The hard stops and their contacts."""
     return zip(oscillator._stops, oscillator._contacts, strict=True)
 
 
@@ -124,7 +127,7 @@ def start(
     phase: object,
     sliders: object,
 ) -> ImpactState:
-    """A state to start from, at the defaults where None is given; ValueError beyond a stop."""
+    """A start state, with defaults for None; ValueError beyond a stop."""
     n, w = oscillator.degrees_of_freedom, oscillator.frequency
     angle = finite_scalar("phase", phase)
     given = default_position(oscillator, angle) if position is None else position
@@ -170,7 +173,7 @@ def start(
 
 
 def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) -> Array:
-    """Positions (N,) and those of sliders (J,); ValueError where these are none or too far off."""
+    """Positions (N,) and sliders (J,); ValueError where sliders are not finite or too far off."""
     own = oscillator._sliders
     if given is None:
         middle = [element.offset + element.swing(*turn.tolist()) for element in own]
@@ -185,10 +188,9 @@ def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) 
 
 
 def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
-    """A state of this oscillator, from one of an oscillator with other parameters.
+    """Convert a state of an oscillator with other parameters to a state of this one.
 
-    On the table the contact mass is put onto the table of this oscillator, with the same relative
-    velocity.
+    A mass on the table is put onto this oscillator's table and keeps its relative velocity.
     """
     if start._system is oscillator or start._system == oscillator:
         return start
