@@ -58,17 +58,19 @@ class OrbitEquations(Protocol):
 
 @final
 class ImpactOrbit(KeptSolution, PeriodicOrbit):
-    """P(n,m): n impacts in m periods of the forcing; P(inf,m): chatter, contact and release.
+    """A periodic orbit P(n,m), n impacts in m periods of the forcing, or P(inf,m) with sticking.
 
-    From `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. The states of P(n,m)
-    are those just after its impacts, those of P(inf,m) at its releases, where the relative velocity
-    and the contact force are zero. Without a hard stop they are those where periods of the forcing
-    begin, and of a cycle that nothing drives those just after its events, the phase counted from
-    the first one on. The unknowns of P(n,m) are phases and impulses, (2n,), and the modes that no
-    spring holds; those of P(inf,m) are, from one release to the next, places at the release, and
-    the phases of the release and of the impacts before the chatter. Of a machine with elements they
-    are phases, impulses and states of its events: see `counts`. It is admissible when simulation
-    from each state finds the next.
+    Orbits come from `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. The
+    states of P(n,m) are those just after its impacts. The states of P(inf,m) are those at its
+    releases, where relative velocity and contact force are zero. Without a hard stop the states are
+    those at the begin of each period of the forcing; for the cycle of an undriven machine they are
+    those just after its events, with phases from the first one on.
+
+    The unknowns of P(n,m) are phases and impulses, (2n,), and modes without restoring force. The
+    unknowns of P(inf,m) are, for each release, the positions and velocities there, its phase, and
+    the phases of the impacts before the chatter. For a machine with elements the unknowns are
+    phases, impulses and states of its events. An orbit is admissible when simulation from each of
+    its states finds the next one.
     """
 
     _problem: OrbitEquations
@@ -117,7 +119,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def counts(self) -> Mapping[str, float]:
-        """How often what happens in a period, by element, as `OrbitLabel.counts`."""
+        """Numbers of events in a period, by element, as in `OrbitLabel.counts`."""
         return self._problem.counts()
 
     @property
@@ -127,14 +129,14 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def period(self) -> float:
-        """Time until it repeats."""
+        """Period in units of time."""
         return float(self._solution.period)
 
     # --- its states -------------------------------------------------------------------------------
 
     @property
     def phases(self) -> Array:
-        """Phases (k,) of the forcing at its states, ascending, not wrapped."""
+        """Phases (k,) of the forcing at the states, ascending, not wrapped."""
         return self._solution.phases
 
     @cached_property
@@ -146,13 +148,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of a section coordinate of its states.
+        """Estimate of the largest error of a section coordinate of the states.
 
-        Of P(n,m) a bound to first order in the rounding: the sum over the inverse derivative of
-        what rounding and the last residual leave in the equations, and the rounding of the states
-        themselves. Of P(inf,m) rounding is what the equations change by, beyond their derivative,
-        when the unknowns are changed in the last digits; chatters that were cut count, too.
-        Infinite where the derivative is singular.
+        For P(n,m) it is a bound to first order: rounding and the last residual of the equations,
+        multiplied by the inverse derivative, and the rounding of the states. For P(inf,m) the
+        rounding of the equations is measured by changes of the unknowns in their last digits, and
+        the error of omitted bounces is added. It is infinite where the derivative is singular.
         """
         return self._problem.state_error(self._x, NONE, self.residual)
 
@@ -160,9 +161,9 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def multipliers(self) -> Any:
         """Floquet multipliers, (2N,) complex, the largest modulus first.
 
-        Those of the impact map, or of the flow over the whole period: they are the same. Two of
-        P(inf,m) are zero, as contact forgets the gap and its rate; the others are those of the map
-        from one release to the same one a period later, wrong by rounding relative to the largest.
+        They are those of the impact map, which equal those of the flow over the whole period. For
+        P(inf,m) two are zero, since contact forgets the gap and its rate; the others are those of
+        the map from a release to the same one a period later, with errors relative to the largest.
         """
         found = self._problem.multipliers(self._x, NONE)
         found.setflags(write=False)
@@ -170,36 +171,36 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def admissible(self) -> bool:
-        """Whether simulation from each of its states finds the next in place."""
+        """Whether simulation from each of its states finds the next one."""
         return self._problem.admissible(self._x, NONE)
 
     # --- its impacts and contacts -----------------------------------------------------------------
 
     @property
     def impulses(self) -> Array:
-        """Changes (n,) of the relative velocity by the impacts; negative where they would pull.
+        """Changes (n,) of the relative velocity by the impacts; negative for tensile impulses.
 
-        Of P(inf,m) those before the chatters, like `time` and `relative_velocity`: they are as many
-        along a whole branch. See `bounces` for all.
+        For P(inf,m) these are the impacts before the chatters, as in `time` and
+        `relative_velocity`; their number is constant along a branch. `bounces` has all impacts.
         """
         return self._solution.impulses
 
     @property
     def time(self) -> Array:
-        """Times (n,) of the impacts, from the first of its states on."""
+        """Times (n,) of the impacts since the first state."""
         solution = self._solution
         return np.asarray((solution.impact_phases - solution.phases[0]) / solution.frequency)
 
     @property
     def relative_velocity(self) -> Array:
-        """Rate (n,) of the gap just after the impacts; negative on the far side of a play."""
+        """Rate (n,) of the gap just after the impacts; negative at the far stop of a play."""
         return self._solution.relative_velocity
 
     @cached_property
     def bounces(self) -> Array:
         """Time from the first state, phase in [0, 2 pi), relative velocity after each impact.
 
-        (l, 3), chatter down to the cut included; how many there are depends on the cut.
+        An (l, 3) array with the bounces of a chatter that are not omitted.
         """
         phases, speeds = self._solution.bounces
         time = (phases - self.phases[0]) / self._solution.frequency
@@ -209,10 +210,9 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def contacts(self) -> Array:
-        """Times (k, 2) at which contact begins, before each release, and of the next release.
+        """Begin and end (k, 2) of the contacts, as times since the first release.
 
-        They count from the first release. Contact begins where the rest of the chatter is replaced.
-        P(n,m) has none, (0, 2).
+        Contact begins after the last bounce that is not omitted. For P(n,m) there is none, (0, 2).
         """
         since = self._solution.contact_phases - self.phases[0]
         times = np.asarray(since / self._solution.frequency)
@@ -221,7 +221,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def chatter_error(self) -> float:
-        """Largest change of a position or velocity that replacing the rest of a chatter makes."""
+        """Largest change of a position or velocity by the omission of bounces."""
         return self._solution.chatter_error
 
     def observable(self, name: str) -> Array:
@@ -233,12 +233,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         raise ValueError(f"name must be relative_velocity, phase or time; got {name!r}")
 
     def sample(self, times: object) -> tuple[Array, Array]:
-        """Positions and velocities at given times, from the first of its states.
+        """Positions and velocities at given times since the first state.
 
         Parameters
         ----------
         times : (j,) array_like
-            Of any size and sign: the motion repeats itself.
+            Any finite times; the motion is periodic.
 
         Returns
         -------
