@@ -44,8 +44,8 @@ def mode_of(
     grip = _grip(s, held) if held else None
     if grip is not None:
         others, pivots, ties, inner = grip.others, grip.pivots, grip.ties, grip.structure
-        shape[pivots] = grip.told @ [element.phasor for element in held]
-        rest[pivots] = grip.told @ [element.offset for element in held]
+        shape[pivots] = grip.by_sums @ [element.phasor for element in held]
+        rest[pivots] = grip.by_sums @ [element.offset for element in held]
     loose = [slider for slider in sliders if slider.stretch is not None]
     if loose:
         away = np.isin(others, [slider.place for slider in loose])
@@ -55,7 +55,7 @@ def mode_of(
         # Besides a constant rate they move as their surfaces do, less what those that hold do.
         both = _grip(s, [*held, *sticking])
         phasors = [element.phasor for element in (*held, *sticking)]
-        shape[both.pivots] = both.told @ phasors
+        shape[both.pivots] = both.by_sums @ phasors
     anchored = [slider for slider in sliders if slider.stretch is None]
     if anchored or sticking:
         places = [slider.place for slider in anchored]
@@ -142,12 +142,12 @@ def rides(structure: Structure, held: Sequence[Element], element: Element) -> bo
     row = element.row(structure.size)
     if not held or (grip := _grip(structure, held)).leaves(row).any():
         return False
-    shares = row[grip.pivots] @ grip.told
-    for own, told in (
+    shares = row[grip.pivots] @ grip.by_sums
+    for own, prescribed in (
         (element.phasor, [other.phasor for other in held]),
         (element.drift, [other.drift for other in held]),
     ):
-        if abs(own - shares @ told) > ROUNDING * max(abs(own), *map(abs, told)):
+        if abs(own - shares @ prescribed) > ROUNDING * max(abs(own), *map(abs, prescribed)):
             return None
     return True
 

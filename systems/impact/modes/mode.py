@@ -152,8 +152,8 @@ class Mode:
         """
         x, v = one.driven()
         if stop is not None:
-            row, told = stop.row(len(one.forced.rest)), 1j * self.forced.frequency * stop.phasor
-            lost = v @ row - (told.real, told.imag, 0.0)
+            row, moving = stop.row(len(one.forced.rest)), 1j * self.forced.frequency * stop.phasor
+            lost = v @ row - (moving.real, moving.imag, 0.0)
             v -= np.outer(lost, one.pushed(row))
         sine, cosine, unit = np.eye(3)
         driven = self.states(self.coordinates(x, v, sine, cosine, unit), sine, cosine)

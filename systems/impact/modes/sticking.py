@@ -36,8 +36,8 @@ class StuckModes(Basis):
         spread[held.others] = np.eye(m)
         if held.ties is not None:
             spread[held.pivots] = held.ties
-        told = np.zeros((n, h))
-        told[held.pivots] = held.told
+        spread_sums = np.zeros((n, h))
+        spread_sums[held.pivots] = held.by_sums
         self._spread = spread
         none = np.zeros(1)
         moves, stays = Pairs.oscillators(none, none, none, none)[0], Pairs.constant()
@@ -49,12 +49,12 @@ class StuckModes(Basis):
             self._inner = held.structure.free
             self.pairs = Pairs.join(self._inner.pairs, own)
             inner = held.structure
-            place = _solved(inner.stiffness, -spread.T @ s.stiffness @ told)
-            pull = -spread.T @ s.damping @ told - inner.damping @ place
+            place = _solved(inner.stiffness, -spread.T @ s.stiffness @ spread_sums)
+            pull = -spread.T @ s.damping @ spread_sums - inner.damping @ place
             pull[:, still] = 0.0
             drag = _solved(inner.stiffness, pull)
         self._place, self._drag = place, drag
-        self._by_place, self._by_rate = told + spread @ place, spread @ drag
+        self._by_place, self._by_rate = spread_sums + spread @ place, spread @ drag
 
     def _parts(self, y: Array) -> tuple[Array, Array, Array]:
         m = len(self._others)

@@ -123,13 +123,13 @@ class Structure:
 class Held:
     """A structure with prescribed sums z = J x, J (h, N): h coordinates follow the others.
 
-    The dependent coordinates are x_p = told z + ties x_o.
+    The dependent coordinates are x_p = by_sums z + ties x_o.
 
     Attributes
     ----------
     others, pivots : (m,), (h,)
         Numbers of the independent and of the dependent coordinates.
-    told : (h, h)
+    by_sums : (h, h)
     ties : (h, m), or None if x_p does not depend on x_o
     weights : (h, N)
         Forces along J as combinations of the forces on the coordinates.
@@ -140,11 +140,11 @@ class Held:
     def __init__(self, given: Derivation, rows: Array, sliders: int) -> None:
         self.pivots = pivots = np.array(_pivots(rows), dtype=np.intp)
         self.others = np.delete(np.arange(rows.shape[1]), pivots)
-        self.told: Array = np.asarray(np.linalg.inv(rows[:, pivots]), dtype=float)
-        ties = -self.told @ rows[:, self.others]
+        self.by_sums: Array = np.asarray(np.linalg.inv(rows[:, pivots]), dtype=float)
+        ties = -self.by_sums @ rows[:, self.others]
         self.ties = ties if ties.any() else None
         self.weights = np.zeros_like(rows)
-        self.weights[:, pivots] = self.told.T
+        self.weights[:, pivots] = self.by_sums.T
         left = given.without(pivots, self.ties) if len(self.others) else None
         sliders -= int((pivots >= rows.shape[1] - sliders).sum())
         self.structure = None if left is None else Structure(left, sliders)
@@ -158,7 +158,7 @@ class Held:
 
     def put(self, x: Array, totals: Array) -> None:
         """Set the prescribed sums (..., h) of positions or velocities (..., N), in place."""
-        x[..., self.pivots] = row_by_row(totals, self.told)
+        x[..., self.pivots] = row_by_row(totals, self.by_sums)
         if self.ties is not None:
             x[..., self.pivots] += row_by_row(x[..., self.others], self.ties)
 

@@ -248,10 +248,10 @@ class Machine:
         accelerations, by_force = both[:, : 2 * n + 3], both[:, 2 * n + 3 :]
         forces: Any = np.zeros((0, 2 * n + 3))
         if mode.held:
-            told = np.array([self._place(k) for k in mode.held])
-            told[:, -3:-1] *= -w * w
-            told[:, -1] = 0.0
-            forces = np.linalg.solve(rows @ by_force, told - rows @ accelerations)
+            prescribed = np.array([self._place(k) for k in mode.held])
+            prescribed[:, -3:-1] *= -w * w
+            prescribed[:, -1] = 0.0
+            forces = np.linalg.solve(rows @ by_force, prescribed - rows @ accelerations)
             accelerations = accelerations + by_force @ forces
         out = np.zeros((2 * n + 3, 2 * n + 3), dtype=accelerations.dtype)
         out[:n, n : 2 * n] = np.eye(n)

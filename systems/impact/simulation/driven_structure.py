@@ -308,12 +308,12 @@ class Crossed:
         others = self.contact.others[: self.size - 1] if self.cycled else everything
         return (everything, others) if self.halts else (others, everything)
 
-    def put(self, x: Array, v: Array, *, told: bool = True) -> None:
+    def put(self, x: Array, v: Array, *, moving: bool = True) -> None:
         """Put positions and velocities (..., N), or their changes, onto the section."""
         if self.cycled and self.halts:
-            self.contact.put(v, self.element.drift * told)
+            self.contact.put(v, self.element.drift * moving)
         elif self.cycled:
-            self.contact.put(x, self.element.offset * told)
+            self.contact.put(x, self.element.offset * moving)
 
 
 def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:

@@ -294,7 +294,7 @@ def touched(
     for k, (stop, contact) in enumerate(stands):
         row = contact.row[: len(v)]
         pairs = (x, places[k]), (v, speeds[k])
-        gap, rate = (stop.sign * (float(row @ part) - told) for part, told in pairs)
+        gap, rate = (stop.sign * (float(row @ part) - prescribed) for part, prescribed in pairs)
         near, slow = (
             _TOUCHED * (float(abs(row) @ abs(part)) + size)
             for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))

@@ -184,7 +184,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         x[: ends[0], positions] = np.eye(len(positions))
         v[ends[0] : ends[1], velocities] = np.eye(len(velocities))
         x[ends[1] :, sliders] = np.eye(len(sliders))
-        oscillator._crossed.put(x, v, told=False)
+        oscillator._crossed.put(x, v, moving=False)
     else:
         contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
         sine, cosine = state._turn
