@@ -142,14 +142,15 @@ def test_labels_do_not_depend_on_the_cut_of_chatter(tolerance: float) -> None:
 @pytest.mark.parametrize("transient", [700, 1500])
 def test_chaos_at_0_35_is_transient(transient: int) -> None:
     # Nine runs of an independent computation settled after 8,000 to 31,000 impacts. How long chaos
-    # lasts from one start hangs on last digits: the first start is taken whose chaos outlasts the
-    # label, and not the budget.
+    # lasts from one start depends on last digits: the first start is taken whose chaos outlasts the
+    # label, and which has settled within the budget (one took 128,000 impacts).
     chain = ImpactChain(frequency=0.35)
     rest = chain.state()
     starts = [rest, *(chain.state(rest.position + 0.01 * i, rest.velocity) for i in range(20))]
     motions = (chain.attractor(start=start, transient=transient) for start in starts)
     labels = (motion.settled_label() for motion in motions if str(motion.label) == "chaotic")
-    label = next(label for label in labels if str(label) != "chaotic")
+    undecided = OrbitKind.CHAOTIC, OrbitKind.UNSETTLED
+    label = next(label for label in labels if label.kind not in undecided)
     assert str(label) == "P(39,15) after transient chaos"
     assert 800 <= label.transient_chaos < label.simulated <= 100_000
 
