@@ -9,7 +9,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
-from dynkit.systems.impact.elements.element import HALT, IMPACT, JUMP, Element, EventKind
+from dynkit.systems.impact.elements.element import HALT, JUMP, Element, EventKind
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
@@ -235,9 +235,3 @@ def returns_of(oscillator: ImpactMap, itinerary: Itinerary) -> int:
             watch = element.regimes[number].guards[event.guard]
             found += watch.event == HALT if halts(element) else number == 0
     return found
-
-
-def is_impact(oscillator: ImpactMap, mode: Regimes, element: int, guard: int) -> bool:
-    """Whether a guard is that of an impact."""
-    regime = oscillator._elements[element].regimes[mode.numbers[element]]
-    return regime.guards[guard].event == IMPACT
