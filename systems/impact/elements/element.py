@@ -249,11 +249,13 @@ class Element(ABC):
     @final
     def row(self, size: int) -> Array:
         """The row J, (N,), padded with zeros to a given size."""
-        row, places = np.zeros(size), np.atleast_1d(self.coordinate)
-        if places.dtype != int:
-            row[: len(places)] = places
-            return row
-        row[places] = [1.0] if len(places) == 1 else [-1.0, 1.0]
+        row, given = np.zeros(size), self.coordinate
+        if isinstance(given, Integral):
+            row[given] = 1.0
+        elif _is_index(given[0]):
+            row[given[0]], row[given[1]] = -1.0, 1.0
+        else:
+            row[: len(given)] = given
         return row
 
     @final

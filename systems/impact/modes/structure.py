@@ -199,12 +199,12 @@ class Contact:
         self.structure, self.row = structure, row
         self.place = place_of(row)
         self.others = np.delete(np.arange(structure.size), self.place)
+        self._rest = row[None, self.others]
 
     def put(self, x: Array, total: Any) -> None:
         """Set the row's sums (...) of positions or velocities (..., N) by coordinate `place`."""
-        rest = self.row[None, self.others]
-        if rest.any():
-            total = total - row_by_row(x[..., self.others], rest)[..., 0]
+        if self._rest.any():
+            total = total - row_by_row(x[..., self.others], self._rest)[..., 0]
         x[..., self.place] = total / self.row[self.place]
 
     @cached_property

@@ -146,15 +146,10 @@ def in_turn(angles: Any) -> Array:
     return np.where(turned < TWO_PI, turned, 0.0)
 
 
-def on_stop(
-    oscillator: DrivenStructure, element: Any, sine: Any, cosine: Any, speed: Any
-) -> tuple[Any, Any]:
+def on_stop(stop: HardStop, frequency: float, turn: Any, speed: Any) -> tuple[Any, Any]:
     """What a stop acts along, and its rate, on the stop: by phase and rate of the gap."""
-    stops = [(s.offset, s.sign, s.phasor.real, s.phasor.imag) for s in oscillator._stops]
-    offset, sign, real, imaginary = np.array(stops)[element].T
-    w = oscillator.frequency
-    moving = real * w * cosine - imaginary * w * sine
-    return real * sine + imaginary * cosine + offset, moving + sign * speed
+    rate = stop.swing_rate(frequency, *turn) + stop.sign * speed
+    return stop.swing(*turn) + stop.offset, rate
 
 
 def put_on(
@@ -167,18 +162,16 @@ def put_on(
     speed: Any,
 ) -> None:
     """Put positions and velocities (..., N) onto a stop, and onto others that are in contact."""
-    stands = np.array([element, *(k for k in closed if k < len(oscillator._stops))])
-    rates = np.zeros((*np.shape(speed), len(stands)))
-    rates[..., 0] = speed
-    totals = on_stop(
-        oscillator, stands, np.expand_dims(sine, -1), np.expand_dims(cosine, -1), rates
-    )
-    for x, total in zip(state, totals, strict=True):
-        if len(stands) == 1:
-            oscillator._contacts[element].put(x, total[..., 0])
+    stops, w, turn = oscillator._stops, oscillator.frequency, (sine, cosine)
+    others = [k for k in closed if k < len(stops)]
+    totals = [on_stop(stops[element], w, turn, speed)]
+    totals += [on_stop(stops[k], w, turn, 0.0) for k in others]
+    for x, own in zip(state, zip(*totals, strict=True), strict=True):
+        if not others:
+            oscillator._contacts[element].put(x, own[0])
         else:
-            rows = np.array([oscillator._contacts[k].row for k in stands])
-            oscillator._structure.holding(rows).put(x, total)
+            rows = np.array([oscillator._contacts[k].row for k in (element, *others)])
+            oscillator._structure.holding(rows).put(x, np.stack(own, axis=-1))
 
 
 def state_at(
@@ -288,16 +281,16 @@ def touched(
     """Other stops that a structure lies on, but for rounding; Refused beyond one of them."""
     if not oscillator._several:
         return ()
-    places, speeds = on_stop(oscillator, np.arange(len(oscillator._stops)), turn[0], turn[1], 0.0)
     found = []
     stands = zip(oscillator._stops, oscillator._contacts, strict=True)
     for k, (stop, contact) in enumerate(stands):
         row = contact.row[: len(v)]
-        pairs = (x, places[k]), (v, speeds[k])
+        place, speed = on_stop(stop, oscillator.frequency, turn, 0.0)
+        pairs = (x, place), (v, speed)
         gap, rate = (stop.sign * (float(row @ part) - prescribed) for part, prescribed in pairs)
         near, slow = (
             _TOUCHED * (float(abs(row) @ abs(part)) + size)
-            for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))
+            for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speed)))
         )
         if k != element and gap < -near:
             raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")

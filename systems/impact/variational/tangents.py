@@ -223,8 +223,7 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
 
 def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
-    log, parts = run.log, run.segments
-    last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
+    log = run.log
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
     for number in np.unique(log.guard).tolist():
         here = np.flatnonzero(log.guard == number)
@@ -243,8 +242,10 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
                 bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
             bends[here] += (1.0 + r) * rates[here] * turn
         else:
-            lasts, which = log.time[here] - parts.begin[last[here]], np.arange(len(here))
-            ends = mode.after(parts.of(mode, last[here]), which, lasts)
+            parts = run.segments
+            last = np.flatnonzero(parts.kind == EventKind.IMPACT)[here + 1] - 1
+            lasts, which = log.time[here] - parts.begin[last], np.arange(len(here))
+            ends = mode.after(parts.of(mode, last), which, lasts)
             before, bends[here] = np.einsum("mij,kij->mk", rows, ends)
             if law:
                 rates[here] = -stop.restitution.approach(-before, log.speed[here])
