@@ -340,6 +340,8 @@ class _ImpactOrbit:
 
 def _after_releases(record: ImpactRecord) -> Any:
     """The next impact after each release; the release determines it, so it can represent it."""
+    if not len(record.sticking):
+        return np.empty(0, dtype=np.intp)
     ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
     after = np.searchsorted(record.time, np.sort(ends))
     return after[after < len(record)]

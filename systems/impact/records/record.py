@@ -33,7 +33,7 @@ from dynkit.systems.impact.simulation.sampling import (
     sample_sliders,
 )
 from dynkit.systems.impact.simulation.state import SHEET, ImpactState, phases, put_on
-from dynkit.systems.impact.simulation.trajectory import Ending, Events, Trajectory
+from dynkit.systems.impact.simulation.trajectory import Ending, Events, Trajectory, grouped
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -208,8 +208,7 @@ class ImpactRecord(Result):
         run, forced = self._run, self.system._free.forced
         q, sine, cosine = run.coordinates
         x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
-        for number in np.unique(run.log.guard).tolist() if self.system._stops else ():
-            (here,) = np.nonzero(run.log.guard == number)
+        for number, here in grouped(run.log.guard) if self.system._stops else ():
             element, closed = run.guards[number, 1], run.closed(number)
             some, turn = (x[here], v[here]), (sine[here], cosine[here])
             put_on(self.system, element, closed, some, *turn, run.log.speed[here])

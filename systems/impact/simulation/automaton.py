@@ -320,8 +320,9 @@ class Automaton:
         for number in range(self._stacked_modes, len(modes)):
             own = [k for k, guard in enumerate(guards) if guard.mode == number]
             self._ladders.add([guards[k].sum for k in own])
-            layout = modes[number].layout
-            stack.put("slots", number, np.pad(layout.modes, (0, self._size - len(layout.modes))))
+            slots = np.zeros(self._size, dtype=np.intp)
+            slots[: len(modes[number].layout.modes)] = modes[number].layout.modes
+            stack.put("slots", number, slots)
             stack.put("lain", number, self.parts.lain(self.regimes[number]))
             for k in own:
                 self._stack_guard(k)

@@ -253,8 +253,9 @@ class Trajectory:
     @property
     def relative_velocity(self) -> Array:
         """Rates of the gap just after the impacts; negative at the far stop of a play."""
-        far = (self.element == 1) & self.start._system._faces
-        return np.where(far, -self.log.speed, self.log.speed)
+        if not self.start._system._faces:
+            return self.log.speed
+        return np.where(self.element == 1, -self.log.speed, self.log.speed)
 
     @property
     def coordinates(self) -> tuple[Array, Array, Array]:
@@ -388,6 +389,15 @@ class Trajectory:
     def ended(self) -> int:
         """Number of contacts that an impact follows."""
         return int(np.searchsorted(self.before, self.impacts))
+
+
+def grouped(numbers: Indices) -> Iterator[tuple[int, Any]]:
+    """Each number (n,), and where it stands: everywhere, as a slice, if there is only one."""
+    if len(numbers) and (numbers == numbers[0]).all():
+        yield int(numbers[0]), slice(None)
+        return
+    for number in np.unique(numbers).tolist():
+        yield number, np.flatnonzero(numbers == number)
 
 
 def in_steps(count: int) -> Iterator[slice]:

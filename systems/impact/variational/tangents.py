@@ -23,7 +23,7 @@ from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
 from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState, on_section, section_of
-from dynkit.systems.impact.simulation.trajectory import Trajectory, in_steps
+from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped, in_steps
 from dynkit.systems.impact.variational.saltation import closing, release, saltation
 
 if TYPE_CHECKING:
@@ -225,8 +225,8 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
     log = run.log
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
-    for number in np.unique(log.guard).tolist():
-        here = np.flatnonzero(log.guard == number)
+    for number, where in grouped(log.guard):
+        here = np.arange(run.impacts)[where]
         (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
         stop = oscillator._stops[element]
         law = isinstance(stop.restitution, ImpactLaw)
