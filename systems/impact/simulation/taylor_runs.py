@@ -1,0 +1,528 @@
+"""Runs of structures whose energies are not quadratic: Taylor's method from event to event."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, SWITCH
+from dynkit.systems.impact.elements.laws import ImpactLaw, share
+from dynkit.systems.impact.modes.taylor_mode import ROUNDING
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor_chart import Chart
+    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+_FLIGHT, _BOUNCED, _SWITCHED, _BOUNCES = range(4)
+"""Of each element: in flight; just after an impact, which may come to rest; just after a switch;
+just after an impact, and it does not come to rest."""
+
+_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
+
+_PERIODS = 1000.0
+"""Periods of the forcing without an event after which a run ends, with `Ending.SEARCH_LIMIT`."""
+
+_ABOVE = 1e-300
+"""Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
+
+_SMALLEST = 1e-100
+"""Velocity below which a chatter is over, whatever is tolerated."""
+
+_PLACE = 1000.0
+"""So many times the tolerance the place of the contact mass may be off in omitted bounces."""
+
+_BRIEF = 1e-8, 1e-4
+"""Parts of a period: the first steps of a flight, after which a guard may soon be zero, end there."""
+
+_AT_ONCE, _SWITCHES = 1000, 1 << 16
+"""Impacts in no time, for each element, and switches without an impact, after which a run ends."""
+
+_PACE = 0.4
+"""Steps of a twin run over the longest step of Taylor's method."""
+
+
+@final
+class TaylorCourse:
+    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
+
+    `noise` is the relative size of pseudo-random disturbances of the start and of the states after
+    events. A disturbed run also takes shorter steps of Taylor's method, so that its distance shows
+    the errors of the method as well.
+
+    Attributes
+    ----------
+    impacts : int
+        Number of impacts so far.
+    ending : Ending
+        Why the simulation ended.
+    cells : int
+        Steps of Taylor's method so far.
+    """
+
+    def __init__(
+        self, oscillator: DrivenStructure, start: ImpactState, *, noise: float, seed: int
+    ) -> None:
+        self._oscillator, self._start, self._noise = oscillator, start, noise
+        self._random = np.random.default_rng(seed)
+        self._automaton: Any = oscillator._automaton
+        self._tolerance = oscillator.chatter_tolerance
+        self._motion = [_FLIGHT] * len(oscillator._elements)
+        self._speed = [0.0] * len(oscillator._elements)
+        self._turn = float(start._turn[0]), float(start._turn[1])
+        self._time, self._low, self._longest = 0.0, 0.0, 0.0
+        self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
+        self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
+        self._left, self._bounce = start.element, 0.0
+        self._since, self._last_switches = 0.0, 0
+        self._switches: list[tuple[float, float, float, int, int, Array]] = []
+        self._period = TWO_PI / oscillator.frequency
+        self._remaining = self._period
+        if oscillator._strobed:
+            self._remaining = (TWO_PI - start.phase) / oscillator.frequency
+        else:
+            self._motion[start.element] = _MOTIONS.index(start.motion)
+            self._speed[start.element] = start.speed
+        x, v = start._coordinates
+        held = list(start.closed)
+        self._number = self._automaton.start(held)
+        self._enter(x, v)
+        self._disturb()
+
+    # --- where it is ------------------------------------------------------------------------------
+
+    def _enter(self, x: Array, v: Array) -> None:
+        """Take positions and velocities into the coordinates of the present mode."""
+        self._mode: TaylorMode = self._automaton.modes[self._number]
+        self._chart: Chart = self._mode.chart(self._left)
+        self._z = self._chart.coordinates(x, v, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+        self._kicks: dict[int, Array] = {}
+        self._first = self._automaton.first[self._number]
+        events = [self._automaton.guards[self._first + i] for i in range(len(self._mode.guards))]
+        self._plain = all(guard.watch.event == IMPACT for guard in events)
+
+    def _touch(self) -> None:
+        """Gaps of stops that were just left are exactly zero, and their rates are known."""
+        n = self._mode.bodies
+        for k, motion in enumerate(self._motion):
+            if motion != _FLIGHT and k in self._chart.places and k not in self._mode.held:
+                if motion != _SWITCHED or self._speed[k] == 0.0:
+                    self._z[self._chart.places[k]] = _ABOVE
+                    self._z[n + self._chart.speeds[k]] = self._speed[k]
+
+    def _place(self) -> tuple[Array, Array]:
+        """Positions and velocities (N,)."""
+        return self._chart.motion(self._z, *self._turn)
+
+    def _state(self) -> Array:
+        """The state (2, N + 1)."""
+        return self._mode.states(np.stack(self._place()), *self._turn)
+
+    def _disturb(self) -> None:
+        """Change all numbers by pseudo-random parts of themselves, and the phase."""
+        if self._noise:
+            self._z *= 1.0 + self._noise * self._random.uniform(-1.0, 1.0, self._z.shape)
+            s, c = self._turn
+            angle = self._noise * float(self._random.uniform(-1.0, 1.0))
+            self._turn = s + angle * c, c - angle * s
+
+    def _pass(self, duration: float) -> None:
+        """Let time pass: the clock, in double-double, and the phase."""
+        self._longest = max(self._longest, duration)
+        total = self._time + duration
+        back = total - self._time
+        low = self._low + ((self._time - (total - back)) + (duration - back))
+        self._time = total + low
+        self._low = low - (self._time - total)
+        angle = self._oscillator.frequency * duration
+        sine, cosine = math.sin(angle), math.cos(angle)
+        s = self._turn[0] * cosine + self._turn[1] * sine
+        c = self._turn[1] * cosine - self._turn[0] * sine
+        factor = 1.5 - 0.5 * (s * s + c * c)
+        self._turn = s * factor, c * factor
+
+    # --- the loop ---------------------------------------------------------------------------------
+
+    def advance(self, count: int, *, store: bool) -> Impacts:
+        """Simulate up to `count` further impacts; return their log, empty unless stored."""
+        n, rows = self._mode.bodies, count if store else 0
+        time, speed = np.empty((2, rows))
+        guard, states = np.empty(rows, dtype=np.intp), np.empty((rows, 2, n + 1))
+        log = Impacts(time, speed, guard, states, np.empty((0, 2)))
+        done, strobed = 0, self._oscillator._strobed
+        while done < count:
+            self._settle()
+            if self.ending is not Ending.COUNT_REACHED:
+                break
+            number = self._fly()
+            if number is None:
+                break
+            if number >= 0 and self._automaton.guards[number].watch.event != IMPACT:
+                self._change(number)
+                continue
+            if number >= 0:
+                number = self._hit(number)
+            if store:
+                time[done], guard[done] = self._time, max(number, self._first)
+                states[done] = self._state()
+                speed[done] = math.nan if strobed else self._speed[self._left]
+            done += 1
+            self.impacts += 1
+        return log if done == rows else log.part(0, done if store else 0)
+
+    def _fly(self) -> int | None:
+        """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
+        strobed = self._oscillator._strobed
+        number = self._struck()
+        if number is not None:
+            return number
+        begin, turn = self._z.copy(), self._turn
+        longest = self._remaining if strobed else _PERIODS * self._period
+        pace = _PACE if self._noise else math.inf
+        early = [t for t in self._early() if t < longest]
+        index, duration, steps = self._chart.fly(self._z, *turn, longest, pace, early)
+        self.cells += steps
+        if index == -2 or (index == -1 and not strobed):
+            self._z, self.ending = begin, Ending.SEARCH_LIMIT
+            return None
+        self._pass(duration)
+        if duration > 0.0:
+            own = self._automaton.guards[self._first + index].element if index >= 0 else -1
+            self._motion = [
+                m if k == own or duration <= 2.0**-52 * self._time else _FLIGHT
+                for k, m in enumerate(self._motion)
+            ]
+            if duration > 2.0**-52 * self._time:
+                self._at_once = 0
+        self._remaining -= duration
+        if index == -1:
+            self._remaining, self._turn = self._period, (0.0, 1.0)
+            self._disturb()
+            return -1
+        return int(self._first + index)
+
+    def _early(self) -> tuple[float, ...]:
+        """Durations at which the first steps of a flight end."""
+        if self._plain:
+            bounce, self._bounce = self._bounce, 0.0
+            return (bounce,) if 0.0 < bounce < _BRIEF[1] * self._period else ()
+        return tuple(part * self._period for part in _BRIEF)
+
+    def _struck(self) -> int | None:
+        """The guard of a stop that is touched and whose gap closes; None for none."""
+        if len(self._oscillator._stops) < 2:
+            return None
+        state = self._state()
+        for i, (k, watch) in enumerate(self._mode.guards):
+            if watch.event == IMPACT:
+                value, band = self._mode.watched(i, state)
+                if value <= band and self._rate_of(k) < -band:
+                    return int(self._first + i)
+        return None
+
+    def _rate_of(self, k: int) -> float:
+        """Rate of the gap of a stop."""
+        if k in self._chart.places:
+            return float(self._z[self._mode.bodies + self._chart.speeds[k]])
+        return float(self._mode.gap(k, *self._place(), *self._turn)[1])
+
+    def _note(self, number: int, rest: float, speed: float) -> None:
+        """Note a change of the mode."""
+        self._switches.append(
+            (self._time, rest, speed, self.impacts, number, self._state())
+        )
+        if self.impacts != self._since:
+            self._since, self._last_switches = self.impacts, len(self._switches)
+        if len(self._switches) - self._last_switches > _SWITCHES:
+            self.ending = Ending.SEARCH_LIMIT
+
+    # --- events -----------------------------------------------------------------------------------
+
+    def _change(self, number: int, *, moved: int = _SWITCHED) -> None:
+        """Enter the mode that a guard leads to, at its zero."""
+        guard = self._automaton.guards[number]
+        if guard.watch.event == JAM:
+            self.ending = Ending.JAMMED
+            return
+        k, place, stuck = guard.element, self._place(), self._mode.sticking
+        self._number = self._automaton.enter(number)
+        self._motion[k] = _FLIGHT if guard.watch.event == HALT else moved
+        self._speed[k] = 0.0
+        self._enter(*place)
+        if k in stuck and k in self._chart.speeds:
+            forward = next(w.rate for j, w in self._mode.guards if j == k and w.halts)
+            self._z[self._mode.bodies + self._chart.speeds[k]] = _ABOVE * forward
+        self._again(k)
+        self._disturb()
+        self._note(number, 0.0, 0.0)
+
+    def _again(self, element: int) -> None:
+        """In another mode, what did not come to rest may do so."""
+        for k, motion in enumerate(self._motion):
+            if motion == _BOUNCES and k != element:
+                self._motion[k] = _BOUNCED
+
+    def _hit(self, number: int) -> int:
+        """Newton's law of impact at a guard; the guard's number, in the mode after it."""
+        automaton = self._automaton
+        guard = automaton.guards[number]
+        k = guard.element
+        if len(self._motion) > 1 and self._ambiguous < 0:
+            if guard.ambiguous or self._together(guard):
+                self._ambiguous = self.impacts
+        while guard.opens >= 0:  # what the impact pulls away from is released first
+            opened = automaton.guard(self._number, guard.opens)
+            self._change(opened, moved=_BOUNCED)
+            number = automaton.guard(self._number, k)
+            guard = automaton.guards[number]
+        if self._left != k:
+            self._left = k
+            if k not in self._chart.places:
+                self._enter(*self._place())
+        n, chart = self._mode.bodies, self._chart
+        rate = min(self._rate_of(k), 0.0)
+        if rate == 0.0:
+            self._touches += 1
+        r = self._restitution(k, -rate)
+        self._z[n:] -= (1.0 + r) * rate * self._kick(k)
+        self._z[chart.places[k]] = _ABOVE
+        self._z[n + chart.speeds[k]] = self._speed[k] = 0.0 - r * rate
+        self._motion[k] = _BOUNCED
+        if len(self._motion) > 1:
+            self._canonical(k)
+        self._at_once += 1
+        if self._at_once > _AT_ONCE * len(self._motion):
+            self.ending = Ending.COLLAPSED
+        self._disturb()
+        self._speed[k] = float(self._z[n + chart.speeds[k]])
+        return number
+
+    def _canonical(self, k: int) -> None:
+        """The coordinates that a simulation from this state would begin with."""
+        for j, motion in enumerate(self._motion):
+            if j != k and motion != _FLIGHT and j < len(self._oscillator._stops):
+                self._motion[j] = _FLIGHT
+        state = self._place()
+        self._z = self._chart.coordinates(*state, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+
+    def _kick(self, k: int) -> Array:
+        """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap."""
+        if k in self._kicks:
+            return self._kicks[k]
+        kick = self._chart.to_v @ self._mode.kick(k, self._place()[0], math.atan2(*self._turn))
+        if self._mode.scene.motion.equations.constant_mass:
+            self._kicks[k] = kick
+        return kick
+
+    def _restitution(self, k: int, speed: float) -> float:
+        law = self._oscillator._stops[k].restitution
+        if isinstance(law, ImpactLaw):
+            return float(law.at([speed])[0]) if speed > 0.0 else 0.0
+        return law
+
+    def _together(self, guard: Any) -> bool:
+        """Whether another stop, which an impact pushes or pulls, is reached, too."""
+        state = self._state()
+        for i, (j, watch) in enumerate(self._mode.guards):
+            if j != guard.element and watch.event == IMPACT:
+                value, band = self._mode.watched(i, state)
+                if value <= band and self._automaton.coupled(guard, j):
+                    return True
+        return False
+
+    # --- what follows an event at once ------------------------------------------------------------
+
+    def _settle(self) -> None:
+        """Enter modes until no guard is negative, and nothing that bounced comes to rest."""
+        while self.ending is Ending.COUNT_REACHED:
+            number = None if self._plain else self._jumped()
+            if number is not None:
+                self._change(number)
+                continue
+            bounced = next((k for k, m in enumerate(self._motion) if m == _BOUNCED), None)
+            if bounced is None or bounced >= len(self._oscillator._stops):
+                return
+            if bounced in self._mode.held:
+                self._motion[bounced] = _FLIGHT
+                continue
+            self._rest(bounced)
+
+    def _jumped(self) -> int | None:
+        """A guard that is negative at a start, or just after an event; None if none."""
+        state = self._state()
+        for i, (k, watch) in enumerate(self._mode.guards):
+            if watch.event not in (SWITCH, JUMP) or self._motion[k] == _SWITCHED:
+                continue
+            value, band = self._mode.watched(i, state)
+            if value < -band:
+                return int(self._first + i)
+        return None
+
+    def _rest(self, k: int) -> None:
+        """Decide whether a stop that has just been hit holds: enter contact if it does."""
+        n, chart, u = self._mode.bodies, self._chart, self._speed[k]
+        self._motion[k] = _BOUNCES
+        if k not in chart.places:
+            self._left = k
+            self._enter(*self._place())
+            chart = self._chart
+        number = self._automaton.guard(self._number, k)
+        if self._automaton.guards[number].element != k:
+            return
+        r = self._oscillator._stops[k].restitution
+        rest, lost = None, 0.0
+        if u == 0.0:
+            rest = 0.0 if self._presses(k) else None
+        else:
+            found = chart.coefficients(self._z, *self._turn)[chart.places[k]]
+            a = -2.0 * float(found[2])
+            if a > 0.0:
+                self._bounce = 4.0 * u / a
+                rest, lost = self._chatter(k, u, a, found)
+        if rest is None:
+            return
+        if u > 0.0:
+            self._chatter_error += lost
+            self._z[n:] -= u * self._kick(k)
+            self._z[n + chart.speeds[k]] = 0.0
+            if self._noise:
+                self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
+        self._motion[k], self._speed[k] = _SWITCHED, 0.0
+        place = self._place()
+        self._number = self._automaton.enter(number)
+        self._left = k
+        self._enter(*place)
+        self._again(k)
+        self._note(number, rest, u)
+
+    def _presses(self, k: int) -> bool:
+        """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
+        found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
+        a, pushes, given = self._mode.balance(self._state())
+        size = float(abs(self._mode.scene.rows[k]) @ abs(a)) + float(abs(given).max(initial=0.0))
+        size += float(abs(pushes).max(initial=0.0))
+        if abs(found[2]) > ROUNDING * size:
+            return bool(found[2] < 0.0)
+        w = self._oscillator.frequency
+        if abs(found[3]) > ROUNDING * size * (1.0 + w):
+            return bool(found[3] < 0.0)
+        return True
+
+    def _chatter(self, k: int, u: float, a: float, found: Array) -> tuple[float | None, float]:
+        """Duration of the bounces from a velocity on, None where they are not over; their error.
+
+        With a contact acceleration a they last T = 2 u / (a (1 - r)). They are left out where a
+        varies by less than a (1 - r) / 4 over 2 T, and where that changes no position or velocity
+        by more than the tolerance, to leading order. For an impact law 1 - r is the share of the
+        first bounce in all of them.
+        """
+        law, allowed = self._oscillator._stops[k].restitution, self._tolerance
+        part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
+        if not part > 0.0 or (allowed == 0.0 and u > _SMALLEST):
+            return None, 0.0
+        by_law = isinstance(law, ImpactLaw)
+        lost = (2.0 / 3.0) * u**3 / (a * a * (part if by_law else 1.0 - law**3))
+        rest = 4.0 * u / (a * part)
+        if lost > _PLACE * allowed > 0.0:
+            return None, 0.0
+        order = np.arange(3, len(found))
+        terms = abs(found[3:]) * order * (order - 1) * rest ** (order - 2.0)
+        if float(terms.sum()) > 0.25 * part * a or terms[-1] > 1e-6 * a:
+            return None, 0.0
+        coupling, drag = self._coupling(k)
+        third = 6.0 * float(found[3])
+        place = 0.025 * u * rest * rest * (abs(drag - third / a) + abs(drag))
+        if coupling * lost > allowed or place > _PLACE * allowed > 0.0:
+            return None, 0.0
+        lasts = 0.5 * rest if by_law else _bounces(u, law, a, drag, third)
+        return lasts, coupling * lost
+
+    def _coupling(self, k: int) -> tuple[float, float]:
+        """Largest change by a brief excursion of a gap, over its integral; and the gap's drag.
+
+        Positions of the others change by the derivative of their accelerations by the rate of the
+        gap, and their velocities by that by the gap, and by the first change times their dashpots.
+        """
+        n, chart, state = self._mode.bodies, self._chart, self._state()
+        p, q = chart.places[k], n + chart.speeds[k]
+        x, v, (sine, cosine) = state[0, :-1], state[1, :-1], self._turn
+        w, scene = self._oscillator.frequency, self._mode.scene
+        phase = math.atan2(sine, cosine)
+        mass, _ = scene.motion.inertia(w, x, v, phase)
+        by_x, by_v = scene.motion.tangent(w, x, v, phase)
+        for j, regime in enumerate(self._mode.regimes):
+            along = np.outer(scene.rows[j], scene.rows[j])
+            by_x, by_v = by_x - regime.stiffness * along, by_v - regime.damping * along
+        accelerations = chart.to_v @ np.linalg.solve(mass, np.hstack([by_x, by_v]))
+        by_gap = accelerations[:, :n] @ chart.back_x[:, p]
+        by_rate = accelerations[:, n:] @ chart.back_v[:, q - n]
+        others = np.delete(np.arange(n), q - n)
+        moved = by_rate[others]
+        through = accelerations[:, n:] @ chart.back_v
+        turned = by_gap[others] + through[np.ix_(others, others)] @ moved
+        largest = max(abs(moved).max(initial=0.0), abs(turned).max(initial=0.0))
+        largest = max(largest, abs(by_gap[others]).max(initial=0.0))
+        return float(largest) or 1.0, -float(by_rate[q - n])
+
+    # --- the trajectory ---------------------------------------------------------------------------
+
+    def trajectory(self, log: Impacts, seconds: float) -> Trajectory:
+        """The trajectory of all events so far, with a log of impacts."""
+        oscillator, automaton = self._oscillator, self._automaton
+        stops, element = len(oscillator._stops), self._left
+        closed = automaton.parts.holding(automaton.regimes[self._number])
+        hard = [k for k in closed if k < stops]
+        motion, speed = Motion.FLIGHT, 0.0
+        if stops:
+            motion, speed = _MOTIONS[self._motion[element]], self._speed[element]
+        if hard:
+            element = element if element in hard else hard[0]
+            motion, speed = Motion.TABLE, 0.0
+        closed = [k for k in closed if k != element or oscillator._strobed]
+        n, count = self._mode.bodies, len(self._switches)
+        columns = list(zip(*self._switches, strict=True)) or [()] * 6
+        states = np.array(columns[5]).reshape(count, 2, n + 1)
+        whole = (np.array(columns[i], dtype=np.intp) for i in (3, 4))
+        switches = Switches(*(np.array(columns[i], dtype=float) for i in range(3)), *whole, states)
+        turn = np.array(self._turn)
+        return Trajectory(
+            self._start,
+            state_of(
+                oscillator, np.stack(self._place()), turn, speed, element, motion, tuple(closed)
+            ),
+            log,
+            switches,
+            tuple(automaton.regimes),
+            automaton.table,
+            self.impacts,
+            self.ending,
+            self._chatter_error,
+            self.cells,
+            self._touches,
+            seconds,
+            self._longest,
+            self._time,
+            self._ambiguous,
+        )
+
+
+def _bounces(u: float, r: float, acceleration: float, drag: float, third: float) -> float:
+    """Time until the bounces from velocity `u` on accumulate, to second order in `u`.
+
+    In flight the gap obeys g'' = -a - b t - c g'. A bounce that leaves at u, t after the first one,
+    takes 2 u / a + p u^2 + q u t, and arrives at u (1 + v u).
+    """
+    a = acceleration - drag * u
+    c, b = drag / a, (drag * a - third) / (a * a)
+    once, p, q, v = 2.0 / a, -(2.0 * c + 4.0 * b) / (3.0 * a), -2.0 * b, 2.0 * (b - c) / 3.0
+    more = p + r / (1.0 - r) * once * (v + q)
+    return once * u / (1.0 - r) + u * u * more / (1.0 - r * r)
