@@ -152,6 +152,13 @@ class TaylorMode:
             out[i] = motion.energies(w, x, v, phase)
         return out
 
+    def momenta(self, states: Array, changes: Array) -> Array:
+        """Changes of momentum (n, N) by changes of velocity, at states (n, 2, N + 1)."""
+        w, motion = self.scene.excitation.frequency, self.scene.motion
+        pairs = zip(self._given(states), changes, strict=True)
+        found = [motion.inertia(w, *given)[0] @ change for given, change in pairs]
+        return np.array(found).reshape(changes.shape)
+
     def _given(self, states: Array) -> Any:
         x, v = self.motion(states)
         phases = np.arctan2(states[:, 0, -1], states[:, 1, -1]).tolist()

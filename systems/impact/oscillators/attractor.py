@@ -167,7 +167,7 @@ class ImpactAttractor(Attractor):
         Returns
         -------
         ImpactOrbit
-            With sliders or impact laws, a `MapOrbit`.
+            With sliders, impact laws or energies that are not quadratic, a `MapOrbit`.
 
         Raises
         ------
@@ -184,7 +184,8 @@ class ImpactAttractor(Attractor):
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
         from dynkit.systems.impact.orbits.itineraries.itinerary import unknown_element
 
-        known = unknown_element(self._system) is None
+        smooth = self._system._motion is not None
+        known = unknown_element(self._system) is None and not smooth
         if known and self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods

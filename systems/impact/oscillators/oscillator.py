@@ -199,9 +199,9 @@ class ImpactOscillator(ImpactMap):
             Return an orbit P(inf,m), found as `periodic_orbits` describes. Not together with
             impacts, phases or sides.
         start : ImpactState, optional
-            For a machine with elements, whose orbits are found from a motion: a state near the
-            orbit, from which the motion follows the orbit for three of its periods. By default the
-            state after 700 impacts.
+            For a machine with elements, or with energies that are not quadratic, whose orbits are
+            found from a motion: a state near the orbit, from which the motion follows the orbit for
+            three of its periods. By default the state after 700 impacts.
 
         Raises
         ------
@@ -210,7 +210,8 @@ class ImpactOscillator(ImpactMap):
         NoConvergence
             When Newton's method does not converge from the guess.
         NotImplementedError
-            When an orbit on other elements than a table chatters.
+            When an orbit on other elements than a table chatters; with energies that are not
+            quadratic, when phases, sides or sticking are given.
 
         Examples
         --------
@@ -221,7 +222,12 @@ class ImpactOscillator(ImpactMap):
         """
         from dynkit.systems.impact.orbits.finding import orbit_at
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_from
+        from dynkit.systems.impact.orbits.maps import map_orbit_from
 
+        if self._motion is not None and phases is sides is None and not boolean(
+            "sticking", sticking
+        ):
+            return map_orbit_from(self, 1 if impacts is None else impacts, periods, start)
         others = impacts is phases is sides is None and not boolean("sticking", sticking)
         if self._own and others:
             return orbit_from(self, periods, start)
