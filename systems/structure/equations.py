@@ -36,9 +36,10 @@ _GIVEN = {_KINETIC: "v", _POTENTIAL: "x", _DISSIPATION: "v"}
 _SMALL = 64
 """Integers, and fractions of such integers, up to here are part of the form of an energy."""
 
-_SMOOTH = frozenset(
-    "sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp log erf".split()
-)
+_SMOOTH = {
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+}
 _MOST_KEPT = 64
 """Forms of energies whose derivatives are kept."""
 
@@ -126,9 +127,7 @@ class Motion:
     def __init__(self, equations: Equations, numbers: Array, text: str) -> None:
         self.equations, self.numbers, self.text = equations, numbers, text
 
-    def inertia(
-        self, rate: float, x: Array, v: Array, phase: float
-    ) -> tuple[Array, Array]:
+    def inertia(self, rate: float, x: Array, v: Array, phase: float) -> tuple[Array, Array]:
         """M, (N, N), and f, (N,), at positions and velocities (N,)."""
         n = len(x)
         found = self._filled("inertia", rate, x, v, phase, (n, n + 1))
@@ -193,7 +192,8 @@ def motion_of(structure: LagrangianStructure, size: int) -> Motion:
     numbers: dict[Any, Any] = {}
     forms = tuple(_form(each, numbers) for each in found)
     equations = _equations(size, forms, tuple(numbers.values()))
-    return Motion(equations, np.array([float(value) for value in numbers]), str(tuple(found)))
+    values = [float(value) for value in numbers]
+    return Motion(equations, np.array(values), f"{forms}, {values}")
 
 
 @lru_cache(_MOST_KEPT)
@@ -239,9 +239,7 @@ def gradient(expression: sympy.Expr, by: Sequence[sympy.Symbol]) -> list[sympy.E
     return [Add(*parts[symbol]) for symbol in by]
 
 
-def _jacobian(
-    expressions: Iterable[sympy.Expr], by: Sequence[sympy.Symbol]
-) -> list[sympy.Expr]:
+def _jacobian(expressions: Iterable[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
     return [entry for expression in expressions for entry in gradient(expression, by)]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -14,7 +15,8 @@ from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.steady_response import Layout
 from dynkit.systems.impact.modes.structure import Excitation, pivots_of
-from dynkit.systems.impact.modes.taylor_chart import Chart, Plan, numbers_of
+from dynkit.systems.impact.modes.taylor_chart import Chart
+from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
 
 if TYPE_CHECKING:
     from dynkit.systems.structure.equations import Motion
@@ -183,7 +185,7 @@ class TaylorMode:
                 pushes[k] = regime.push - regime.stiffness * gap - regime.damping * rate
         signs = np.array([element.sign for element in scene.elements])
         total = given + (signs * pushes) @ scene.rows if len(pushes) else given
-        a = np.linalg.solve(mass, total)
+        a: Array = np.asarray(np.linalg.solve(mass, total), dtype=float)
         both = [*self.held, *self.sticking]
         if both:
             rows = scene.rows[both]
@@ -268,7 +270,7 @@ class TaylorMode:
 
     def chart(self, first: int = -1) -> Chart:
         """Coordinates among them the gap of one element, and those of others as far as they may."""
-        elements, hard = self.scene.elements, []
+        elements, hard = self.scene.elements, list[int]()
         stops = [k for k, e in enumerate(elements) if isinstance(e, HardStop)]
         for k in dict.fromkeys([*self.held, *([first] if first in stops else []), *stops]):
             if self._apart([*hard, k]):
@@ -297,7 +299,7 @@ class TaylorMode:
             matrix[at] = signs[list(chosen), None] * rows
             to.append(matrix)
             places.append(list(zip(chosen, at, strict=True)))
-        back = tuple(np.round(np.linalg.inv(part), 15) if _whole(part) else np.linalg.inv(part) for part in to)
+        back = [np.asarray(np.linalg.inv(part), dtype=float) for part in to]
         own, groups = self._numbers(back)
         flat, kinds = numbers_of(groups)
         plan = Plan(
@@ -339,13 +341,12 @@ class TaylorMode:
             scene.rows,
             own,
             *back,
-            np.array(watches).reshape(-1, 4),
         ]
         if scene.motion.equations.constant_mass:
             zero = np.zeros(n)
             mass, _ = scene.motion.inertia(scene.excitation.frequency, zero, zero, 0.0)
             groups += _through(mass, scene.rows[[*self.held, *self.sticking]])
-        return own, groups
+        return own, [*groups, np.array(watches).reshape(-1, 4)]
 
     # --- the motion -------------------------------------------------------------------------------
 
@@ -392,7 +393,7 @@ class TaylorMode:
         return begins, found, chart
 
     def settled(self, chart: Chart, z: Array) -> Array:
-        """Coordinates (2 N,) with gaps and slips of what holds and sticks exactly zero, in place."""
+        """Set gaps and slips of what holds and sticks to zero in coordinates (2 N,), in place."""
         n = self.bodies
         for k in self.held:
             if k in chart.places:
@@ -430,7 +431,7 @@ class TaylorMode:
         begins[-1] = duration
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         all_weights, states = [], []
-        for k, (begin, end) in enumerate(zip(begins[:-1], begins[1:], strict=True)):
+        for k, (begin, end) in enumerate(pairwise(begins.tolist())):
             half = 0.5 * (end - begin)
             all_weights.append(half * weights)
             states.append(self._at(chart, found[k], start, begin, begin + half * (nodes + 1.0)))
@@ -457,16 +458,12 @@ def independent(rows: Array) -> bool:
     return bool(np.linalg.svd(rows / lengths[:, None], compute_uv=False)[-1] > _INDEPENDENT)
 
 
-def _whole(matrix: Array) -> bool:
-    return bool((matrix == np.round(matrix)).all())
-
-
 def _through(mass: Array, rows: Array) -> list[Array]:
     """How forces (N,) and prescribed accelerations (h,) act, where the mass matrix is constant.
 
     Accelerations by both, (N, N) and (N, h), and forces along the rows by both.
     """
-    inverse = np.linalg.inv(mass)
+    inverse: Array = np.asarray(np.linalg.inv(mass), dtype=float)
     if np.count_nonzero(mass) == len(mass):
         inverse = np.diag(1.0 / np.diag(mass))
     if not len(rows):

@@ -96,6 +96,7 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
     last = int(np.searchsorted(s.point, run.impacts))
     first = min(int(np.searchsorted(s.begin, 0.0, side="right")) - 1, last)
     energies = []
+    mode: Any
     for i, sign in ((first, 1.0), (last, -1.0)):
         (mode, _) = next(run.modes(s.mode[[i]]))
         x, v = mode.motion(s.of(mode, [i]))

@@ -10,7 +10,6 @@ import numpy as np
 from dynkit.core.validation import Array, one_of
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.sampling import states_at
@@ -120,7 +119,7 @@ def _settled(system: ImpactMap, run: Trajectory, times: Array) -> Iterator[Any]:
             yield more, mode, ends, states
 
 
-def gap_of(system: ImpactMap, mode: Mode, number: int, states: Array) -> tuple[Array, Array, Array]:
+def gap_of(system: ImpactMap, mode: Any, number: int, states: Array) -> tuple[Array, Array, Array]:
     """Gap of an element, its rate, and the velocity of the element itself, towards its side.
 
     With a slider it is the stretch of the spring to the slider in place of the gap.
@@ -137,7 +136,7 @@ def gap_of(system: ImpactMap, mode: Mode, number: int, states: Array) -> tuple[A
     return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
 
 
-def applied(system: ImpactMap, mode: Mode, states: Array) -> Array:
+def applied(system: ImpactMap, mode: Any, states: Array) -> Array:
     """The forces that drive the structure, (k, N)."""
     _, sine, cosine = mode.parts(states)
     excitation = system._excitation
@@ -145,7 +144,7 @@ def applied(system: ImpactMap, mode: Mode, states: Array) -> Array:
     return np.asarray(turning + excitation.constant)[:, : mode.bodies]
 
 
-def forces_on(system: ImpactMap, mode: Mode, regimes: tuple[int, ...], states: Array) -> Array:
+def forces_on(system: ImpactMap, mode: Any, regimes: tuple[int, ...], states: Array) -> Array:
     """Forces (elements, k) on the structure, towards the side of each element.
 
     What holds or sticks gives what else is missing from mass times acceleration; of elements along
@@ -172,7 +171,7 @@ def forces_on(system: ImpactMap, mode: Mode, regimes: tuple[int, ...], states: A
     return out
 
 
-def _accelerations(mode: Mode, states: Array) -> Array:
+def _accelerations(mode: Any, states: Array) -> Array:
     """Accelerations (k, N) of states."""
     rates = mode.rate(states)
     return np.asarray(mode.motion(rates)[1] - mode.motion(0.0 * rates)[1])
@@ -185,6 +184,7 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
     before, after, momentum = np.zeros((3, last, system.degrees_of_freedom))
     turn, impulse = np.zeros((2, last)), np.zeros((last, len(system._elements)))
     durations = np.diff(s.begin)[:last]
+    mode: Any
     for mode, here in run.modes(s.mode[:last]):
         (some,) = np.nonzero(here)
         ends = mode.after(s.of(mode, some), np.arange(len(some)), durations[some])

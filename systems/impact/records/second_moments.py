@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, share
 from dynkit.systems.impact.modes.eigen_coordinates import EigenCoordinates
-from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.simulation.runs import band_factor
 from dynkit.systems.impact.simulation.state import Motion
@@ -38,8 +37,7 @@ _LOST = 1e-10
 # s) a panel is wrong by less than |z h|^32 (16!)^4 / (33 (32!)^3) = 3e-26 for |z h| = 8: ten digits
 # to spare for what grows like a polynomial.
 _NODES, _REACH = 16, 8.0
-# Error of averages over the steps of Taylor's method, in roundings of the largest: some roundings of
-# a step, and of the time of an impact.
+# Error of averages over the steps of Taylor's method, in roundings of the largest.
 _OF_STEPS = 256.0
 # Products of two coordinates at which a call of the kernel ends: some ten milliseconds.
 _PRODUCTS_OF_A_CALL = 1 << 20
@@ -85,7 +83,7 @@ class SecondMoments:
 class Intervals:
     """Successive intervals in one mode: states at their begins, durations, numbers of impacts."""
 
-    mode: Mode | TaylorMode
+    mode: Any
     starts: Array
     durations: Array
     impact: NDArray[np.intp]

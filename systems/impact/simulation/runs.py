@@ -79,9 +79,7 @@ def course_from(
         from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
 
         return TaylorCourse(oscillator, start, noise=noise, seed=seed)
-    return Course(
-        oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest
-    )
+    return Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest)
 
 
 @final

@@ -18,8 +18,6 @@ from dynkit.systems.impact.simulation.automaton import Guard
 from dynkit.systems.impact.simulation.regimes import Parts
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from dynkit.core.validation import Array
     from dynkit.systems.impact.elements.element import Element
 
@@ -91,14 +89,6 @@ class TaylorAutomaton:
             guard.partner = self.guard(guard.target, guard.element)
         return guard.target
 
-    def start(self, holding: Sequence[int]) -> int:
-        """Number of the mode in which some elements hold or stick, and the others do not."""
-        regimes = [0] * len(self._elements)
-        for k in holding:
-            own = self._elements[k].regimes
-            regimes[k] = next(j for j, regime in enumerate(own) if regime.holds or regime.sticks)
-        return self._number(tuple(regimes))
-
     def _number(self, regimes: tuple[int, ...]) -> int:
         with self._lock:
             if regimes not in self.regimes:
@@ -108,12 +98,13 @@ class TaylorAutomaton:
     def _build(self, regimes: tuple[int, ...]) -> None:
         now, number = self.parts.now(regimes), len(self.modes)
         grips = self.parts.grips(regimes)
-        both, watched = sum(grips, ()), []
+        both, watched = sum(grips, ()), list[Any]()
         for k, regime in enumerate(now):
             # a stop that faces a closed one keeps its gap, unless they move apart
             along = False if k in both else self.parts.along(grips[0], k)
-            jams = {"event": JAM} if along is None else {}
-            watched += [(k, replace(watch, **jams)) for watch in regime.guards if along is not True]
+            for watch in regime.guards if along is not True else ():
+                jams = along is None and watch.event == IMPACT
+                watched.append((k, replace(watch, event=JAM) if jams else watch))
         watched.sort(key=lambda pair: pair[1].at_once)
         mode = TaylorMode(self._scene, now, grips, watched)
         self.first.append(len(self.guards))
@@ -188,10 +179,8 @@ def check_elements(scene: Scene) -> None:
                 "elements of a structure whose energies are not quadratic must act along rows "
                 f"that do not depend on one another; got {elements[k]!r} beside others"
             )
-    if not scene.motion.equations.constant_mass:
-        if len(rows) > 1:
-            raise ValueError(
-                "elements must be one hard stop, a play, or one friction, beside soft stops, where "
-                f"the mass matrix depends on the coordinates; got {len(rows)} that hold or stick"
-            )
-
+    if len(rows) > 1 and not scene.motion.equations.constant_mass:
+        raise ValueError(
+            "elements must be one hard stop, a play, or one friction, beside soft stops, where the "
+            f"mass matrix depends on the coordinates; got {len(rows)} that hold or stick"
+        )

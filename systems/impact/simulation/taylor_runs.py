@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw, share
-from dynkit.systems.impact.modes.taylor_mode import ROUNDING
+from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
@@ -31,6 +31,12 @@ _PERIODS = 1000.0
 _ABOVE = 1e-300
 """Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
 
+_RELEASED = 2.0**-80
+"""Gap after a release, and slip after a halt, relative to the largest coordinate."""
+
+_AHEAD = 1e-7, 1e-5, 1e-3
+"""Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
+
 _SMALLEST = 1e-100
 """Velocity below which a chatter is over, whatever is tolerated."""
 
@@ -38,10 +44,17 @@ _PLACE = 1000.0
 """So many times the tolerance the place of the contact mass may be off in omitted bounces."""
 
 _BRIEF = 1e-8, 1e-4
-"""Parts of a period: the first steps of a flight, after which a guard may soon be zero, end there."""
+"""Parts of a period at which the first steps of a flight end, as a guard may soon be zero."""
+
+_SLOW, _LOW = 0.05, 100.0
+"""Impacts are looked at as parts of a chatter where they are slower than this part of the stop's
+largest velocity, or than so many times the cubic root of the tolerance."""
 
 _AT_ONCE, _SWITCHES = 1000, 1 << 16
 """Impacts in no time, for each element, and switches without an impact, after which a run ends."""
+
+_STEPS = 16.0
+"""Steps of a flight whose roundings the disturbance of one event covers."""
 
 _PACE = 0.4
 """Steps of a twin run over the longest step of Taylor's method."""
@@ -70,6 +83,7 @@ class TaylorCourse:
     ) -> None:
         self._oscillator, self._start, self._noise = oscillator, start, noise
         self._random = np.random.default_rng(seed)
+        self._late = float(self._random.choice((-1.0, 1.0)))
         self._automaton: Any = oscillator._automaton
         self._tolerance = oscillator.chatter_tolerance
         self._motion = [_FLIGHT] * len(oscillator._elements)
@@ -78,7 +92,13 @@ class TaylorCourse:
         self._time, self._low, self._longest = 0.0, 0.0, 0.0
         self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
         self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
+        self._steps = 0
         self._left, self._bounce = start.element, 0.0
+        self._several = len(oscillator._stops) > 1
+        # Faster impacts than a part of this speed are no chatter.
+        moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
+        slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
+        self._slow = slow if moved else math.inf
         self._since, self._last_switches = 0.0, 0
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
         self._period = TWO_PI / oscillator.frequency
@@ -88,11 +108,20 @@ class TaylorCourse:
         else:
             self._motion[start.element] = _MOTIONS.index(start.motion)
             self._speed[start.element] = start.speed
-        x, v = start._coordinates
-        held = list(start.closed)
-        self._number = self._automaton.start(held)
-        self._enter(x, v)
+        self._number = 0
+        self._enter(*start._coordinates)
+        for k in start.closed:
+            self._close(k)
         self._disturb()
+
+    def _close(self, k: int) -> None:
+        """Enter contact with a stop, or friction, on which the motion starts."""
+        number = self._automaton.guard(self._number, k)
+        guard, place = self._automaton.guards[number], self._place()
+        if guard.element == k and guard.watch.event in (IMPACT, HALT):
+            self._number = self._automaton.enter(number)
+            self._enter(*place)
+            self._note(number, 0.0, 0.0)
 
     # --- where it is ------------------------------------------------------------------------------
 
@@ -103,7 +132,7 @@ class TaylorCourse:
         self._z = self._chart.coordinates(x, v, *self._turn)
         self._mode.settled(self._chart, self._z)
         self._touch()
-        self._kicks: dict[int, Array] = {}
+        self._kicks: dict[int, Array | None] = {}
         self._first = self._automaton.first[self._number]
         events = [self._automaton.guards[self._first + i] for i in range(len(self._mode.guards))]
         self._plain = all(guard.watch.event == IMPACT for guard in events)
@@ -113,9 +142,12 @@ class TaylorCourse:
         n = self._mode.bodies
         for k, motion in enumerate(self._motion):
             if motion != _FLIGHT and k in self._chart.places and k not in self._mode.held:
-                if motion != _SWITCHED or self._speed[k] == 0.0:
-                    self._z[self._chart.places[k]] = _ABOVE
-                    self._z[n + self._chart.speeds[k]] = self._speed[k]
+                self._z[self._chart.places[k]] = self._above(motion)
+                self._z[n + self._chart.speeds[k]] = self._speed[k]
+
+    def _above(self, motion: int) -> float:
+        """A gap or slip that is zero: what rounding of accelerations takes away is far less."""
+        return _RELEASED * float(abs(self._z).max()) if motion == _SWITCHED else _ABOVE
 
     def _place(self) -> tuple[Array, Array]:
         """Positions and velocities (N,)."""
@@ -126,11 +158,15 @@ class TaylorCourse:
         return self._mode.states(np.stack(self._place()), *self._turn)
 
     def _disturb(self) -> None:
-        """Change all numbers by pseudo-random parts of themselves, and the phase."""
+        """Change all numbers by pseudo-random parts of themselves, and the phase.
+
+        The parts grow with the number of steps of the last flight, each of which is rounded.
+        """
         if self._noise:
-            self._z *= 1.0 + self._noise * self._random.uniform(-1.0, 1.0, self._z.shape)
+            noise = self._noise * max(1.0, self._steps / _STEPS)
+            self._z *= 1.0 + noise * self._random.uniform(-1.0, 1.0, self._z.shape)
             s, c = self._turn
-            angle = self._noise * float(self._random.uniform(-1.0, 1.0))
+            angle = noise * float(self._random.uniform(-1.0, 1.0))
             self._turn = s + angle * c, c - angle * s
 
     def _pass(self, duration: float) -> None:
@@ -152,11 +188,8 @@ class TaylorCourse:
 
     def advance(self, count: int, *, store: bool) -> Impacts:
         """Simulate up to `count` further impacts; return their log, empty unless stored."""
-        n, rows = self._mode.bodies, count if store else 0
-        time, speed = np.empty((2, rows))
-        guard, states = np.empty(rows, dtype=np.intp), np.empty((rows, 2, n + 1))
-        log = Impacts(time, speed, guard, states, np.empty((0, 2)))
-        done, strobed = 0, self._oscillator._strobed
+        log, done, strobed = _Log(count if store else 0, self._mode), 0, self._oscillator._strobed
+        guards = self._automaton.guards
         while done < count:
             self._settle()
             if self.ending is not Ending.COUNT_REACHED:
@@ -164,61 +197,54 @@ class TaylorCourse:
             number = self._fly()
             if number is None:
                 break
-            if number >= 0 and self._automaton.guards[number].watch.event != IMPACT:
+            if number >= 0 and guards[number].watch.event != IMPACT:
                 self._change(number)
                 continue
             if number >= 0:
                 number = self._hit(number)
             if store:
-                time[done], guard[done] = self._time, max(number, self._first)
-                states[done] = self._state()
-                speed[done] = math.nan if strobed else self._speed[self._left]
+                speed = math.nan if strobed else self._speed[self._left]
+                log.note(
+                    self._time, speed, max(number, self._first), self._chart, self._z, self._turn
+                )
             done += 1
             self.impacts += 1
-        return log if done == rows else log.part(0, done if store else 0)
+        return log.impacts()
 
     def _fly(self) -> int | None:
         """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
         strobed = self._oscillator._strobed
-        number = self._struck()
-        if number is not None:
+        if self._several and (number := self._struck()) is not None:
             return number
         begin, turn = self._z.copy(), self._turn
         longest = self._remaining if strobed else _PERIODS * self._period
         pace = _PACE if self._noise else math.inf
-        early = [t for t in self._early() if t < longest]
+        early = self._early(longest)
         index, duration, steps = self._chart.fly(self._z, *turn, longest, pace, early)
-        self.cells += steps
+        self.cells, self._steps = self.cells + steps, steps
         if index == -2 or (index == -1 and not strobed):
             self._z, self.ending = begin, Ending.SEARCH_LIMIT
             return None
         self._pass(duration)
-        if duration > 0.0:
-            own = self._automaton.guards[self._first + index].element if index >= 0 else -1
-            self._motion = [
-                m if k == own or duration <= 2.0**-52 * self._time else _FLIGHT
-                for k, m in enumerate(self._motion)
-            ]
-            if duration > 2.0**-52 * self._time:
-                self._at_once = 0
+        if duration > 2.0**-52 * self._time:
+            self._motion, self._at_once = [_FLIGHT] * len(self._motion), 0
         self._remaining -= duration
         if index == -1:
-            self._remaining, self._turn = self._period, (0.0, 1.0)
+            # The duration of a period is rounded, in all periods alike.
+            self._remaining, self._turn = self._period, (self._noise * self._late, 1.0)
             self._disturb()
             return -1
         return int(self._first + index)
 
-    def _early(self) -> tuple[float, ...]:
-        """Durations at which the first steps of a flight end."""
+    def _early(self, longest: float) -> list[float]:
+        """Durations at which the first steps of a flight end, below the longest."""
         if self._plain:
             bounce, self._bounce = self._bounce, 0.0
-            return (bounce,) if 0.0 < bounce < _BRIEF[1] * self._period else ()
-        return tuple(part * self._period for part in _BRIEF)
+            return [bounce] if 0.0 < bounce < min(_BRIEF[1] * self._period, longest) else []
+        return [time for part in _BRIEF if (time := part * self._period) < longest]
 
     def _struck(self) -> int | None:
         """The guard of a stop that is touched and whose gap closes; None for none."""
-        if len(self._oscillator._stops) < 2:
-            return None
         state = self._state()
         for i, (k, watch) in enumerate(self._mode.guards):
             if watch.event == IMPACT:
@@ -235,9 +261,7 @@ class TaylorCourse:
 
     def _note(self, number: int, rest: float, speed: float) -> None:
         """Note a change of the mode."""
-        self._switches.append(
-            (self._time, rest, speed, self.impacts, number, self._state())
-        )
+        self._switches.append((self._time, rest, speed, self.impacts, number, self._state()))
         if self.impacts != self._since:
             self._since, self._last_switches = self.impacts, len(self._switches)
         if len(self._switches) - self._last_switches > _SWITCHES:
@@ -258,7 +282,8 @@ class TaylorCourse:
         self._enter(*place)
         if k in stuck and k in self._chart.speeds:
             forward = next(w.rate for j, w in self._mode.guards if j == k and w.halts)
-            self._z[self._mode.bodies + self._chart.speeds[k]] = _ABOVE * forward
+            slip = self._above(_SWITCHED)
+            self._z[self._mode.bodies + self._chart.speeds[k]] = slip * forward
         self._again(k)
         self._disturb()
         self._note(number, 0.0, 0.0)
@@ -274,9 +299,8 @@ class TaylorCourse:
         automaton = self._automaton
         guard = automaton.guards[number]
         k = guard.element
-        if len(self._motion) > 1 and self._ambiguous < 0:
-            if guard.ambiguous or self._together(guard):
-                self._ambiguous = self.impacts
+        if len(self._motion) > 1 and (guard.ambiguous or self._together(guard)):
+            self._ambiguous = self.impacts if self._ambiguous < 0 else self._ambiguous
         while guard.opens >= 0:  # what the impact pulls away from is released first
             opened = automaton.guard(self._number, guard.opens)
             self._change(opened, moved=_BOUNCED)
@@ -291,7 +315,9 @@ class TaylorCourse:
         if rate == 0.0:
             self._touches += 1
         r = self._restitution(k, -rate)
-        self._z[n:] -= (1.0 + r) * rate * self._kick(k)
+        kick = self._kick(k)
+        if kick is not None:
+            self._z[n:] -= (1.0 + r) * rate * kick
         self._z[chart.places[k]] = _ABOVE
         self._z[n + chart.speeds[k]] = self._speed[k] = 0.0 - r * rate
         self._motion[k] = _BOUNCED
@@ -314,11 +340,17 @@ class TaylorCourse:
         self._mode.settled(self._chart, self._z)
         self._touch()
 
-    def _kick(self, k: int) -> Array:
-        """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap."""
+    def _kick(self, k: int) -> Array | None:
+        """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap.
+
+        None where no other one changes.
+        """
         if k in self._kicks:
             return self._kicks[k]
+        kick: Array | None
         kick = self._chart.to_v @ self._mode.kick(k, self._place()[0], math.atan2(*self._turn))
+        if not np.delete(kick, self._chart.speeds[k]).any():
+            kick = None
         if self._mode.scene.motion.equations.constant_mass:
             self._kicks[k] = kick
         return kick
@@ -363,9 +395,23 @@ class TaylorCourse:
             if watch.event not in (SWITCH, JUMP) or self._motion[k] == _SWITCHED:
                 continue
             value, band = self._mode.watched(i, state)
-            if value < -band:
+            falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
+            if value < -band or falls:
                 return int(self._first + i)
         return None
+
+    def _falls(self, i: int) -> bool:
+        """Whether a guard that is zero but for rounding becomes negative: there is no crossing."""
+        coefficients = self._chart.coefficients(self._z, *self._turn)
+        for part in _AHEAD:
+            time = part * self._period
+            angle = self._oscillator.frequency * time
+            turn = self._turn[0] + angle * self._turn[1], self._turn[1] - angle * self._turn[0]
+            x, v = self._chart.motion(horner(coefficients, np.array([time]))[0], *turn)
+            value, band = self._mode.watched(i, self._mode.states(np.stack([x, v]), *turn))
+            if abs(value) > band:
+                return value < 0.0
+        return False
 
     def _rest(self, k: int) -> None:
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
@@ -378,11 +424,11 @@ class TaylorCourse:
         number = self._automaton.guard(self._number, k)
         if self._automaton.guards[number].element != k:
             return
-        r = self._oscillator._stops[k].restitution
-        rest, lost = None, 0.0
+        rest: float | None = None
+        lost = 0.0
         if u == 0.0:
             rest = 0.0 if self._presses(k) else None
-        else:
+        elif u < self._slow:
             found = chart.coefficients(self._z, *self._turn)[chart.places[k]]
             a = -2.0 * float(found[2])
             if a > 0.0:
@@ -392,7 +438,9 @@ class TaylorCourse:
             return
         if u > 0.0:
             self._chatter_error += lost
-            self._z[n:] -= u * self._kick(k)
+            kick = self._kick(k)
+            if kick is not None:
+                self._z[n:] -= u * kick
             self._z[n + chart.speeds[k]] = 0.0
             if self._noise:
                 self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
@@ -426,11 +474,11 @@ class TaylorCourse:
         first bounce in all of them.
         """
         law, allowed = self._oscillator._stops[k].restitution, self._tolerance
+        r = None if isinstance(law, ImpactLaw) else law
         part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
         if not part > 0.0 or (allowed == 0.0 and u > _SMALLEST):
             return None, 0.0
-        by_law = isinstance(law, ImpactLaw)
-        lost = (2.0 / 3.0) * u**3 / (a * a * (part if by_law else 1.0 - law**3))
+        lost = (2.0 / 3.0) * u**3 / (a * a * (part if r is None else 1.0 - r**3))
         rest = 4.0 * u / (a * part)
         if lost > _PLACE * allowed > 0.0:
             return None, 0.0
@@ -443,7 +491,7 @@ class TaylorCourse:
         place = 0.025 * u * rest * rest * (abs(drag - third / a) + abs(drag))
         if coupling * lost > allowed or place > _PLACE * allowed > 0.0:
             return None, 0.0
-        lasts = 0.5 * rest if by_law else _bounces(u, law, a, drag, third)
+        lasts = 0.5 * rest if r is None else _bounces(u, r, a, drag, third)
         return lasts, coupling * lost
 
     def _coupling(self, k: int) -> tuple[float, float]:
@@ -489,10 +537,11 @@ class TaylorCourse:
             motion, speed = Motion.TABLE, 0.0
         closed = [k for k in closed if k != element or oscillator._strobed]
         n, count = self._mode.bodies, len(self._switches)
-        columns = list(zip(*self._switches, strict=True)) or [()] * 6
+        columns: Any = list(zip(*self._switches, strict=True)) or [()] * 6
+        times, rests, speeds = np.array(columns[:3], dtype=float)
+        before, guards = np.array(columns[3:5], dtype=np.intp)
         states = np.array(columns[5]).reshape(count, 2, n + 1)
-        whole = (np.array(columns[i], dtype=np.intp) for i in (3, 4))
-        switches = Switches(*(np.array(columns[i], dtype=float) for i in range(3)), *whole, states)
+        switches = Switches(times, rests, speeds, before, guards, states)
         turn = np.array(self._turn)
         return Trajectory(
             self._start,
@@ -513,6 +562,40 @@ class TaylorCourse:
             self._time,
             self._ambiguous,
         )
+
+
+@final
+class _Log:
+    """Impacts of a run, in the coordinates of their charts until all are known."""
+
+    def __init__(self, rows: int, mode: TaylorMode) -> None:
+        n = mode.bodies
+        self._mode, self._count = mode, 0
+        self._z, self._turn = np.empty((rows, 2 * n)), np.empty((rows, 2))
+        self._numbers, self._guard = np.empty((rows, 2)), np.empty(rows, dtype=np.intp)
+        self._charts: list[tuple[int, Chart]] = []
+
+    def note(
+        self, time: float, speed: float, guard: int, chart: Chart, z: Array, turn: Any
+    ) -> None:
+        """Note one impact."""
+        i = self._count
+        self._z[i], self._turn[i], self._numbers[i], self._guard[i] = z, turn, (time, speed), guard
+        if not self._charts or self._charts[-1][1] is not chart:
+            self._charts.append((i, chart))
+        self._count = i + 1
+
+    def impacts(self) -> Impacts:
+        """The log in positions and velocities."""
+        count, n = self._count, self._mode.bodies
+        turn, states = self._turn[:count], np.empty((count, 2, n + 1))
+        ends = [i for i, _ in self._charts[1:]] + [count] * bool(self._charts)
+        for (begin, chart), end in zip(self._charts, ends, strict=True):
+            now = slice(begin, end)
+            x, v = chart.motion(self._z[now], *turn[now].T)
+            states[now] = self._mode.states(np.stack([x, v], axis=1), *turn[now].T)
+        time, speed = np.ascontiguousarray(self._numbers[:count].T)
+        return Impacts(time, speed, self._guard[:count].copy(), states, np.empty((0, 2)))
 
 
 def _bounces(u: float, r: float, acceleration: float, drag: float, third: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynkit.core.differences import numerical_derivative
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import IMPACT
+from dynkit.systems.impact.elements.element import HALT, IMPACT
 from dynkit.systems.impact.variational.saltation import reset
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
                 later = -(row @ out) / float(row @ rate)
             out = out + np.outer(rate, later)
             ended = ended + later
-        if i < last - 1 and guard.watch.event == IMPACT:
+        if i < last - 1 and guard.watch.event in (IMPACT, HALT):
             out = hit(mode, guard.element, state, out, 0.0, 0.0)[0]
     return out, state
 
