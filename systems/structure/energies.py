@@ -117,14 +117,27 @@ def quadratic_form(
         raise _refusal(energy, arguments, "a coefficient exceeds the range of floats") from None
 
 
-def _terms(energy: str, expression: object) -> tuple[Any, ...]:
-    from sympy import Add, Expr, sympify
+def expression_of(energy: str, expression: object) -> sympy.Expr:
+    """The expression that an energy returns, which may be a number.
+
+    Raises
+    ------
+    ValueError
+        When it is neither.
+    """
+    from sympy import Expr, sympify
 
     if isinstance(expression, int | float | np.number) and not isinstance(expression, bool):
         expression = sympify(expression, strict=True)
     if not isinstance(expression, Expr) or not expression.is_commutative:
         raise ValueError(f"{energy} must return a SymPy expression; got {expression!r}")
-    terms: tuple[Any, ...] = Add.make_args(expression)
+    return expression
+
+
+def _terms(energy: str, expression: object) -> tuple[Any, ...]:
+    from sympy import Add
+
+    terms: tuple[Any, ...] = Add.make_args(expression_of(energy, expression))
     return terms
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.structure.definiteness import check_definite
-from dynkit.systems.structure.energies import shown, symbols
+from dynkit.systems.structure.energies import expression_of, shown, symbols
 from dynkit.systems.structure.modes import Derivation
 from dynkit.systems.structure.symmetric import SymmetricMatrix
 
@@ -261,14 +261,11 @@ def _arguments(structure: LagrangianStructure, name: str) -> tuple[str, ...]:
     return names
 
 
-def _checked(name: str, expression: object, known: set[sympy.Symbol]) -> sympy.Expr:
-    from sympy import Expr, I, nan, oo, sympify, zoo
+def _checked(name: str, given: object, known: set[sympy.Symbol]) -> sympy.Expr:
+    from sympy import I, nan, oo, zoo
     from sympy.core.function import Application
 
-    if isinstance(expression, int | float | np.number) and not isinstance(expression, bool):
-        expression = sympify(expression, strict=True)
-    if not isinstance(expression, Expr) or not expression.is_commutative:
-        raise ValueError(f"{name} must return a SymPy expression; got {expression!r}")
+    expression = expression_of(name, given)
     if expression.has(nan, oo, -oo, zoo, I):
         raise ValueError(f"{name} must be finite and real; got {shown(expression)}")
     for symbol in sorted(expression.free_symbols - known, key=str)[:1]:
