@@ -73,7 +73,7 @@ def quadratic_form(
     ValueError
         Naming the energy and the offending term: when the expression holds other symbols, is no
         polynomial, has terms that are not quadratic, or coefficients that are not finite real
-        numbers.
+        numbers. It is a `NotQuadraticError` where there are other functions or higher powers.
 
     Examples
     --------
@@ -84,7 +84,8 @@ def quadratic_form(
     >>> quadratic_form("potential", x[0] ** 2 + 0.2 * x[1] ** 4, x)
     Traceback (most recent call last):
     ...
-    ValueError: potential must be a quadratic form in x_1, x_2; the term 0.2*x_2**4 is of degree 4
+    dynkit.systems.structure.energies.NotQuadraticError: potential must be a quadratic form in x_1,
+    x_2; the term 0.2*x_2**4 is of degree 4
     """
     reader = _Reader(arguments)
     total: _Polynomial = {}
