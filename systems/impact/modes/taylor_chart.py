@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property, lru_cache, wraps
+from threading import RLock
 from typing import Any, final
 
 import numpy as np
@@ -65,6 +66,26 @@ def _variations(plan: Plan) -> Any:
     )
 
 
+@cache
+def _outcomes() -> tuple[int, int, int]:
+    """Numbers of heyoka for a full step, the limit of steps, and the end of the duration."""
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    known: Any = heyoka().taylor_outcome
+    return int(known.success), int(known.step_limit), int(known.time_limit)
+
+
+def _alone(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method of a chart while no other thread uses its integrators, which hold one motion."""
+
+    @wraps(method)
+    def locked(self: Chart, *arguments: Any) -> Any:
+        with self.lock:
+            return method(self, *arguments)
+
+    return locked
+
+
 @final
 class Chart:
     """One set of coordinates of a mode: positions and velocities, of which some are gaps or slips.
@@ -89,6 +110,7 @@ class Chart:
         self.to_x, self.to_v = to
         self.back_x, self.back_v = back
         self.places, self.speeds = dict(plan.stops), dict((*plan.stops, *plan.rubs))
+        self.lock = RLock()
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
 
     @cached_property
@@ -157,7 +179,10 @@ class Chart:
         pace: float = math.inf,
         early: Sequence[float] = (),
     ) -> tuple[int, float, int]:
-        """Advance coordinates (2 N,), modified in place, to the first guard or a duration.
+        """Advance coordinates (2 N,), modified in place, to the first guard.
+
+        The caller holds `lock`. Where no guard is reached within a duration, `reached` has the
+        coordinates, and the given ones stay.
 
         Parameters
         ----------
@@ -178,28 +203,29 @@ class Chart:
             When the motion runs away, or the steps collapse.
         """
         made, steps, guards = self.load(z, sine, cosine), 0, len(self.plan.guards)
+        _, step_limit, time_limit = _outcomes()
         if pace < math.inf:
             # a guard may end that step at once
             pace = max(pace * abs(made.step()[1]), _SHORTEST / self._pars[1])
             self.load(z, sine, cosine)
         stations = [*early, longest]
+        limits: dict[str, Any] = {"max_steps": _CHUNK}
+        if pace < math.inf:
+            limits["max_delta_t"] = pace
         while True:
-            outcome, _, _, count, _, _ = made.propagate_until(
-                stations[0], max_steps=_CHUNK, max_delta_t=pace
-            )
+            outcome, _, _, count, _, _ = made.propagate_until(stations[0], **limits)
             steps += count
             number = int(outcome)
-            if -guards <= number < 0:
+            if number >= -guards:
                 z[:] = self._state_of
                 return -1 - number, made.time, steps
             z_end, time = self._state_of, made.time
-            if number == _TIME_LIMIT:
+            if number == time_limit:
                 stations.pop(0)
                 if stations:
                     continue
-                z[:] = z_end
                 return -1, time, steps
-            if not np.isfinite(z_end).all() or number != _STEP_LIMIT:
+            if not np.isfinite(z_end).all() or number != step_limit:
                 raise Diverged(f"the motion runs away within {time:.6g} from {z.tolist()}")
             if time < 1e-9 * steps * min(1.0, longest):
                 raise CannotFollow(
@@ -209,28 +235,36 @@ class Chart:
             if steps >= _MOST:
                 return -2, time, steps
 
+    @property
+    def reached(self) -> Array:
+        """Coordinates (2 N,) at the end of the last flight."""
+        return np.array(self._state_of)
+
+    @_alone
     def coefficients(self, z: Array, sine: float, cosine: float) -> Array:
         """Taylor coefficients (2 N, order + 1) of the coordinates at a state."""
         made = self.load(z, sine, cosine)
         made.step(max_delta_t=0.0, write_tc=True)
         return np.array(made.tc)
 
+    @_alone
     def path(self, z: Array, sine: float, cosine: float, longest: float) -> tuple[Array, Array]:
         """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N, order + 1)."""
         made, begins, found = self.eventless, [0.0], []
         made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
         made.state[:] = z
-        period = math.tau / self._pars[1]
+        (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
         while begins[-1] <= longest:
             outcome, _ = made.step(max_delta_t=period, write_tc=True)
             found.append(np.array(made.tc))
             begins.append(float(made.time))
             if len(found) > _MOST:
                 raise CannotFollow(f"the motion from {z.tolist()} has too many steps")
-            if int(outcome) not in (_SUCCESS, _TIME_LIMIT):
+            if int(outcome) not in (success, time_limit):
                 raise Diverged(f"the motion runs away within {made.time:.6g} from {z.tolist()}")
         return np.array(begins), np.array(found)
 
+    @_alone
     def transition(
         self, z: Array, sine: float, cosine: float, duration: float
     ) -> tuple[Array, Array]:
@@ -240,10 +274,6 @@ class Chart:
         made.state[:m] = z
         made.state[m:] = np.eye(m, m + 1).ravel()
         outcome, *_ = made.propagate_until(duration)
-        if int(outcome) != _TIME_LIMIT or not np.isfinite(made.state).all():
+        if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
             raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
         return np.array(made.state[:m]), np.array(made.state[m:]).reshape(m, m + 1)
-
-
-_SUCCESS, _STEP_LIMIT, _TIME_LIMIT = -4294967297, -4294967298, -4294967299
-"""heyoka's ``taylor_outcome``: a step, the limit of steps, the end of the duration."""

@@ -94,7 +94,9 @@ class TaylorCourse:
         self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
         self._steps = 0
         self._left, self._bounce = start.element, 0.0
-        self._several = len(oscillator._stops) > 1
+        self._laws = [stop.restitution for stop in oscillator._stops]
+        self._several, self._strobed = len(self._laws) > 1, oscillator._strobed
+        self._frequency = oscillator.frequency
         # Faster impacts than a part of this speed are no chatter.
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
         slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
@@ -177,7 +179,7 @@ class TaylorCourse:
         low = self._low + ((self._time - (total - back)) + (duration - back))
         self._time = total + low
         self._low = low - (self._time - total)
-        angle = self._oscillator.frequency * duration
+        angle = self._frequency * duration
         sine, cosine = math.sin(angle), math.cos(angle)
         s = self._turn[0] * cosine + self._turn[1] * sine
         c = self._turn[1] * cosine - self._turn[0] * sine
@@ -213,17 +215,20 @@ class TaylorCourse:
 
     def _fly(self) -> int | None:
         """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
-        strobed = self._oscillator._strobed
+        strobed = self._strobed
         if self._several and (number := self._struck()) is not None:
             return number
-        begin, turn = self._z.copy(), self._turn
         longest = self._remaining if strobed else _PERIODS * self._period
         pace = _PACE if self._noise else math.inf
-        early = self._early(longest)
-        index, duration, steps = self._chart.fly(self._z, *turn, longest, pace, early)
+        early = [] if self._plain and not self._bounce else self._early(longest)
+        chart, (sine, cosine) = self._chart, self._turn
+        with chart.lock:
+            index, duration, steps = chart.fly(self._z, sine, cosine, longest, pace, early)
+            if index == -1:
+                end = chart.reached
         self.cells, self._steps = self.cells + steps, steps
         if index == -2 or (index == -1 and not strobed):
-            self._z, self.ending = begin, Ending.SEARCH_LIMIT
+            self.ending = Ending.SEARCH_LIMIT
             return None
         self._pass(duration)
         if duration > 2.0**-52 * self._time:
@@ -231,7 +236,8 @@ class TaylorCourse:
         self._remaining -= duration
         if index == -1:
             # The duration of a period is rounded, in all periods alike.
-            self._remaining, self._turn = self._period, (self._noise * self._late, 1.0)
+            self._z, self._remaining = end, self._period
+            self._turn = self._noise * self._late, 1.0
             self._disturb()
             return -1
         return int(self._first + index)
@@ -310,24 +316,24 @@ class TaylorCourse:
             self._left = k
             if k not in self._chart.places:
                 self._enter(*self._place())
-        n, chart = self._mode.bodies, self._chart
-        rate = min(self._rate_of(k), 0.0)
+        z, place, n = self._z, self._chart.places[k], self._mode.bodies
+        rate = min(float(z[n + place]), 0.0)
         if rate == 0.0:
             self._touches += 1
         r = self._restitution(k, -rate)
         kick = self._kick(k)
         if kick is not None:
-            self._z[n:] -= (1.0 + r) * rate * kick
-        self._z[chart.places[k]] = _ABOVE
-        self._z[n + chart.speeds[k]] = self._speed[k] = 0.0 - r * rate
-        self._motion[k] = _BOUNCED
+            z[n:] -= (1.0 + r) * rate * kick
+        z[place], z[n + place] = _ABOVE, 0.0 - r * rate
+        self._speed[k], self._motion[k] = 0.0 - r * rate, _BOUNCED
         if len(self._motion) > 1:
             self._canonical(k)
         self._at_once += 1
         if self._at_once > _AT_ONCE * len(self._motion):
             self.ending = Ending.COLLAPSED
-        self._disturb()
-        self._speed[k] = float(self._z[n + chart.speeds[k]])
+        if self._noise:
+            self._disturb()
+            self._speed[k] = float(self._z[n + place])
         return number
 
     def _canonical(self, k: int) -> None:
@@ -356,7 +362,7 @@ class TaylorCourse:
         return kick
 
     def _restitution(self, k: int, speed: float) -> float:
-        law = self._oscillator._stops[k].restitution
+        law = self._laws[k]
         if isinstance(law, ImpactLaw):
             return float(law.at([speed])[0]) if speed > 0.0 else 0.0
         return law
@@ -380,8 +386,10 @@ class TaylorCourse:
             if number is not None:
                 self._change(number)
                 continue
-            bounced = next((k for k, m in enumerate(self._motion) if m == _BOUNCED), None)
-            if bounced is None or bounced >= len(self._oscillator._stops):
+            if _BOUNCED not in self._motion:
+                return
+            bounced = self._motion.index(_BOUNCED)
+            if bounced >= len(self._laws):
                 return
             if bounced in self._mode.held:
                 self._motion[bounced] = _FLIGHT
@@ -417,6 +425,8 @@ class TaylorCourse:
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
         n, chart, u = self._mode.bodies, self._chart, self._speed[k]
         self._motion[k] = _BOUNCES
+        if u >= self._slow:
+            return
         if k not in chart.places:
             self._left = k
             self._enter(*self._place())
@@ -428,7 +438,7 @@ class TaylorCourse:
         lost = 0.0
         if u == 0.0:
             rest = 0.0 if self._presses(k) else None
-        elif u < self._slow:
+        else:
             found = chart.coefficients(self._z, *self._turn)[chart.places[k]]
             a = -2.0 * float(found[2])
             if a > 0.0:
@@ -571,8 +581,8 @@ class _Log:
     def __init__(self, rows: int, mode: TaylorMode) -> None:
         n = mode.bodies
         self._mode, self._count = mode, 0
-        self._z, self._turn = np.empty((rows, 2 * n)), np.empty((rows, 2))
-        self._numbers, self._guard = np.empty((rows, 2)), np.empty(rows, dtype=np.intp)
+        self._z = np.empty((rows, 2 * n))
+        self._rows: list[tuple[float, float, float, float, int]] = []
         self._charts: list[tuple[int, Chart]] = []
 
     def note(
@@ -580,7 +590,8 @@ class _Log:
     ) -> None:
         """Note one impact."""
         i = self._count
-        self._z[i], self._turn[i], self._numbers[i], self._guard[i] = z, turn, (time, speed), guard
+        self._z[i] = z
+        self._rows.append((time, speed, *turn, guard))
         if not self._charts or self._charts[-1][1] is not chart:
             self._charts.append((i, chart))
         self._count = i + 1
@@ -588,14 +599,16 @@ class _Log:
     def impacts(self) -> Impacts:
         """The log in positions and velocities."""
         count, n = self._count, self._mode.bodies
-        turn, states = self._turn[:count], np.empty((count, 2, n + 1))
+        columns: Any = list(zip(*self._rows, strict=True)) or [()] * 5
+        time, speed, *turns = np.array(columns[:4], dtype=float)
+        turn, states = np.stack(turns, axis=1), np.empty((count, 2, n + 1))
         ends = [i for i, _ in self._charts[1:]] + [count] * bool(self._charts)
         for (begin, chart), end in zip(self._charts, ends, strict=True):
             now = slice(begin, end)
             x, v = chart.motion(self._z[now], *turn[now].T)
             states[now] = self._mode.states(np.stack([x, v], axis=1), *turn[now].T)
-        time, speed = np.ascontiguousarray(self._numbers[:count].T)
-        return Impacts(time, speed, self._guard[:count].copy(), states, np.empty((0, 2)))
+        guard = np.array(columns[4], dtype=np.intp)
+        return Impacts(time, speed, guard, states, np.empty((0, 2)))
 
 
 def _bounces(u: float, r: float, acceleration: float, drag: float, third: float) -> float:
