@@ -6,7 +6,7 @@ from typing import Any
 
 import mpmath as mp
 
-_ORDER, _STEP = 40, "0.25"
+_ORDER, _STEP = 24, "0.125"
 
 
 class ManyDigits:
@@ -74,7 +74,7 @@ class ManyDigits:
     @staticmethod
     def _root(gap: Any, step: Any, first: bool) -> Any:
         """The first zero of a gap within a step, by fine bisection and Newton's method."""
-        pieces = 16
+        pieces = 4
         for k in range(pieces):
             low, high = step * k / pieces, step * (k + 1) / pieces
             if (k or not first) and gap(low)[0] > 0 and gap(high)[0] <= 0:
