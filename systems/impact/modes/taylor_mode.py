@@ -121,8 +121,6 @@ class TaylorMode:
         """Velocities (..., N) of coordinates (..., 2, N)."""
         return np.array(q[..., 1, :])
 
-    displacements, speeds = positions, velocities
-
     def states(self, q: Array, sine: Any, cosine: Any) -> Array:
         """States (..., 2, N + 1) of coordinates (..., 2, N) and the phase."""
         turn = np.stack([np.asarray(sine), np.asarray(cosine)], axis=-1)

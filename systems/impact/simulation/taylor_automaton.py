@@ -18,7 +18,6 @@ from dynkit.systems.impact.simulation.automaton import Guard
 from dynkit.systems.impact.simulation.regimes import Parts
 
 if TYPE_CHECKING:
-    from dynkit.core.validation import Array
     from dynkit.systems.impact.elements.element import Element
 
 
@@ -74,10 +73,6 @@ class TaylorAutomaton:
         """Number of the first guard of an element in a mode, or else of the mode."""
         own = range(self.first[mode], self.first[mode] + len(self.modes[mode].guards))
         return next((k for k in own if self.guards[k].element == element), self.first[mode])
-
-    def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:
-        """A state of a mode in the coordinates of the first one, and the holding elements."""
-        return state, self.parts.holding(self.regimes[number])
 
     def enter(self, number: int) -> int:
         """Number of the mode that a guard leads to; it is built if no motion has entered it."""

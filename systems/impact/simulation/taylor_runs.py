@@ -9,9 +9,11 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, SWITCH
-from dynkit.systems.impact.elements.laws import ImpactLaw, share
+from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.taylor_chatter import chatter
+from dynkit.systems.impact.simulation.taylor_log import Log
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
@@ -36,12 +38,6 @@ _RELEASED = 2.0**-80
 
 _AHEAD = 1e-7, 1e-5, 1e-3
 """Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
-
-_SMALLEST = 1e-100
-"""Velocity below which a chatter is over, whatever is tolerated."""
-
-_PLACE = 1000.0
-"""So many times the tolerance the place of the contact mass may be off in omitted bounces."""
 
 _BRIEF = 1e-8, 1e-4
 """Parts of a period at which the first steps of a flight end, as a guard may soon be zero."""
@@ -190,7 +186,7 @@ class TaylorCourse:
 
     def advance(self, count: int, *, store: bool) -> Impacts:
         """Simulate up to `count` further impacts; return their log, empty unless stored."""
-        log, done, strobed = _Log(count if store else 0, self._mode), 0, self._oscillator._strobed
+        log, done, strobed = Log(count if store else 0, self._mode), 0, self._oscillator._strobed
         guards = self._automaton.guards
         while done < count:
             self._settle()
@@ -443,7 +439,8 @@ class TaylorCourse:
             a = -2.0 * float(found[2])
             if a > 0.0:
                 self._bounce = 4.0 * u / a
-                rest, lost = self._chatter(k, u, a, found)
+                law, state = self._laws[k], self._state()
+                rest, lost = chatter(self._mode, chart, k, state, law, self._tolerance, u, found)
         if rest is None:
             return
         if u > 0.0:
@@ -474,62 +471,6 @@ class TaylorCourse:
         if abs(found[3]) > ROUNDING * size * (1.0 + w):
             return bool(found[3] < 0.0)
         return True
-
-    def _chatter(self, k: int, u: float, a: float, found: Array) -> tuple[float | None, float]:
-        """Duration of the bounces from a velocity on, None where they are not over; their error.
-
-        With a contact acceleration a they last T = 2 u / (a (1 - r)). They are left out where a
-        varies by less than a (1 - r) / 4 over 2 T, and where that changes no position or velocity
-        by more than the tolerance, to leading order. For an impact law 1 - r is the share of the
-        first bounce in all of them.
-        """
-        law, allowed = self._oscillator._stops[k].restitution, self._tolerance
-        r = None if isinstance(law, ImpactLaw) else law
-        part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
-        if not part > 0.0 or (allowed == 0.0 and u > _SMALLEST):
-            return None, 0.0
-        lost = (2.0 / 3.0) * u**3 / (a * a * (part if r is None else 1.0 - r**3))
-        rest = 4.0 * u / (a * part)
-        if lost > _PLACE * allowed > 0.0:
-            return None, 0.0
-        order = np.arange(3, len(found))
-        terms = abs(found[3:]) * order * (order - 1) * rest ** (order - 2.0)
-        if float(terms.sum()) > 0.25 * part * a or terms[-1] > 1e-6 * a:
-            return None, 0.0
-        coupling, drag = self._coupling(k)
-        third = 6.0 * float(found[3])
-        place = 0.025 * u * rest * rest * (abs(drag - third / a) + abs(drag))
-        if coupling * lost > allowed or place > _PLACE * allowed > 0.0:
-            return None, 0.0
-        lasts = 0.5 * rest if r is None else _bounces(u, r, a, drag, third)
-        return lasts, coupling * lost
-
-    def _coupling(self, k: int) -> tuple[float, float]:
-        """Largest change by a brief excursion of a gap, over its integral; and the gap's drag.
-
-        Positions of the others change by the derivative of their accelerations by the rate of the
-        gap, and their velocities by that by the gap, and by the first change times their dashpots.
-        """
-        n, chart, state = self._mode.bodies, self._chart, self._state()
-        p, q = chart.places[k], n + chart.speeds[k]
-        x, v, (sine, cosine) = state[0, :-1], state[1, :-1], self._turn
-        w, scene = self._oscillator.frequency, self._mode.scene
-        phase = math.atan2(sine, cosine)
-        mass, _ = scene.motion.inertia(w, x, v, phase)
-        by_x, by_v = scene.motion.tangent(w, x, v, phase)
-        for j, regime in enumerate(self._mode.regimes):
-            along = np.outer(scene.rows[j], scene.rows[j])
-            by_x, by_v = by_x - regime.stiffness * along, by_v - regime.damping * along
-        accelerations = chart.to_v @ np.linalg.solve(mass, np.hstack([by_x, by_v]))
-        by_gap = accelerations[:, :n] @ chart.back_x[:, p]
-        by_rate = accelerations[:, n:] @ chart.back_v[:, q - n]
-        others = np.delete(np.arange(n), q - n)
-        moved = by_rate[others]
-        through = accelerations[:, n:] @ chart.back_v
-        turned = by_gap[others] + through[np.ix_(others, others)] @ moved
-        largest = max(abs(moved).max(initial=0.0), abs(turned).max(initial=0.0))
-        largest = max(largest, abs(by_gap[others]).max(initial=0.0))
-        return float(largest) or 1.0, -float(by_rate[q - n])
 
     # --- the trajectory ---------------------------------------------------------------------------
 
@@ -572,53 +513,3 @@ class TaylorCourse:
             self._time,
             self._ambiguous,
         )
-
-
-@final
-class _Log:
-    """Impacts of a run, in the coordinates of their charts until all are known."""
-
-    def __init__(self, rows: int, mode: TaylorMode) -> None:
-        n = mode.bodies
-        self._mode, self._count = mode, 0
-        self._z = np.empty((rows, 2 * n))
-        self._rows: list[tuple[float, float, float, float, int]] = []
-        self._charts: list[tuple[int, Chart]] = []
-
-    def note(
-        self, time: float, speed: float, guard: int, chart: Chart, z: Array, turn: Any
-    ) -> None:
-        """Note one impact."""
-        i = self._count
-        self._z[i] = z
-        self._rows.append((time, speed, *turn, guard))
-        if not self._charts or self._charts[-1][1] is not chart:
-            self._charts.append((i, chart))
-        self._count = i + 1
-
-    def impacts(self) -> Impacts:
-        """The log in positions and velocities."""
-        count, n = self._count, self._mode.bodies
-        columns: Any = list(zip(*self._rows, strict=True)) or [()] * 5
-        time, speed, *turns = np.array(columns[:4], dtype=float)
-        turn, states = np.stack(turns, axis=1), np.empty((count, 2, n + 1))
-        ends = [i for i, _ in self._charts[1:]] + [count] * bool(self._charts)
-        for (begin, chart), end in zip(self._charts, ends, strict=True):
-            now = slice(begin, end)
-            x, v = chart.motion(self._z[now], *turn[now].T)
-            states[now] = self._mode.states(np.stack([x, v], axis=1), *turn[now].T)
-        guard = np.array(columns[4], dtype=np.intp)
-        return Impacts(time, speed, guard, states, np.empty((0, 2)))
-
-
-def _bounces(u: float, r: float, acceleration: float, drag: float, third: float) -> float:
-    """Time until the bounces from velocity `u` on accumulate, to second order in `u`.
-
-    In flight the gap obeys g'' = -a - b t - c g'. A bounce that leaves at u, t after the first one,
-    takes 2 u / a + p u^2 + q u t, and arrives at u (1 + v u).
-    """
-    a = acceleration - drag * u
-    c, b = drag / a, (drag * a - third) / (a * a)
-    once, p, q, v = 2.0 / a, -(2.0 * c + 4.0 * b) / (3.0 * a), -2.0 * b, 2.0 * (b - c) / 3.0
-    more = p + r / (1.0 - r) * once * (v + q)
-    return once * u / (1.0 - r) + u * u * more / (1.0 - r * r)
