@@ -315,11 +315,6 @@ class DrivenStructure(LagrangianStructure):
         from dynkit.systems.impact.modes.taylor_mode import Scene
         from dynkit.systems.impact.simulation.taylor_automaton import TaylorAutomaton
 
-        if self._cycled or not (self._stops or self._excitation.turns):
-            raise ValueError(
-                "elements must hold a hard stop, or something must drive the structure, where the "
-                f"energies are not quadratic; got {self.elements!r}"
-            )
         scene = Scene(self._motion, self._excitation, self._elements)
         return TaylorAutomaton(self._structure, scene)
 

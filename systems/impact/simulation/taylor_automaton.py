@@ -14,7 +14,7 @@ from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import moves, pushed
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
 from dynkit.systems.impact.modes.taylor_mode import Scene, TaylorMode, independent
-from dynkit.systems.impact.simulation.automaton import Guard
+from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
 from dynkit.systems.impact.simulation.regimes import Parts
 
 if TYPE_CHECKING:
@@ -57,6 +57,9 @@ class TaylorAutomaton:
         self.guards: list[Guard] = []
         self.first: list[int] = []
         self._lock = RLock()
+        hit = any(isinstance(element, HardStop) for element in scene.elements)
+        idle = not (hit or scene.excitation.turns)
+        self._cycled = cycled_by(scene.elements) if idle else None
         self._number((0,) * len(scene.elements))
 
     @property
@@ -83,6 +86,15 @@ class TaylorAutomaton:
             guard.target = self._number(tuple(regimes))
             guard.partner = self.guard(guard.target, guard.element)
         return guard.target
+
+    def marks(self, number: int) -> bool:
+        """Whether the zero of a guard is the section of an undriven machine."""
+        guard = self.guards[number]
+        if guard.element != self._cycled:
+            return False
+        if halts(self._elements[guard.element]):
+            return bool(guard.watch.halts)
+        return not self.regimes[guard.mode][guard.element]
 
     def _number(self, regimes: tuple[int, ...]) -> int:
         with self._lock:

@@ -91,7 +91,8 @@ class TaylorCourse:
         self._steps = 0
         self._left, self._bounce = start.element, 0.0
         self._laws = [stop.restitution for stop in oscillator._stops]
-        self._several, self._strobed = len(self._laws) > 1, oscillator._strobed
+        self._several = len(self._laws) > 1
+        self._strobed = oscillator._strobed and not oscillator._cycled
         self._frequency = oscillator.frequency
         # Faster impacts than a part of this speed are no chatter.
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
@@ -101,7 +102,7 @@ class TaylorCourse:
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
         self._period = TWO_PI / oscillator.frequency
         self._remaining = self._period
-        if oscillator._strobed:
+        if self._strobed:
             self._remaining = (TWO_PI - start.phase) / oscillator.frequency
         else:
             self._motion[start.element] = _MOTIONS.index(start.motion)
@@ -197,8 +198,10 @@ class TaylorCourse:
                 break
             if number >= 0 and guards[number].watch.event != IMPACT:
                 self._change(number)
-                continue
-            if number >= 0:
+                if not self._automaton.marks(number):
+                    continue
+                number = guards[number].partner
+            elif number >= 0:
                 number = self._hit(number)
             if store:
                 speed = math.nan if strobed else self._speed[self._left]
