@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
 from threading import RLock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,12 +145,16 @@ class Derivation:
     exact : bool
         Whether they are exact to double-double precision; otherwise they are assumed rounded to
         doubles.
+    motion : Motion, optional
+        Equations of motion where the energies are not quadratic. The matrices are then those of
+        small oscillations about zero; the stiffness need not be semidefinite.
     """
 
     mass: SymmetricMatrix
     damping: SymmetricMatrix
     stiffness: SymmetricMatrix
     exact: bool
+    motion: Any = None
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Derivation":
@@ -182,7 +187,15 @@ class Derivation:
 
     @cached_property
     def modes(self) -> Modes:
-        """Normal modes, derived at first access; they decide which motions are rigid."""
+        """Normal modes, derived at first access; they decide which motions are rigid.
+
+        Raises
+        ------
+        ValueError
+            When the energies are not quadratic and zero is not a stable equilibrium.
+        """
+        if self.motion is not None:
+            check_semidefinite("the stiffness matrix of small oscillations", self.stiffness.dense)
         with _lock:
             return _modes_of(self)
 

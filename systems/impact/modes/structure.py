@@ -138,7 +138,7 @@ class Held:
     """
 
     def __init__(self, given: Derivation, rows: Array, sliders: int) -> None:
-        self.pivots = pivots = np.array(_pivots(rows), dtype=np.intp)
+        self.pivots = pivots = np.array(pivots_of(rows), dtype=np.intp)
         self.others = np.delete(np.arange(rows.shape[1]), pivots)
         self.by_sums: Array = np.asarray(np.linalg.inv(rows[:, pivots]), dtype=float)
         ties = -self.by_sums @ rows[:, self.others]
@@ -172,7 +172,7 @@ def place_of(row: Array) -> int:
     return int(len(row) - 1 - np.argmax(abs(row[::-1])))
 
 
-def _pivots(rows: Array) -> list[int]:
+def pivots_of(rows: Array) -> list[int]:
     """Pivots (h,) of rows (h, N): index of the largest number after elimination."""
     left, found = rows.copy(), []
     for k, row in enumerate(left):
@@ -288,7 +288,10 @@ def structure_of(given: LagrangianStructure) -> Structure:
     """The structure of an oscillator, shared by all oscillators with equal matrices."""
     if given._derivation not in _structures:
         derivation = given._derivation
-        _structures[derivation] = Structure(derivation, free=basis_of(derivation))
+        smooth = derivation.motion is not None  # without a basis of its own
+        _structures[derivation] = Structure(
+            derivation, free=None if smooth else basis_of(derivation)
+        )
     return _structures[given._derivation]
 
 

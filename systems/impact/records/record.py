@@ -25,7 +25,7 @@ from dynkit.core.validation import (
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.modes.bases import row_by_row
-from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
+from dynkit.systems.impact.simulation.runs import MOST_CELLS, course_from
 from dynkit.systems.impact.simulation.sampling import (
     events_of,
     longest_sample,
@@ -67,7 +67,7 @@ def twin_errors(
     # A twin that rests within rounding of the table may need a long search until it leaves.
     most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * whole.cells)
     twins = [
-        Course(
+        course_from(
             system,
             whole.start,
             noise=noise,
@@ -94,7 +94,7 @@ def twin_errors(
                 bar.update(len(batch))
 
 
-def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
+def _compare(batch: ImpactRecord, twin: Any, worst: Array) -> None:
     """Advance a twin by the batch's impacts; the largest distances, (n,), are modified in place."""
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0

@@ -17,6 +17,7 @@ from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switche
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+    from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
 
 MOST_CELLS = 1_000_000
 """Cells after which the search for the next event ends the run, with `Ending.SEARCH_LIMIT`."""
@@ -59,9 +60,26 @@ def trajectory_of(
 ) -> Trajectory:
     """Simulate `count` impacts from a state of this oscillator; see `Course`."""
     began = time.perf_counter()
-    course = Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
+    course = course_from(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
     log = course.advance(count, store=store)
     return course.trajectory(log, time.perf_counter() - began)
+
+
+def course_from(
+    oscillator: DrivenStructure,
+    start: ImpactState,
+    *,
+    noise: float = 0.0,
+    seed: int = 1,
+    most_cells: int = MOST_CELLS,
+    longest: float = 0.0,
+) -> Course | TaylorCourse:
+    """A simulation by the engine of this oscillator; see `Course`."""
+    if oscillator._motion is not None:
+        from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
+
+        return TaylorCourse(oscillator, start, noise=noise, seed=seed)
+    return Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest)
 
 
 @final

@@ -300,7 +300,8 @@ class Trajectory:
 
     @property
     def _begin(self) -> Array:
-        return self.start._system._free.states(self.start._coordinates, *self.start._turn)
+        free = self.start._system._free
+        return np.asarray(free.states(self.start._coordinates, *self.start._turn))
 
     # --- segments (k,) ----------------------------------------------------------------------------
 
@@ -332,7 +333,8 @@ class Trajectory:
     def closed(self, guard: int) -> list[int]:
         """Numbers of the stops that are in contact in the mode of a guard."""
         automaton = self.start._system._automaton
-        return automaton.parts.holding(self.regimes[self.guards[guard, 0]])
+        held: list[int] = automaton.parts.holding(self.regimes[self.guards[guard, 0]])
+        return held
 
     def gap(self, number: int) -> tuple[Any, Mode]:
         """The exponential sum of guard `number`, and its mode."""

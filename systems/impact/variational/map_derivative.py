@@ -15,9 +15,11 @@ from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.variational.saltation import reset
+from dynkit.systems.impact.variational.taylor_derivative import followed, hit
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+    from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 
 def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
@@ -33,6 +35,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if run.ambiguous >= 0:
         raise NoDerivative("the outcome of the next impact is a choice of law")
+    if oscillator._motion is not None:
+        return _by_variations(oscillator, state, run)
     free, automaton, began = oscillator._free, oscillator._automaton, 0.0
     side, hit = run.final.element, not oscillator._strobed
     y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
@@ -84,6 +88,24 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     return np.vstack([places[kept[0]], velocity, sliders, *law])
 
 
+def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Trajectory) -> Array:
+    """The same where the energies are not quadratic."""
+    side, n = run.final.element, oscillator.degrees_of_freedom
+    out, end = followed(oscillator, run, _lift(oscillator, state))
+    if oscillator._strobed:
+        positions, velocities = oscillator._crossed.kept
+        return np.vstack([out[positions], out[n + velocities]])
+    guard = oscillator._automaton.guards[int(run.log.guard[-1])]
+    mode = oscillator._automaton.modes[guard.mode]
+    stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
+    rate, speed = float(mode.gap(side, *end[:, :n], sine, cosine)[1]), float(run.log.speed[-1])
+    slope, r = _slope(stop, rate, speed), -speed / rate
+    out, before = hit(mode, side, end, out, slope, r)
+    own = slope if side == 1 and oscillator._faces else -slope
+    others = oscillator._others[side]
+    return np.vstack([out[others], out[n + others], own * before, out[-1]])
+
+
 def parameter_derivative(
     oscillator: DrivenStructure, state: ImpactState, name: str
 ) -> Array | None:
@@ -96,7 +118,8 @@ def parameter_derivative(
     """
     forced = bool(oscillator._excitation.harmonic.any())
     if (
-        oscillator._strobed
+        oscillator._motion is not None
+        or oscillator._strobed
         or oscillator._several
         or oscillator._sliders
         or not changes_alone(oscillator, name)

@@ -73,7 +73,12 @@ def unknown_element(oscillator: ImpactMap) -> Element | None:
 
 
 def check_elements(oscillator: ImpactMap) -> None:
-    """Raise NotImplementedError where there is an `unknown_element`."""
+    """Raise NotImplementedError where there is an `unknown_element`, or energies are smooth."""
+    if oscillator._motion is not None:
+        raise NotImplementedError(
+            "orbits by itinerary need quadratic energies, and those of this structure are not: "
+            "dynkit.periodic_orbit and attractor.periodic_orbit() find orbits of the map"
+        )
     element = unknown_element(oscillator)
     if element is not None:
         raise NotImplementedError(
