@@ -24,6 +24,7 @@ from dynkit.systems.structure.double_double import (
 )
 from dynkit.systems.structure.refinement import Eigenpairs, refine
 from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure.traction import Traction
 
 # Larger ratios of damping to stiffness or mass may overflow: such damping is not proportional.
 _LARGEST_RATIO = Fraction(2) ** 1000
@@ -144,12 +145,16 @@ class Derivation:
     exact : bool
         Whether they are exact to double-double precision; otherwise they are assumed rounded to
         doubles.
+    traction : Traction or None
+        Friction in proportion to contact forces, which adds to C and K what is not symmetric. The
+        modes are those without it.
     """
 
     mass: SymmetricMatrix
     damping: SymmetricMatrix
     stiffness: SymmetricMatrix
     exact: bool
+    traction: Traction | None = None
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Derivation":
@@ -178,6 +183,7 @@ class Derivation:
             self.damping.without(places, ties),
             self.stiffness.without(places, ties),
             self.exact,
+            None if self.traction is None else self.traction.without(places, ties),
         )
 
     @cached_property

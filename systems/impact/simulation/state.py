@@ -178,7 +178,17 @@ def put_on(
             oscillator._contacts[element].put(x, total[..., 0])
         else:
             rows = np.array([oscillator._contacts[k].row for k in stands])
-            oscillator._structure.holding(rows).put(x, total)
+            own = independent(rows)  # what the others hold is where it is
+            oscillator._structure.holding(rows[own]).put(x, total[..., own])
+
+
+def independent(rows: Array) -> list[int]:
+    """Numbers of rows (k, N), the first ones, of which all are combinations."""
+    found: list[int] = []
+    for k in range(len(rows)):
+        if np.linalg.matrix_rank(rows[[*found, k]]) > len(found):
+            found.append(k)
+    return found
 
 
 def state_at(
@@ -310,10 +320,11 @@ def sticking(
     oscillator: DrivenStructure, v: Array, turn: Array, touched: tuple[int, ...]
 ) -> tuple[int, ...]:
     """Elements whose friction does not slip, but for rounding, and that the stops do not hold."""
-    found, elements = [], oscillator._elements
+    found, elements, normal = [], oscillator._elements, oscillator._automaton.parts.normal
     held = [elements[k] for k in touched]
     for k, element in enumerate(elements):
-        if any(regime.sticks for regime in element.regimes):
+        off = normal.get(k, -1) not in (-1, *touched)
+        if any(regime.sticks for regime in element.regimes) and not off:
             row = element.row(len(v))
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
             slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
