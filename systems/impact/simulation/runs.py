@@ -295,6 +295,8 @@ class Course:
         closed: list[int] = []
         if mode:
             state, closed = automaton.freed(mode, state)
+        still = self._left[:, clock_kernels.MOTION] == clock_kernels.STILL
+        closed += [k for k in np.flatnonzero(still).tolist() if k not in closed]
         hard = [k for k in closed if k < len(oscillator._stops)]
         if hard and (element in hard or element >= len(oscillator._stops)):
             speed, element, motion = 0.0, hard[0], Motion.TABLE

@@ -328,6 +328,8 @@ def sticking(
             row = element.row(len(v))
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
             slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            if k in normal:  # an impact may have stopped it, but for the rounding of all velocities
+                slow = _TOUCHED * (float(abs(row).sum()) * float(abs(v).max()) + abs(speed))
             still = abs(float(row @ v) - speed) <= slow
             if still and rides(oscillator._structure, held, element) is False:
                 found.append(k)
