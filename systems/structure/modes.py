@@ -25,6 +25,7 @@ from dynkit.systems.structure.double_double import (
 )
 from dynkit.systems.structure.refinement import Eigenpairs, refine
 from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure.traction import Traction
 
 # Larger ratios of damping to stiffness or mass may overflow: such damping is not proportional.
 _LARGEST_RATIO = Fraction(2) ** 1000
@@ -148,6 +149,9 @@ class Derivation:
     motion : Motion, optional
         Equations of motion where the energies are not quadratic. The matrices are then those of
         small oscillations about zero; the stiffness need not be semidefinite.
+    traction : Traction or None
+        Friction in proportion to contact forces, which adds to C and K what is not symmetric. The
+        modes are those without it.
     """
 
     mass: SymmetricMatrix
@@ -155,6 +159,7 @@ class Derivation:
     stiffness: SymmetricMatrix
     exact: bool
     motion: Any = None
+    traction: Traction | None = None
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Derivation":
@@ -183,6 +188,7 @@ class Derivation:
             self.damping.without(places, ties),
             self.stiffness.without(places, ties),
             self.exact,
+            None if self.traction is None else self.traction.without(places, ties),
         )
 
     @cached_property

@@ -84,17 +84,26 @@ class Cushion(Gap):
 
 
 class Rub(Gap):
-    """What friction adds: forces as rows of the state, of which its rate is that of slip."""
+    """What friction adds: forces as rows of the state, of which its rate is that of slip.
+
+    With a coefficient it leans on the hard stop of this number; the forces are without traction.
+    """
 
     def __init__(
-        self, friction: DryFriction, masses: list[Any], frequency: Any, springs: int = 0
+        self,
+        friction: DryFriction,
+        masses: list[Any],
+        frequency: Any,
+        springs: int = 0,
+        stop: int | None = None,
     ) -> None:
         super().__init__(friction, masses, frequency, springs)
+        self.stop, self.coefficient = stop, mp.mpf(friction.coefficient or 0.0)
         one = self.one
         self.rate -= (1 if friction.side == "above" else -1) * mp.mpf(friction.velocity) * one
         self.static = mp.mpf(friction.most)
         self.most = self.static * one
-        way, along = mp.mpf(friction.force) * one, mp.mpf(friction.slope) * self.rate
+        way, along = mp.mpf(friction.force or 0.0) * one, mp.mpf(friction.slope) * self.rate
         self.forces = [-way - along, way - along]
 
 

@@ -7,7 +7,8 @@ from typing import Any
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems import DryFriction, Element, HardStop, ImpactChain, Jenkins, SoftStop
+from dynkit.systems import DryFriction, Element, HardStop, Jenkins, SoftStop
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from tests.reference.friction import BACKWARD, FORWARD, STICK, Cushion, Gap, Joint, Rub, Table
 
 DIGITS = 40
@@ -35,7 +36,7 @@ class SoftStopReference:
     """
 
     def __init__(
-        self, chain: ImpactChain, step: float = 0.02, elements: Sequence[Element] | None = None
+        self, chain: ImpactOscillator, step: float = 0.02, elements: Sequence[Element] | None = None
     ) -> None:
         self.step, self.size, w = mp.mpf(step), chain.degrees_of_freedom, mp.mpf(chain.frequency)
         n, elements = self.size, chain.elements if elements is None else elements
@@ -44,7 +45,12 @@ class SoftStopReference:
         given = self.masses, w, len(joints)
         self.tables = [Table(e, *given) for e in elements if isinstance(e, HardStop)]
         self.cushions = [Cushion(e, *given) for e in elements if isinstance(e, SoftStop)]
-        self.rubs = [Rub(e, *given) for e in elements if isinstance(e, DryFriction)]
+        stops = [e.name for e in elements if isinstance(e, HardStop)]
+        self.rubs = [
+            Rub(e, *given, stops.index(e.normal) if e.normal else None)
+            for e in elements
+            if isinstance(e, DryFriction)
+        ]
         self.joints = [Joint(e, *given, which) for which, e in enumerate(joints)]
         k, c = (mp.matrix(part.tolist()) for part in (chain.stiffness, chain.damping_matrix))
         self.free = mp.zeros(2 * n + 3 + len(joints))
@@ -100,7 +106,7 @@ class SoftStopReference:
             for cushion, pushes in zip(self.cushions, pressed, strict=True):
                 flow += cushion.kick * cushion.force * int(pushes)
             for rub, way in zip(self.rubs, self.ways, strict=True):
-                slips = way in (FORWARD, BACKWARD)
+                slips = way in (FORWARD, BACKWARD) and rub.stop in (None, *held)
                 flow += rub.kick * rub.forces[way] if slips else mp.zeros(flow.rows)
             for joint, way in zip(self.joints, self.sliding, strict=True):
                 flow += joint.kick * joint.forces[way]
@@ -108,18 +114,37 @@ class SoftStopReference:
                     flow[joint.place, :] = joint.rate
             fixed = [*(self.tables[k] for k in held), *self.stuck(held)]
             rates, forces = [part.rate * flow for part in fixed], []
+            kicks = [part.kick for part in fixed]
+            for rub, way in zip(self.rubs, self.ways, strict=True):
+                if rub.stop in held and way in (FORWARD, BACKWARD):
+                    sign = -1 if way == FORWARD else 1
+                    kicks[held.index(rub.stop)] += sign * rub.coefficient * rub.kick
             if fixed:
-                matrix = mp.matrix(inertia(fixed, fixed))
-                if dependent(matrix):
+                matrix = mp.matrix([[(part.rate * kick)[0] for kick in kicks] for part in fixed])
+                if dependent(mp.matrix(inertia(fixed, fixed))):
                     raise RuntimeError(f"rows of what holds or sticks depend: {held}, {self.ways}")
                 inverse = (-mp.inverse(matrix)).tolist()
                 forces = [combined(numbers, rates) for numbers in inverse]
-            for part, force in zip(fixed, forces, strict=True):
-                flow += part.kick * force
+            for kick, force in zip(kicks, forces, strict=True):
+                flow += kick * force
             m = len(held)
             self.known[key] = flow, forces[:m], forces[m:]
         found: tuple[Any, list[Any], list[Any]] = self.known[key]
         return found
+
+    def most(self, rub: Rub, held: tuple[int, ...]) -> Any:
+        """The largest force with which friction sticks, as a row."""
+        if rub.stop is None:
+            return rub.most
+        return rub.static * self.flow(held)[1][held.index(rub.stop)]
+
+    def lean(self, z: Any, held: tuple[int, ...]) -> None:
+        """Friction at contacts is off while these are open, and begins with them."""
+        for k, rub in enumerate(self.rubs):
+            if rub.stop is not None and rub.stop not in held:
+                self.ways[k] = REST
+            elif rub.stop is not None and self.ways[k] == REST:
+                self.ways[k] = self.way(rub, z)
 
     def stepped(self, z: Any, held: tuple[int, ...]) -> Any:
         """The state a step later, where nothing happens."""
@@ -207,11 +232,13 @@ class SoftStopReference:
         """
         for _ in range(30):
             held = self.staying(z, touching)
+            self.lean(z, held)
             self.rest(z, held)
             flow, _, forces = self.flow(held)
             sticking = self.sticking(held)
             force = {k: (row * z)[0] for k, row in zip(sticking, forces, strict=True)}
-            excess = {k: abs(by) - self.rubs[k].static for k, by in force.items()}
+            most = {k: (self.most(self.rubs[k], held) * z)[0] for k in sticking}
+            excess = {k: abs(by) - most[k] for k, by in force.items()}
             if torn := [k for k in sticking if excess[k] > TINY]:
                 first = halted if halted in torn else max(torn, key=lambda k: excess[k])
                 self.ways[first] = BACKWARD if force[first] > 0 else FORWARD
@@ -219,7 +246,7 @@ class SoftStopReference:
             for k, rub in enumerate(self.rubs):
                 way = 1 if self.ways[k] == FORWARD else -1
                 if (
-                    self.ways[k] != STICK
+                    self.ways[k] in (FORWARD, BACKWARD)
                     and self.way(rub, z) == STICK
                     and (rub.rate * flow * z)[0] * way < -TINY
                 ):
@@ -247,8 +274,14 @@ class SoftStopReference:
         old = z
         for part, impulse in zip(tables, impulses, strict=True):
             z = z + impulse * part.kick
+        for rub in self.rubs:
+            if rub.stop in stops:  # Coulomb's law for impulses
+                w, change = (rub.rate * z)[0], (rub.rate * rub.kick)[0]
+                most = rub.coefficient * impulses[stops.index(rub.stop)] * change
+                taken = w if abs(w) <= most else mp.sign(w) * most
+                z = z - rub.kick * (taken / change)
         for k, rub in enumerate(self.rubs):
-            if abs((rub.rate * (z - old))[0]) > TINY:
+            if abs((rub.rate * (z - old))[0]) > TINY and self.ways[k] != REST:
                 self.ways[k] = self.way(rub, z)
         touching = [k for k, rate in zip(stops, after, strict=True) if rate <= TINY]
         return z, touching, any(impulse > TINY for impulse in impulses[1:])
@@ -269,12 +302,12 @@ class SoftStopReference:
         left = dict(zip(self.sticking(held), sticking, strict=True))
         for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
             if k in left:
-                force = left[k]
+                force, most = left[k], self.most(rub, held)
                 found += [
-                    (rub.most - force, SLIP, k, BACKWARD),
-                    (rub.most + force, SLIP, k, FORWARD),
+                    (most - force, SLIP, k, BACKWARD),
+                    (most + force, SLIP, k, FORWARD),
                 ]
-            elif way != STICK:
+            elif way in (FORWARD, BACKWARD):
                 found.append((rub.rate if way == FORWARD else -rub.rate, HALT, k, STICK))
         return found
 

@@ -35,10 +35,11 @@ LAIN = 2
 @final
 @dataclass(frozen=True)
 class Watch:
-    """A guard of a regime: ``gap * g + rate * g' + force * f + stretch * e + level`` is positive.
+    """A guard of a regime: a sum of what it watches, times numbers, and of its level is positive.
 
-    Here g is the element's gap, f the force along its row while it holds or sticks, and e the
-    stretch of the spring to its slider.
+    It is ``gap * g + rate * g' + force * f + normal * n + stretch * e + level``. Here g is the
+    element's gap, f the force along its row while it holds or sticks, n the force of the closed
+    stop that is its normal, and e the stretch of the spring to its slider.
 
     Attributes
     ----------
@@ -60,6 +61,7 @@ class Watch:
     level: float = 0.0
     order: int = 0
     event: int = SWITCH
+    normal: float = 0.0
 
     @property
     def hits(self) -> bool:
@@ -80,20 +82,24 @@ class Watch:
 @final
 @dataclass(frozen=True)
 class Regime:
-    """A regime of an element: a force p - k g - c g' or a constraint, and the guards that end it.
+    """A regime of an element: its force or constraint, and the guards that end it.
 
-    A constraint holds the gap at zero (``holds``) or its rate at zero (``sticks``).
+    The force is p - k g - c g' + t n, with the force n of the closed stop that is its normal. A
+    constraint holds the gap at zero (``holds``) or its rate at zero (``sticks``).
 
     Attributes
     ----------
     guards : tuple of Watch
-        The search for the next event starts with the first one.
+        The search for the next event starts with the first one. There are none in the first regime
+        of an element with a normal, which lasts while that stop is open.
     push, stiffness, damping : float
         p, k and c.
     anchored : bool
         Whether the spring ends at a slider that sticks to its surface.
     stretch : float
         Stretch of the spring to the slider while that slides.
+    traction : float
+        t, for `DryFriction`.
     """
 
     guards: tuple[Watch, ...]
@@ -104,16 +110,17 @@ class Regime:
     damping: float = 0.0
     anchored: bool = False
     stretch: float = 0.0
+    traction: float = 0.0
 
     @property
     def acts(self) -> bool:
         """Whether it pushes."""
-        return bool(self.push or self.stiffness or self.damping)
+        return bool(self.push or self.stiffness or self.damping or self.traction)
 
     @property
     def halts(self) -> bool:
         """Whether it slips, and may come to a halt."""
-        return self.guards[0].halts
+        return bool(self.guards) and self.guards[0].halts
 
 
 class EventKind(IntEnum):
@@ -206,6 +213,11 @@ class Element(ABC):
         """Rate of change of `swing`."""
         turned = self.phasor.imag * frequency * sine
         return self.phasor.real * frequency * cosine - turned
+
+    @property
+    def leans_on(self) -> str:
+        """Name of the hard stop whose contact force is its normal force; empty for none."""
+        return ""
 
     @property
     @abstractmethod

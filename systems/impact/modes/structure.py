@@ -17,6 +17,7 @@ from dynkit.systems.impact.elements.element import Element, Regime
 from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
+from dynkit.systems.structure.traction import Traction
 
 
 @final
@@ -42,12 +43,17 @@ class Structure:
         self.mass = given.mass.dense
         self.damping = given.damping.dense
         self.stiffness = given.stiffness.dense
+        if given.traction is not None:
+            along, damping, stiffness = given.traction
+            self.damping = self.damping + along @ damping.high
+            self.stiffness = self.stiffness + along @ stiffness.high
         self.size, self.sliders = len(self.mass), sliders
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
         self._stiffened: dict[tuple[tuple[bytes, float, float], ...], Structure] = {}
         self._contacts: dict[bytes, Contact] = {}
         self._held: dict[bytes, Held] = {}
+        self._dragged: dict[bytes, Structure] = {}
         self._without: dict[bytes, Structure | None] = {}
         self._beside: dict[int, Structure] = {}
         self.stuck: dict[bytes, Structure] = {}
@@ -103,6 +109,15 @@ class Structure:
             given = Derivation.from_matrices(self.mass, c, k)
             self._stiffened[key] = Structure(given, self.sliders)
         return self._stiffened[key]
+
+    def dragged(self, along: Array, weights: Array) -> Structure:
+        """The same structure with traction ``along @ weights`` of spring forces; cached."""
+        key = along.tobytes() + weights.tobytes()
+        if key not in self._dragged:
+            given = self._given
+            traction = Traction.of(along, weights, given.damping, given.stiffness)
+            self._dragged[key] = Structure(replace(given, traction=traction), self.sliders)
+        return self._dragged[key]
 
     def contact(self, row: Array) -> Contact:
         """The contact along a row (N,) of coordinates; cached."""
@@ -254,6 +269,16 @@ class Contact:
             largest = max(largest, abs(self._answer(2)).max())
         # no other, or none that is tied to it: then the contact coordinate itself
         return float(largest) or 1.0
+
+    @cached_property
+    def dragged(self) -> Array:
+        """Changes (2, N) of positions and velocities by brief excursions by impulses along J.
+
+        As an `excursion`, to leading order, but nothing keeps J x where it was.
+        """
+        s, k = self.structure, self.kick_velocity
+        x = -np.linalg.solve(s.mass, s.damping @ k)
+        return np.stack([x, -np.linalg.solve(s.mass, s.stiffness @ k + s.damping @ x)])
 
     @property
     def _back(self) -> Array:

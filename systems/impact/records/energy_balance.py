@@ -152,9 +152,19 @@ def _impacts(system: ImpactMap, run: Trajectory, sums: _Sums) -> int:
     found, names = jumps(system, run), element_names(system)
     middle = found.after + found.before
     work = 0.5 * (found.momentum * middle).sum(axis=1)
-    own = [e.sign * e.swing_rate(system.frequency, *found.turn) for e in system._elements]
+    own = [
+        e.sign * (e.swing_rate(system.frequency, *found.turn) + e.drift) for e in system._elements
+    ]
     lost = (found.impulse.T * own).sum(axis=0) - work
     hit = run.segments.element[1 : len(work) + 1]
+    for k, stop in system._automaton.parts.normal.items():
+        here, element = found.hits & (hit == stop), system._elements[k]
+        row = 0.5 * element.sign * element.row(middle.shape[1])
+        rubbed = (found.impulse[:, k] * (middle @ row))[here]
+        heat = found.impulse[here, k] * own[k][here] - rubbed
+        sums.add(names[k], rubbed, heat)
+        work[here] -= rubbed
+        lost[here] -= heat
     for k in np.unique(hit[found.hits]).tolist():
         here = found.hits & (hit == k)
         sums.add(names[k], work[here], lost[here])

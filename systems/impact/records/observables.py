@@ -156,11 +156,14 @@ def forces_on(system: ImpactMap, mode: Any, regimes: tuple[int, ...], states: Ar
     (x, v), elements, automaton = mode.motion(states), system._elements, system._automaton
     out, rows = np.zeros((len(elements), len(states))), []
     held = sorted(sum(automaton.parts.grips(regimes), ()))
+    slips = automaton.parts.tractions(regimes)
     missing = applied(system, mode, states) - v @ system.damping_matrix - x @ system.stiffness
     for k, (element, regime) in enumerate(zip(elements, automaton.parts.now(regimes), strict=True)):
         row = element.sign * element.row(x.shape[1])
         if k in held:
-            rows.append(row)
+            by_it = [(t, j) for j, stop, t in slips if stop == k]
+            rubs = (t * element.sign * elements[j].row(x.shape[1]) for t, j in by_it)
+            rows.append(sum(rubs, row))
         elif regime.acts:
             gap, rate, _ = gap_of(system, mode, k, states)
             out[k] = regime.push - regime.stiffness * gap - regime.damping * rate
@@ -168,6 +171,8 @@ def forces_on(system: ImpactMap, mode: Any, regimes: tuple[int, ...], states: Ar
     if held:
         pushed = _accelerations(mode, states) @ system.mass - missing
         out[held] = np.linalg.lstsq(np.array(rows).T, pushed.T)[0]
+    for k, stop, traction in slips:
+        out[k] += elements[k].sign * elements[stop].sign * traction * out[stop]
     return out
 
 
@@ -201,7 +206,9 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
     pairs = np.stack([s.mode[:last], s.element[1 : last + 1]], axis=1)
     for number, element in np.unique(pairs[hits], axis=0).tolist():
         here = hits & (pairs == (number, element)).all(axis=1)
-        held = [k for k in system._automaton.parts.grips(run.regimes[number])[0] if k != element]
+        parts = system._automaton.parts
+        held = [k for k in parts.grips(run.regimes[number])[0] if k != element]
+        held += [k for k, stop in parts.normal.items() if stop == element]
         stops = [system._elements[k] for k in (element, *held)]
         rows = np.array([stop.sign * stop.row(before.shape[1]) for stop in stops])
         solved = np.linalg.lstsq(rows.T, momentum[here].T)[0].T

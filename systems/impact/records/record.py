@@ -453,6 +453,7 @@ class ImpactRecord(Result):
             Ending.JAMMED,
             Ending.COLLAPSED,
             Ending.HANGS,
+            Ending.PARADOX,
         ):
             last = self._run.duration
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():

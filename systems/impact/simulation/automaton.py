@@ -27,10 +27,19 @@ from dynkit.systems.impact.elements.element import (
 )
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import Slider, force_of, mode_of, moves, pushed, sum_of
+from dynkit.systems.impact.modes.constrained import (
+    Slider,
+    Slip,
+    force_of,
+    mode_of,
+    moves,
+    pushed,
+    sum_of,
+)
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
 from dynkit.systems.impact.simulation.regimes import Parts
+from dynkit.systems.impact.simulation.scraping import Scrape, packed, scrapes_of, stopping
 
 MOST_NUMBERS = 1 << 25
 """Limit on the numbers in all changes of basis between modes: 256 MB."""
@@ -55,7 +64,9 @@ class Guard:
     opens : int
         The closed stop that an impact opens, or the sticking element that it moves; -1 for none.
     ambiguous : bool
-        Whether an impact pushes against a closed stop.
+        Whether an impact pushes against a closed stop, or friction leaves its outcome open.
+    scrapes : tuple of Scrape
+        Friction at an impact.
     """
 
     mode: int
@@ -67,6 +78,7 @@ class Guard:
     change: Any = None
     opens: int = -1
     ambiguous: bool = False
+    scrapes: tuple[Scrape, ...] = ()
 
 
 class Grip(NamedTuple):
@@ -110,13 +122,14 @@ class Automaton:
         excitation: Excitation,
         elements: Sequence[Element],
         tolerance: float,
+        normal: dict[int, int],
     ) -> None:
         self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
         self._size, self._slots, self._joined = structure.size, 0, dict[int, int]()
         places = iter(range(structure.size - structure.sliders, structure.size))
         self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
-        self.parts = Parts(self._elements, structure)
+        self.parts = Parts(self._elements, structure, normal)
         self._tolerance = tolerance
         hit = any(isinstance(element, HardStop) for element in self._elements)
         self._cycled = None if hit or excitation.turns else cycled_by(self._elements)
@@ -173,7 +186,8 @@ class Automaton:
             guard = self.guards[number]
             target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
-                if g.partner < 0 and g.opens < 0 and self._after(g) in self.regimes:
+                loose = g.opens < 0 or g is guard  # a start may lie on what an impact would open
+                if g.partner < 0 and loose and self._after(g) in self.regimes:
                     self._join(g)
                     self._tables = None
 
@@ -250,14 +264,23 @@ class Automaton:
             for k in moving
             if isinstance(self._elements[k], HardStop) and riding[k] is False
         ]
-        mode = mode_of(structure, excitation, held, sticking, watched, hit, sliders)
+        hit += [
+            self._elements[k].row(structure.size)
+            for k, stop in self.parts.normal.items()
+            if stop in moving and k in moving
+        ]
+        given = self._elements
+        slips = [Slip(given[k], given[n], t) for k, n, t in self.parts.tractions(regimes)]
+        mode = mode_of(structure, excitation, held, sticking, watched, hit, sliders, slips)
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             if k in both:
+                normal = given[self.parts.normal[k]] if k in self.parts.normal else None
                 for watch in map(partial(self._shared, k), regime.guards):
+                    fixed = [*held, *sticking]
                     force = force_of(
-                        mode, structure, excitation, [*held, *sticking], element, watch
+                        mode, structure, excitation, fixed, element, watch, slips, normal
                     )
                     self.guards.append(Guard(number, k, watch, force))
             elif k in moving:
@@ -268,6 +291,10 @@ class Automaton:
                         guard.watch = replace(watch, event=JAM)
                     elif watch.event == IMPACT:
                         guard.opens, guard.ambiguous = self._pushed(regimes, element)
+                        guard.scrapes, open_ = scrapes_of(
+                            self._structure, mode, given, self.parts, regimes, k
+                        )
+                        guard.ambiguous = guard.ambiguous or open_
                     self.guards.append(guard)
 
     def _shared(self, element: int, watch: Watch) -> Watch:
@@ -295,10 +322,14 @@ class Automaton:
         guard.partner = self.guard(guard.target, guard.element)
         stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
         guard.change = self.modes[guard.target].seen_from(one, stop)
+        lands = guard.watch.event == JUMP and guard.element in self.parts.normal
+        if lands and self.parts.now(self.regimes[guard.target])[guard.element].sticks:
+            guard.change = stopping(guard.change, one, self._elements[guard.element])
         before, sticking = (
             self.parts.grips(self.regimes[k])[1] for k in (guard.mode, guard.target)
         )
         halts = guard.watch.event == HALT or guard.element in self.sliders
+        halts = halts or guard.element in self.parts.normal
         for k in (k for k in sticking if halts and k not in before):
             # The rate is exactly that of the surface.
             layout = self.modes[guard.target].layout
@@ -374,12 +405,16 @@ class Automaton:
         law = -1
         coupled = [False] * len(self._elements)
         rubbed = coupled
+        scraped, scrape = packed(guard.scrapes, self.parts.most_rubs, slots)
         if isinstance(element, HardStop) and watch.event == IMPACT:
             contact = mode.contact(element.row(self._size))
             seen = mode.layout.seen
             kick[:, :seen] = element.sign * mode.placed(contact.kick)[:, :seen]
             excursion = mode.placed(contact.brief)
             coupling = contact.coupling
+            for part in guard.scrapes:
+                coupling += part.coupling
+                excursion += mode.placed(part.excursion)
             if isinstance(element.restitution, ImpactLaw):
                 law = self._laws.index(element.restitution)
             else:
@@ -402,6 +437,8 @@ class Automaton:
         put("coupled", k, coupled)
         put("rubbed", k, rubbed)
         put("marks", k, self.marks(guard))
+        put("scraped", k, scraped)
+        put("scrape", k, scrape)
 
     def marks(self, guard: Guard) -> bool:
         """Whether the zero of this guard is the section of an undriven machine."""
@@ -416,16 +453,18 @@ class Automaton:
         size, out = self._structure.size, [False] * len(self._elements)
         stops = [k for k, e in enumerate(self._elements) if isinstance(e, HardStop)]
         if len(stops) > 1:
-            change = self.modes[guard.mode].pushed(self._elements[guard.element].row(size))
-            for k in stops:
-                row = self._elements[k].row(size)
-                out[k] = bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+            for j in (guard.element, *(part.element for part in guard.scrapes)):
+                change = self.modes[guard.mode].pushed(self._elements[j].row(size))
+                for k in stops:
+                    row = self._elements[k].row(size)
+                    moved = abs(row @ change) > ROUNDING * (abs(row) @ abs(change))
+                    out[k] = out[k] or bool(moved)
         return out
 
 
 def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
     """Guards of an element, without a halt that other elements decide."""
-    if along is not None or guards[0].event != HALT:
+    if along is not None or not guards or guards[0].event != HALT:
         return guards
     return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
 
@@ -469,6 +508,8 @@ _OF_GUARDS = (
     "coupled",
     "rubbed",
     "marks",
+    "scraped",
+    "scrape",
 )
 
 

@@ -63,6 +63,11 @@ class Tables(NamedTuple):
     coupled : (guards, elements) whether an impact changes the rate of their gaps
     rubbed : (guards, elements) whether they are friction that rests where this stop is closed
     marks : (guards,) whether the section is there, where nothing drives the machine or is hit
+    scraped : (guards, frictions, 3) of friction at the contact by how much an impact may change its
+        slip velocity, over the change of the gap's rate; that velocity without the state; its
+        element
+    scrape : (guards, frictions, 8, slots) rows, two each, of the slip velocity and of its rate;
+        change of the state by a unit jump of it, then the low parts of the same
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
         (see `PLACE` for the contact coordinate before it)
     period : after which the state is written down where nothing impacts; 0 where stops are hit, or
@@ -97,6 +102,8 @@ class Tables(NamedTuple):
     coupled: NDArray[np.bool_]
     rubbed: NDArray[np.bool_]
     marks: NDArray[np.bool_]
+    scraped: Array
+    scrape: Array
     tolerance: float
     period: float
     clock_rate: float

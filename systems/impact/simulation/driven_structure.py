@@ -22,7 +22,7 @@ from dynkit.core.validation import (
 )
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
-from dynkit.systems.impact.elements.parameters import checked_elements
+from dynkit.systems.impact.elements.parameters import checked_elements, names_of
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.structure import (
     Contact,
@@ -308,8 +308,14 @@ class DrivenStructure(LagrangianStructure):
     def _automaton(self) -> Any:
         if self._motion is not None:
             return self._taylor_automaton()
-        tolerance = self.chatter_tolerance
-        return Automaton(self._structure, self._excitation, self._elements, tolerance)
+        tolerance, given = self.chatter_tolerance, self._elements
+        named = dict(zip(names_of(self.elements), self.elements, strict=True))
+        normal = {
+            k: next(j for j, stop in enumerate(given) if stop is named[e.leans_on])
+            for k, e in enumerate(given)
+            if e.leans_on
+        }
+        return Automaton(self._structure, self._excitation, given, tolerance, normal)
 
     def _taylor_automaton(self) -> Any:
         from dynkit.systems.impact.modes.taylor_mode import Scene

@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
@@ -149,6 +150,8 @@ class Course:
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
         for element in start.closed:
             self._close(element)
+            if element in oscillator._automaton.parts.normal:
+                self._left[element, clock_kernels.MOTION] = clock_kernels.STILL
         if oscillator._cycled:
             self._leave_section()
         self.impacts, self.ending = 0, Ending.COUNT_REACHED
@@ -256,7 +259,7 @@ class Course:
             np.empty((rows, 2, slots)),
             np.empty((rows if free.layout.table < 0 else 0, 2)),
         )
-        done, ending = 0, kernels.RUN_PAUSED
+        done, ending, paradox = 0, kernels.RUN_PAUSED, False
         while ending in (kernels.MODE_WANTED, kernels.SWITCHES_FULL, kernels.RUN_PAUSED):
             impacts, ending = kernels.run(
                 self._tables,
@@ -274,7 +277,11 @@ class Course:
             )
             done += impacts
             if ending == kernels.MODE_WANTED:
-                self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
+                try:
+                    self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
+                except ContactParadox:
+                    paradox = True
+                    break
                 self._prepare(0, self._work.states)
             elif ending == kernels.SWITCHES_FULL:
                 self._enlarge(self._work.states.shape[2])
@@ -282,7 +289,8 @@ class Course:
                     ending = kernels.SEARCH_LIMIT
         if ending == kernels.LAW_BROKEN:
             self._refuse_law()
-        self.impacts, self.ending = self.impacts + done, _ENDINGS[ending]
+        self.impacts += done
+        self.ending = Ending.PARADOX if paradox else _ENDINGS[ending]
         if self.ending is Ending.SEARCH_LIMIT and self._hits_nothing() and self._hangs():
             self.ending = Ending.HANGS
         kept = Impacts(*log)
@@ -305,6 +313,8 @@ class Course:
         closed: list[int] = []
         if mode:
             state, closed = automaton.freed(mode, state)
+        still = self._left[:, clock_kernels.MOTION] == clock_kernels.STILL
+        closed += [k for k in np.flatnonzero(still).tolist() if k not in closed]
         hard = [k for k in closed if k < len(oscillator._stops)]
         if hard and (element in hard or element >= len(oscillator._stops)):
             speed, element, motion = 0.0, hard[0], Motion.TABLE

@@ -171,7 +171,18 @@ def put_on(
             oscillator._contacts[element].put(x, own[0])
         else:
             rows = np.array([oscillator._contacts[k].row for k in (element, *others)])
-            oscillator._structure.holding(rows).put(x, np.stack(own, axis=-1))
+            kept = independent(rows)  # what the others hold is where it is
+            values = np.stack(own, axis=-1)[..., kept]
+            oscillator._structure.holding(rows[kept]).put(x, values)
+
+
+def independent(rows: Array) -> list[int]:
+    """Numbers of rows (k, N), the first ones, of which all are combinations."""
+    found: list[int] = []
+    for k in range(len(rows)):
+        if np.linalg.matrix_rank(rows[[*found, k]]) > len(found):
+            found.append(k)
+    return found
 
 
 def state_at(
@@ -303,13 +314,16 @@ def sticking(
     oscillator: DrivenStructure, v: Array, turn: Array, touched: tuple[int, ...]
 ) -> tuple[int, ...]:
     """Elements whose friction does not slip, but for rounding, and that the stops do not hold."""
-    found, elements = [], oscillator._elements
+    found, elements, normal = [], oscillator._elements, oscillator._automaton.parts.normal
     held = [elements[k] for k in touched]
     for k, element in enumerate(elements):
-        if any(regime.sticks for regime in element.regimes):
+        off = normal.get(k, -1) not in (-1, *touched)
+        if any(regime.sticks for regime in element.regimes) and not off:
             row = element.row(len(v))
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
             slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            if k in normal:  # an impact may have stopped it, but for the rounding of all velocities
+                slow = _TOUCHED * (float(abs(row).sum()) * float(abs(v).max()) + abs(speed))
             still = abs(float(row @ v) - speed) <= slow
             if still and rides(oscillator._structure, held, element) is False:
                 found.append(k)

@@ -42,8 +42,8 @@ class TaylorAutomaton:
     Raises
     ------
     ValueError
-        When elements act along rows that depend on one another, or have sliders; and when several
-        act at once on a structure whose mass matrix is not constant.
+        When elements act along rows that depend on one another, have sliders, or are friction with
+        a coefficient; and when several act at once on a structure whose mass matrix is not constant.
     """
 
     def __init__(self, structure: Structure, scene: Scene) -> None:
@@ -161,6 +161,11 @@ def check_elements(scene: Scene) -> None:
     """
     elements, rows = scene.elements, list[Any]()
     for element in elements:
+        if element.leans_on:
+            raise ValueError(
+                "friction with a coefficient needs quadratic energies, and those of this structure "
+                f"are not; got {element!r}"
+            )
         if element.slider:
             raise ValueError(
                 "elements with sliders need quadratic energies, and those of this structure are "

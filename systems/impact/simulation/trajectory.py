@@ -34,6 +34,7 @@ class Ending(Enum):
     COLLAPSED = "stops are hit in turn without end, and in no time"
     HANGS = "a mass hangs at the edge of a preloaded stop, which it crosses without end"
     CYCLE_ENDED = "nothing drives the motion, and it does not return to its section any more"
+    PARADOX = "friction at a contact is so large that the contact force has no unique value"
 
 
 @final

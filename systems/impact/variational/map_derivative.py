@@ -8,6 +8,7 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing, NoDerivative
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.friction import FORWARD, STICKS
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.mode import Mode, transformed
@@ -58,6 +59,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
             derivative += np.outer(rate, later)
             time += later
         if not last:
+            if guard.scrapes and float(run.switches.speed[k]) > 0.0:
+                y = _kept_slipping(oscillator, run, k, y, derivative)
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
     law: list[Array] = []
@@ -67,7 +70,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         before = _row(guard.sum, 2) @ derivative
         slope = _slope(stop, float(_row(guard.sum, 2) @ y.ravel()), float(run.log.speed[-1]))
         kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
-        derivative += reset(slope, kick.ravel(), before)
+        rubs = [_scraped(part, slope, guard.sum, y, derivative) for part in guard.scrapes]
+        derivative += sum(rubs, reset(slope, kick.ravel(), before))
         far = side == 1 and oscillator._faces
         kept = oscillator._others[side], oscillator._others[side]
         law.append((slope if far else -slope) * before)
@@ -122,6 +126,7 @@ def parameter_derivative(
         or oscillator._strobed
         or oscillator._several
         or oscillator._sliders
+        or oscillator._automaton.parts.normal
         or not changes_alone(oscillator, name)
         or (forced and name == "frequency")
     ):
@@ -162,6 +167,41 @@ def parameter_derivative(
     speed_by = -r * before_by - law_by
     phase = oscillator.frequency * later + (time if name == "frequency" else 0.0)
     return np.array([*position, *velocity, speed_by if side == 0 else -speed_by, phase])
+
+
+def _scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Array) -> Array:
+    """Change of a derivative (2 slots, d) by friction at an impact, by that before the impact.
+
+    It takes `ratio` times the change of the gap's rate from the slip velocity, or all of that.
+    """
+    w, kick = float(_row(part.slip, 0) @ y.ravel()) + part.slip.offset, part.kick[:2].ravel()
+    by_rate = (1.0 + restitution) * part.ratio * _row(gap, 2)
+    if abs(w) <= abs(float(by_rate @ y.ravel())):
+        return -np.outer(kick, _row(part.slip, 0) @ derivative)
+    return np.outer(kick, np.sign(w) * by_rate @ derivative)
+
+
+def _kept_slipping(
+    oscillator: DrivenStructure, run: Any, k: int, y: Array, derivative: Array
+) -> Array:
+    """The state after friction in bounces that contact replaces; `derivative` changes in place.
+
+    What slips gets back what contact takes too much; of what sticks nothing is left.
+    """
+    automaton, times = oscillator._automaton, run.switches.time
+    guard = automaton.guards[int(run.switches.guard[k])]
+    after = [automaton.guards[g] for g in run.switches.guard[k:][times[k:] == times[k]].tolist()]
+    for part in guard.scrapes:
+        to = next((g.watch.to for g in after if g.element == part.element), STICKS)
+        if to == STICKS:
+            by = -_row(part.slip, 0)
+            change = float(by @ y.ravel()) - part.slip.offset
+        else:
+            by = (1.0 if to == FORWARD else -1.0) * part.ratio * _row(guard.sum, 2)
+            change = float(by @ y.ravel())
+        derivative += np.outer(part.kick[:2], by @ derivative)
+        y = y + change * part.kick[:2]
+    return y
 
 
 def _slope(stop: HardStop, rate: float, speed: float) -> float:

@@ -65,9 +65,13 @@ class Seen(NamedTuple):
 
 
 def unknown_element(oscillator: ImpactMap) -> Element | None:
-    """The first element with a slider or an impact law, which these equations do not describe."""
+    """The first element with a slider, a law or a normal, which these equations do not describe."""
     for element in oscillator._elements:
-        if element.slider or not isinstance(getattr(element, "restitution", 0.0), float):
+        if (
+            element.slider
+            or element.leans_on
+            or not isinstance(getattr(element, "restitution", 0.0), float)
+        ):
             return element
     return None
 
@@ -82,7 +86,8 @@ def check_elements(oscillator: ImpactMap) -> None:
     element = unknown_element(oscillator)
     if element is not None:
         raise NotImplementedError(
-            f"orbits by itinerary know no sliders and no impact laws; got {element!r}: "
+            "orbits by itinerary know no sliders, no impact laws and no friction with a "
+            f"coefficient; got {element!r}: "
             "dynkit.periodic_orbit finds orbits of the map"
         )
 
