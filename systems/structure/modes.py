@@ -188,7 +188,7 @@ class Derivation:
             self.damping.without(places, ties),
             self.stiffness.without(places, ties),
             self.exact,
-            None if self.traction is None else self.traction.without(places, ties),
+            traction=None if self.traction is None else self.traction.without(places, ties),
         )
 
     @cached_property

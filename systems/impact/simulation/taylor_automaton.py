@@ -43,14 +43,14 @@ class TaylorAutomaton:
     ------
     ValueError
         When elements act along rows that depend on one another, have sliders, or are friction with
-        a coefficient; and when several act at once on a structure whose mass matrix is not constant.
+        a coefficient; and when several act at once on a structure whose mass matrix varies.
     """
 
     def __init__(self, structure: Structure, scene: Scene) -> None:
         check_elements(scene)
         self._structure, self._scene = structure, scene
         self._elements = scene.elements
-        self.parts = Parts(scene.elements, structure)
+        self.parts = Parts(scene.elements, structure, {})
         self.sliders: dict[int, int] = {}
         self.modes: list[TaylorMode] = []
         self.regimes: list[tuple[int, ...]] = []
