@@ -19,12 +19,12 @@ from time import perf_counter
 
 import numpy as np
 
-from dynkit import sweep
 from dynkit.systems import ImpactChain
 from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.extremes import extremes
 from tests.benchmarks.lyapunov import lyapunov_speed
+from tests.benchmarks.overheads import overheads
 from tests.benchmarks.report import table
 from tests.benchmarks.scaling import scaling
 from tests.benchmarks.sticking import sticking
@@ -55,10 +55,6 @@ def impact_speed() -> None:
         cells = record.cost.counts["cells"] / len(record)
         rows.append((frequency, motion, f"{1e6 * seconds / len(record):.2f}", f"{cells:.1f}"))
     table("Microseconds per impact, N = 10", ("frequency", "motion", "us", "cells"), rows)
-    values = np.linspace(0.14, 2.0, 931)
-    chain = ImpactChain(frequency=0.14)
-    seconds = fastest(lambda: sweep(chain, "frequency", values, progress=False), 3)
-    print(f"\nFigure 4, 931 x 800 impacts: {seconds:.2f} s")
 
 
 def growth_with_size() -> None:
@@ -108,6 +104,7 @@ def start_up() -> None:
 
 def main() -> None:
     impact_speed()
+    overheads()
     lyapunov_speed()
     growth_with_size()
     structures()
