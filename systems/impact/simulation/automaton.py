@@ -173,7 +173,9 @@ class Automaton:
             guard = self.guards[number]
             target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
-                if g.partner < 0 and g.opens < 0 and self._after(g) in self.regimes:
+                # no mode follows where stops jam
+                leads = g.partner < 0 and g.opens < 0 and g.watch.event != JAM
+                if leads and self._after(g) in self.regimes:
                     self._join(g)
                     self._tables = None
 

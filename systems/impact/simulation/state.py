@@ -303,7 +303,16 @@ def touched(
             raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")
         if k != element and gap <= near and abs(rate) <= slow:
             found.append(k)
-    return tuple(found)
+    return apart(oscillator, element, found)
+
+
+def apart(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
+    """Of other stops those along rows that the stop and the ones before them do not hold."""
+    found, stops = [element], oscillator._stops
+    for k in others:
+        if rides(oscillator._structure, [stops[j] for j in found], stops[k]) is False:
+            found.append(k)
+    return tuple(found[1:])
 
 
 def sticking(
