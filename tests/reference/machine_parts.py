@@ -63,6 +63,7 @@ class Part(ABC):
         self.one = arb_mat(1, width)
         self.one[0, width - 1] = 1
         self.sign = sign
+        self.jumps = False  # whether more than one force may balance the others
 
     def gap_at(self, z: Any) -> Any:
         return (self.gap * z)[0, 0].mid()
@@ -150,7 +151,7 @@ class Cushion(Part):
         super().__init__(element, inverse, w, width, place)
         p, k, c = arb(element.preload), arb(element.stiffness), arb(element.damping)
         self.force = (self.one * p - self.gap * k - self.rate * c).mid()
-        self.lifts = c != 0
+        self.lifts, self.jumps = c != 0, p != 0
 
     def first(self, z: Any) -> int:
         return OUT
@@ -198,7 +199,7 @@ class Rub(Part):
             self.FORWARD: (-kinetic - along).mid(),
             self.BACKWARD: (kinetic - along).mid(),
         }
-        self.hysteretic = element.most != element.force
+        self.jumps = element.most != element.force
         self.leads = True
 
     def joins(self, other: Rub) -> bool:
@@ -211,7 +212,7 @@ class Rub(Part):
         ways = (1, 2) if share > 0 else (2, 1)
         for way, own in zip((1, 2), ways, strict=True):
             other.forces[way] = (other.forces[way] + self.forces[own] * share).mid()
-        other.hysteretic = other.hysteretic or self.hysteretic
+        other.jumps = other.jumps or self.jumps
         self.leads = False
         return True
 

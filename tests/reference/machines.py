@@ -163,12 +163,7 @@ class Machine:
         if not self.stays(z, regimes):
             return False
         for k, (part, own) in enumerate(zip(self.parts, choices, strict=True)):
-            if (
-                len(own) > 1
-                and isinstance(part, Rub)
-                and part.hysteretic
-                and part.slips(regimes[k])
-            ):
+            if len(own) > 1 and part.jumps and part.slips(regimes[k]):
                 stuck = (*regimes[:k], Rub.STICK, *regimes[k + 1 :])
                 if self.stays(z, stuck, k):
                     return False
@@ -197,10 +192,10 @@ class Machine:
         return True
 
     def unique(self, z: Any, regimes: tuple[int, ...], before: tuple[int, ...]) -> bool:
-        """Whether no other regimes follow. Where static and kinetic forces are equal none do."""
+        """Whether no other regimes follow: none do without preloads and larger static forces."""
         choices = [p.choices(z, now) for p, now in zip(self.parts, before, strict=True)]
         pairs = zip(self.parts, choices, strict=True)
-        if not any(isinstance(p, Rub) and p.hysteretic and len(own) > 1 for p, own in pairs):
+        if not any(p.jumps and len(own) > 1 for p, own in pairs):
             return True
         others = (other for other in product(*choices) if other != regimes)
         return not any(self.follows(z, other, choices) for other in others)

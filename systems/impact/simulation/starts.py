@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
 from dynkit.systems.impact.simulation.state import (
+    TOUCHED,
     ImpactState,
     Motion,
     along,
@@ -181,7 +182,8 @@ def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) 
         return placed(oscillator, x, np.array(middle))
     places = finite_array("sliders", given, (len(own),))
     out = placed(oscillator, x, places)
-    rounding = _rounding(float(abs(x).max()), float(abs(places).max(initial=0.0)), 0.0)
+    sizes = np.array([abs(element.row(len(x))) @ abs(x) for element in own])
+    rounding = TOUCHED * (sizes + abs(places))  # as places are from changes of coordinates
     for k in np.flatnonzero(abs(out[len(x) :] - places) > rounding)[:1].tolist():
         low, high = (float(part[k]) for part in within(oscillator, x))
         raise ValueError(f"sliders[{k}] must lie in [{low}, {high}]; got {places[k]}")

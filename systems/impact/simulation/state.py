@@ -296,7 +296,7 @@ def touched(
         pairs = (x, places[k]), (v, speeds[k])
         gap, rate = (stop.sign * (float(row @ part) - prescribed) for part, prescribed in pairs)
         near, slow = (
-            _TOUCHED * (float(abs(row) @ abs(part)) + size)
+            TOUCHED * (float(abs(row) @ abs(part)) + size)
             for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))
         )
         if k != element and gap < -near:
@@ -325,14 +325,14 @@ def sticking(
         if any(regime.sticks for regime in element.regimes):
             row = element.row(len(v))
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
-            slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            slow = TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
             still = abs(float(row @ v) - speed) <= slow
             if still and rides(oscillator._structure, held, element) is False:
                 found.append(k)
     return tuple(found)
 
 
-_TOUCHED = 2.0**-46
+TOUCHED = 2.0**-46
 """Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
 
 
