@@ -20,6 +20,7 @@ from dynkit.systems import (
     iwan,
 )
 from tests.reference.soft_stops import DIGITS, SoftStopReference
+from tests.validation.machines import compared
 
 
 def block(*elements: Any, frequency: float = 0.8, drive: float = 0.5, **more: Any) -> ImpactChain:
@@ -305,6 +306,22 @@ def test_joints_that_are_none_are_refused(numbers: dict[str, Any], message: str)
         iwan(0, **{"stiffness": 1.0, "force": 1.0, **numbers})
 
 
+@pytest.mark.parametrize("seed", [9, 30])
+def test_a_machine_begins_at_the_sliders_of_a_state(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    inertia, springs = (part @ part.T for part in random.normal(size=(2, 6, 6)))
+    machine = MatrixOscillator(
+        M=0.5 * np.eye(6) + inertia,
+        C=np.zeros((6, 6)),
+        K=np.eye(6) + springs,
+        frequency=0.9,
+        elements=[Jenkins((i, i + 1), stiffness=2.0, force=1e-3) for i in range(5)],
+    )
+    state = machine.state(random.normal(size=6), phase=1.0)  # all are as far off as they may be
+    again = machine.state(state.position, phase=1.0, sliders=state.sliders)
+    assert again.sliders == pytest.approx(state.sliders, abs=1e-14)
+
+
 def test_sliders_that_are_too_far_off_are_refused() -> None:
     one = block(JOINT)
     with pytest.raises(ValueError, match=r"sliders\[0\] must lie in \[0.35, 0.65\]; got 0.9"):
@@ -427,6 +444,20 @@ def test_where_a_slider_turns_friction_along_the_same_halts() -> None:
     parts = machine._automaton.parts
     assert parts.halted([1, 1, 2], 0, jumps=False) == [0, 3, 2]
     assert parts.halted([1, 1, 2], 0, jumps=True) == [0, 1, 2]
+
+
+def test_where_a_shaker_that_holds_a_block_turns_so_do_sliders_and_friction() -> None:
+    joint, guide = Jenkins(0, stiffness=2.0, force=0.05), DryFriction(0, force=0.05)
+    shaker = DryFriction(0, force=5.0, amplitude=0.3)
+    machine = block(joint, guide, shaker)
+    parts = machine._automaton.parts
+    assert parts.halted([1, 1, 3], 0, jumps=False) == [0, 1, 3]
+    rates = 0.3 * machine.frequency * np.cos(1.0)  # those of the shaker
+    start = machine.state([0.0], [rates], phase=1.0)
+    found = compared(machine, start)
+    assert not found.wrong
+    assert not found.ended
+    assert found.events > 20
 
 
 def test_a_block_that_halts_on_sliders_and_friction_sticks() -> None:

@@ -9,7 +9,15 @@ import pytest
 import dynkit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.no_motion import NoDerivative, Refused
-from dynkit.systems import HardStop, ImpactChain, MatrixOscillator, PlayOscillator
+from dynkit.systems import (
+    DryFriction,
+    Element,
+    HardStop,
+    ImpactChain,
+    Jenkins,
+    MatrixOscillator,
+    PlayOscillator,
+)
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.simulation.trajectory import Ending
 
@@ -229,6 +237,30 @@ def test_no_clearance() -> None:
     times = np.linspace(0.0, record.time[-1], 50)
     position = record.sample(times)[0][:, 0]
     assert abs(position - 0.2 * np.sin(0.7 * times)).max() < 1e-11
+
+
+@pytest.mark.parametrize("rub", [DryFriction(0, force=0.1), Jenkins(0, stiffness=2.0, force=0.1)])
+def test_no_clearance_beside_friction(rub: Element) -> None:
+    def between(*more: Element, swing: float = 0.2) -> MatrixOscillator:
+        walls = [
+            HardStop(0, amplitude=swing, restitution=0.3, side=side) for side in ("above", "below")
+        ]
+        return MatrixOscillator(
+            M=[[1.0]],
+            C=[[0.1]],
+            K=[[0.2]],
+            frequency=0.7,
+            harmonic_forces=[0.6],
+            elements=[*walls, *more],
+        )
+
+    record = between(rub).simulate(impacts=20)
+    times = np.linspace(0.0, record.time[-1], 50)
+    position = record.sample(times)[0][:, 0]
+    assert abs(position - 0.2 * np.sin(0.7 * times)).max() < 1e-11
+    still = between(rub, swing=0.0)
+    assert still.state([0.0], [0.0]).closed == ()  # two along one row are not held both
+    assert abs(still.simulate(impacts=3).position).max() == 0.0
 
 
 def test_stops_that_leave_no_room_are_refused() -> None:

@@ -15,6 +15,7 @@ from tests.validation import (
     derivatives,
     dimensions,
     flows,
+    machines,
     maps,
     multipliers,
     orbits,
@@ -43,9 +44,14 @@ class Quantity(NamedTuple):
 MAPS = 43
 """Every so manieth random map, one truth for all claims of it; and the oscillators beside them."""
 
+MACHINES = 400
+"""Every so manieth random machine."""
+
 QUANTITIES = {
     "`ImpactRecord.error`, states": Quantity(records.states_of_records, 8),
     "`ImpactRecord.error`, times": Quantity(records.times_of_records, 8),
+    "`ImpactRecord.error`, states of machines": Quantity(machines.states_of_machines, MACHINES),
+    "`ImpactRecord.error`, times of machines": Quantity(machines.times_of_machines, MACHINES),
     "`ImpactAttractor.error`": Quantity(records.states_of_attractors, 8),
     "`MapAttractor.error`": Quantity(maps.states_of_attractors, 10),
     "`MapOrbit.error`": Quantity(maps.states_of_orbits, 6),

@@ -186,7 +186,8 @@ class Automaton:
             guard = self.guards[number]
             target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
-                loose = g.opens < 0 or g is guard  # a start may lie on what an impact would open
+                # no mode follows where stops jam; a start may lie on what an impact would open
+                loose = (g.opens < 0 or g is guard) and g.watch.event != JAM
                 if g.partner < 0 and loose and self._after(g) in self.regimes:
                     self._join(g)
                     self._tables = None

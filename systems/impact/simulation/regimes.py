@@ -69,12 +69,14 @@ class Parts:
     def halted(self, given: Sequence[int], element: int, *, jumps: bool) -> list[int]:
         """Regimes after a halt: friction on the same row and surface sticks as well.
 
-        After a jump of the rate this holds for sliders only.
+        After a jump of the rate, and where what holds moves the row, this holds for sliders only.
         """
         regimes, both = list(given), sum(self.grips(given), ())
-        along = (*both, element) if self.along(both, element) is False else (element,)
+        rides = self.along(both, element)
+        along = (*both, element) if rides is False else (element,)
+        turns = jumps or rides is None
         for k, own in enumerate(self._regimes):
-            slips = k in self._sliders or (own[regimes[k]].halts and not jumps)
+            slips = k in self._sliders or (own[regimes[k]].halts and not turns)
             if slips and self.along(along, k):
                 regimes[k] = next(j for j, r in enumerate(own) if r.sticks or r.anchored)
         return regimes

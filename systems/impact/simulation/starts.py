@@ -10,11 +10,12 @@ import numpy as np
 
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
-from dynkit.systems.impact.modes.constrained import rides
 from dynkit.systems.impact.simulation.state import (
+    TOUCHED,
     ImpactState,
     Motion,
     along,
+    apart,
     beside,
     placed,
     put_on,
@@ -162,13 +163,14 @@ def start(
                 )
             on[side] = 0.0 if u <= rounding else u
         first = first if side else abs(u)
-    sticks = sticking(oscillator, v, turn, tuple(on))
+    # the one that is left, of those that are; the others are lain on
+    element = max(on, key=lambda side: on[side] > 0.0, default=0)
+    touching = (element, *apart(oscillator, element, on)) if on else ()
+    sticks = sticking(oscillator, v, turn, touching)
     x, v = _sliding(oscillator, x, turn, sliders), beside(oscillator, v)
     if not on:
         return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
-    # the one that is left, of those that are; the others are lain on
-    element = max(on, key=lambda side: on[side] > 0.0)
-    closed = tuple(side for side, u in on.items() if side != element and u == 0.0)
+    closed = tuple(side for side in touching[1:] if on[side] == 0.0)
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
 
 
@@ -180,7 +182,8 @@ def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) 
         return placed(oscillator, x, np.array(middle))
     places = finite_array("sliders", given, (len(own),))
     out = placed(oscillator, x, places)
-    rounding = _rounding(float(abs(x).max()), float(abs(places).max(initial=0.0)), 0.0)
+    sizes = np.array([abs(element.row(len(x))) @ abs(x) for element in own])
+    rounding = TOUCHED * (sizes + abs(places))  # as places are from changes of coordinates
     for k in np.flatnonzero(abs(out[len(x) :] - places) > rounding)[:1].tolist():
         low, high = (float(part[k]) for part in within(oscillator, x))
         raise ValueError(f"sliders[{k}] must lie in [{low}, {high}]; got {places[k]}")
@@ -212,11 +215,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
         return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
     if start.element >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
-    closed: list[int] = []
-    for k in (k for k in start.closed if k < len(stands)):
-        held = [stands[j] for j in (start.element, *closed)]
-        if rides(oscillator._structure, held, stands[k]) is False:
-            closed.append(k)
+    closed = apart(oscillator, start.element, (k for k in start.closed if k < len(stands)))
     n, (x, v) = len(x), (beside(oscillator, part) for part in (x, v))
     put_on(oscillator, start.element, closed, (x, v), turn[0], turn[1], u)
     x, v = placed(oscillator, x[:n], start.sliders), v[:n]

@@ -300,14 +300,23 @@ def touched(
         pairs = (x, place), (v, speed)
         gap, rate = (stop.sign * (float(row @ part) - prescribed) for part, prescribed in pairs)
         near, slow = (
-            _TOUCHED * (float(abs(row) @ abs(part)) + size)
+            TOUCHED * (float(abs(row) @ abs(part)) + size)
             for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speed)))
         )
         if k != element and gap < -near:
             raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")
         if k != element and gap <= near and abs(rate) <= slow:
             found.append(k)
-    return tuple(found)
+    return apart(oscillator, element, found)
+
+
+def apart(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
+    """Of other stops those along rows that the stop and the ones before them do not hold."""
+    found, stops = [element], oscillator._stops
+    for k in others:
+        if rides(oscillator._structure, [stops[j] for j in found], stops[k]) is False:
+            found.append(k)
+    return tuple(found[1:])
 
 
 def sticking(
@@ -321,16 +330,16 @@ def sticking(
         if any(regime.sticks for regime in element.regimes) and not off:
             row = element.row(len(v))
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
-            slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            slow = TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
             if k in normal:  # an impact may have stopped it, but for the rounding of all velocities
-                slow = _TOUCHED * (float(abs(row).sum()) * float(abs(v).max()) + abs(speed))
+                slow = TOUCHED * (float(abs(row).sum()) * float(abs(v).max()) + abs(speed))
             still = abs(float(row @ v) - speed) <= slow
             if still and rides(oscillator._structure, held, element) is False:
                 found.append(k)
     return tuple(found)
 
 
-_TOUCHED = 2.0**-46
+TOUCHED = 2.0**-46
 """Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
 
 
