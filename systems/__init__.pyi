@@ -7,6 +7,7 @@ from .flows.henon_heiles import HenonHeiles as HenonHeiles
 from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
+from .flows.three_body import RestrictedThreeBody as RestrictedThreeBody
 from .flows.van_der_pol import VanDerPol as VanDerPol
 from .impact.elements.element import Element as Element, Regime as Regime, Watch as Watch
 from .impact.elements.friction import DryFriction as DryFriction

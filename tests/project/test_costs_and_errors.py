@@ -57,6 +57,7 @@ NO_RESULTS = {
     "FoldedTowel": SYSTEM,
     "Henon": SYSTEM,
     "HenonHeiles": SYSTEM,
+    "RestrictedThreeBody": SYSTEM,
     "HighBounce": SYSTEM,
     "Ikeda": SYSTEM,
     "FPUTChain": SYSTEM,
