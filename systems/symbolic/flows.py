@@ -104,6 +104,8 @@ class SymbolicFlow(CodedFamily, Flow):
         own = vars(cls)
         if "velocity" in own:
             cls.velocity = _of_states_too(own["velocity"])
+        if not isinstance(cls.integrals, tuple):
+            raise TypeError(f"integrals must be a tuple of names of methods; got {cls.integrals!r}")
         for name in cls.integrals:
             if name in own:
                 setattr(cls, name, _integral_of_states_too(own[name]))

@@ -418,6 +418,16 @@ def test_an_integral_of_other_coordinates_is_refused() -> None:
         flow.energy(np.zeros(2))
 
 
+def test_integrals_that_are_no_names_are_refused() -> None:
+    with pytest.raises(TypeError, match="integrals must be a tuple of names of methods; got <func"):
+
+        class Method(SymbolicFlow):
+            integrals: Any = lambda _, angle, rate: rate**2 + angle**2  # noqa: E731
+
+            def velocity(self, angle: Any, rate: Any) -> tuple[Any, ...]:
+                return rate, -angle
+
+
 def test_resonances_and_folds_are_kinds() -> None:
     assert BifurcationKind.RS == "RS"
     assert all(each.criticality is None for each in branch_a().bifurcations)

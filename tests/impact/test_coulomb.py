@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,12 @@ from dynkit.core.validation import Array
 from dynkit.systems import (
     DryFriction,
     HardStop,
+    Jenkins,
     MatrixOscillator,
     SoftStop,
     ViscoelasticSpheres,
 )
+from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 
 
@@ -76,26 +78,86 @@ def random_machine(seed: int, restitution: float) -> tuple[MatrixOscillator, Arr
     return machine, place, random.normal(size=n)
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.6])
-@pytest.mark.parametrize("seed", range(24))
-def test_random_machines_move_as_in_many_digits(seed: int, restitution: float) -> None:
-    machine, place, velocity = random_machine(seed, restitution)
-    record = machine.simulate(impacts=6, start=machine.state(place, velocity))
+def beside_others(seed: int) -> tuple[MatrixOscillator, Array, Array]:
+    """Three to five masses: friction at a contact beside other stops, friction and joints."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(3, 6))
+    root, rows = random.normal(size=(n, n)), random.permutation(n)
+    springs = root @ root.T + np.diag(random.uniform(0.1, 2.0, n))
+    coefficient, other = random.uniform(0.1, 0.9, 2)
+    elements: list[Any] = [
+        HardStop(
+            rows[0],
+            offset=-0.1,
+            amplitude=random.choice([0.0, 0.15]),
+            restitution=random.choice([0.0, 0.0, 0.6]),
+            name="table",
+        ),
+        DryFriction(rows[1], coefficient=coefficient, normal="table", velocity=other - 0.5),
+    ]
+    if random.random() < 0.6:
+        elements.append(DryFriction(rows[2], force=0.5 * other, static=0.5, velocity=0.1))
+    else:
+        elements.append(DryFriction(rows[2], coefficient=other, normal="table"))
+    if n > 3:
+        elements.append(HardStop(rows[3], offset=-0.6, restitution=0.5))
+    if n > 4:
+        elements.append(SoftStop(rows[4], offset=-0.2, stiffness=5.0, damping=0.3))
+    if random.random() < 0.4:
+        elements.append(Jenkins(rows[1], stiffness=2.0, force=0.2))
+    pushed = np.zeros(n)
+    pushed[rows[0]] = -random.uniform(0.5, 2.0)
+    machine = MatrixOscillator(
+        M=np.diag(random.uniform(0.5, 2.0, n)),
+        C=0.05 * springs if random.random() < 0.5 else np.diag(random.uniform(0.0, 0.2, n)),
+        K=springs,
+        frequency=random.uniform(0.4, 1.6),
+        harmonic_forces=random.normal(size=n),
+        constant_forces=pushed,
+        elements=[elements[k] for k in random.permutation(len(elements))],
+    )
+    place = random.normal(size=n)
+    for stop in machine._stops:
+        place[stop.coordinate] = stop.offset + 0.3 + abs(place[stop.coordinate])
+    return machine, place, random.normal(size=n)
+
+
+def held_against_many_digits(machine: MatrixOscillator, place: Array, velocity: Array) -> int:
+    """Compare the first impacts with those to 40 digits; how often friction switched."""
+    begin = machine.state(place, velocity)
+    record = machine.simulate(impacts=5, start=begin)
     run = record._run
     cut = run.switches.before[run.switches.speed > 0.0]  # the reference does not end chatter
     count = min([len(record), *cut.tolist()])
     assert count >= 1
-    start = np.concatenate([place, velocity])
+    rows = [e.sign * (e.row(len(place)) @ place) for e in machine._sliders]
+    springs = [
+        y - e.sign * z for y, e, z in zip(rows, machine._sliders, begin.sliders, strict=True)
+    ]
     with mp.workdps(DIGITS):
-        reference = SoftStopReference(machine, 0.01)
-        found = reference.impacts(start, count)
+        reference = SoftStopReference(machine, 0.02)
+        found = reference.impacts(np.concatenate([place, velocity, springs]), count)
         states = np.array([[float(number) for number in z] for _, z in found])
         times = record.time[:count].tolist()
         late = [abs(float(t - mp.mpf(o))) for (t, _), o in zip(found, times, strict=True)]
     motion = np.concatenate([record.position, record.velocity], axis=1)[:count]
-    apart = abs(motion - states[:, : machine.dimension]).max(axis=1)
+    apart = abs(motion - states[:, : 2 * len(place)]).max(axis=1)
     assert (apart <= record.error[:count]).all()
     assert (np.array(late) * machine.frequency <= record.error[:count] + 2.0**-48).all()
+    assert apart.max() < 1e-9
+    return len(reference.switches)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.6])
+@pytest.mark.parametrize("seed", range(10))
+def test_random_machines_move_as_in_many_digits(seed: int, restitution: float) -> None:
+    switches = held_against_many_digits(*random_machine(seed, restitution))
+    assert bool(switches) is (restitution == 0.0)  # flights have none
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_machines_with_other_elements_move_as_in_many_digits(seed: int) -> None:
+    held_against_many_digits(*beside_others(seed))
 
 
 # --- closed forms --------------------------------------------------------------------------------
@@ -474,6 +536,44 @@ def test_machines_whose_friction_is_open_are_refused() -> None:
             MatrixOscillator(
                 M=np.eye(2), C=np.eye(2), K=np.eye(2), frequency=1.0, elements=elements
             )
+
+
+@dataclass(frozen=True)
+class Leaning(Element):
+    """An element of one's own whose force is in proportion to a contact force."""
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        touched, left = (Watch(to=to, gap=gap, order=1) for to, gap in ((1, 1.0), (0, -1.0)))
+        return Regime((touched,)), Regime((left,), traction=1.0)
+
+
+def test_only_friction_may_lean_on_a_stop() -> None:
+    with pytest.raises(ValueError, match=r"elements\[1\] must not lean on others"):
+        MatrixOscillator(
+            M=np.eye(2),
+            C=np.eye(2),
+            K=np.eye(2),
+            frequency=1.0,
+            elements=[HardStop(1, name="table"), Leaning(0)],
+        )
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_extreme_coefficients(restitution: float) -> None:
+    start = [0.0, 0.5], [1.0, 0.0]
+    smooth, rough = (block(pull=0.2, coefficient=c, restitution=restitution) for c in (0.0, 1e6))
+    times = np.linspace(0.0, 20.0, 50)
+    record = smooth.simulate(impacts=1000, start=smooth.state(*start))
+    assert record.sample(times)[0][:, 0] == pytest.approx(times + 0.1 * times**2, abs=1e-11)
+    record = rough.simulate(impacts=1000, start=rough.state(*start))
+    assert record.ending.name == "CONTACT_FOR_EVER"
+    lands = record.sticking[0, 0]
+    velocity = record.sample(lands + times)[1]
+    assert abs(velocity).max() < 1e-14
+    # From the first impact at t = 1 on flights begin at rest: t_n = r^n 2, and 0.1 t_n^2 each.
+    flights = sum(0.1 * (2.0 * restitution**n) ** 2 for n in range(1, 60) if restitution)
+    assert record.sample(np.array([lands]))[0][0, 0] == pytest.approx(1.1 + flights, abs=1e-12)
 
 
 # --- more closed stops than their rows have directions -------------------------------------------

@@ -73,14 +73,20 @@ class Cushion(Gap):
     def __init__(self, stop: SoftStop, masses: list[Any], frequency: Any, springs: int = 0) -> None:
         super().__init__(stop, masses, frequency, springs)
         self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
-        self.force[self.force.cols - 1] += mp.mpf(stop.preload)
+        self.preload = mp.mpf(stop.preload)
+        self.force += self.preload * self.one
         # of each regime what is positive in it, and what follows
         lifts, left = [(self.force, 2)] * bool(stop.damping), [(-self.gap, 0)]
         self.watched = [
             [(self.gap, 1)],
             lifts if stop.damping and not stop.preload else [*lifts, *left],
             [(-self.force, 1), *left],
+            [],
         ]
+
+    def bounds(self, force: Any) -> list[tuple[Any, int]]:
+        """Of a mass that rests by this force, a row, what is positive, and what follows."""
+        return [(force, 0), (self.preload * self.one - force, 1)]
 
 
 class Rub(Gap):

@@ -23,6 +23,9 @@ IMPACT, RELEASE, SWITCH, SLIP, HALT, SLIDE = range(6)
 REST = -1
 """Of friction that takes no force."""
 
+RESTING = 3
+"""Of a cushion at whose edge a mass rests."""
+
 
 class SoftStopReference:
     """The motion of a chain with stops, hard and soft, and friction; the mass matrix is diagonal.
@@ -89,9 +92,10 @@ class SoftStopReference:
         stuck = dict(zip(self.sticking(held), sticking, strict=True))
         none = 0 * self.free[0, :]
         rows = [by.get(k, none) for k in range(len(self.tables))]
+        rests = self.resting(held)
         rows += [
-            part.force if regime == 1 else none
-            for part, regime in zip(self.cushions, self.regimes, strict=True)
+            part.force if regime == 1 else rests.get(k, none)
+            for k, (part, regime) in enumerate(zip(self.cushions, self.regimes, strict=True))
         ]
         for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
             rows.append(rub.forces[way] if way in (FORWARD, BACKWARD) else stuck.get(k, none))
@@ -99,12 +103,11 @@ class SoftStopReference:
 
     def flow(self, held: tuple[int, ...]) -> tuple[Any, list[Any], list[Any]]:
         """The generator of the motion, and rows of forces: that hold stops, by which it sticks."""
-        pressed = tuple(regime == 1 for regime in self.regimes)
-        key = pressed, tuple(self.ways), tuple(self.sliding), held
+        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
         if key not in self.known:
             flow = self.free.copy()
-            for cushion, pushes in zip(self.cushions, pressed, strict=True):
-                flow += cushion.kick * cushion.force * int(pushes)
+            for cushion, regime in zip(self.cushions, self.regimes, strict=True):
+                flow += cushion.kick * cushion.force * int(regime == 1)
             for rub, way in zip(self.rubs, self.ways, strict=True):
                 slips = way in (FORWARD, BACKWARD) and rub.stop in (None, *held)
                 flow += rub.kick * rub.forces[way] if slips else mp.zeros(flow.rows)
@@ -127,10 +130,17 @@ class SoftStopReference:
                 forces = [combined(numbers, rates) for numbers in inverse]
             for kick, force in zip(kicks, forces, strict=True):
                 flow += kick * force
-            m = len(held)
-            self.known[key] = flow, forces[:m], forces[m:]
-        found: tuple[Any, list[Any], list[Any]] = self.known[key]
+            m, s = len(held), len(self.sticking(held))
+            self.known[key] = flow, forces[:m], forces[m : m + s], forces[m + s :]
+        found: tuple[Any, list[Any], list[Any]] = self.known[key][:3]
         return found
+
+    def resting(self, held: tuple[int, ...]) -> dict[int, Any]:
+        """Rows of the forces of cushions on which a mass rests."""
+        self.flow(held)
+        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
+        rests = [k for k, regime in enumerate(self.regimes) if regime == RESTING]
+        return dict(zip(rests, self.known[key][3], strict=True))
 
     def most(self, rub: Rub, held: tuple[int, ...]) -> Any:
         """The largest force with which friction sticks, as a row."""
@@ -148,8 +158,7 @@ class SoftStopReference:
 
     def stepped(self, z: Any, held: tuple[int, ...]) -> Any:
         """The state a step later, where nothing happens."""
-        pressed = tuple(regime == 1 for regime in self.regimes)
-        key = pressed, tuple(self.ways), tuple(self.sliding), held
+        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
         if key not in self.steps:
             self.steps[key] = mp.expm(self.flow(held)[0] * self.step)
         return self.steps[key] * z
@@ -178,9 +187,11 @@ class SoftStopReference:
             if rides and all(abs((rate * z)[0]) <= TINY for rate in rates):
                 self.ways[k] = STICK
 
-    def stuck(self, held: Sequence[int] = ()) -> list[Rub]:
-        """The friction that `sticking` numbers."""
-        return [self.rubs[k] for k in self.sticking(held)]
+    def stuck(self, held: Sequence[int] = ()) -> list[Gap]:
+        """The friction that `sticking` numbers, and the cushions on which a mass rests."""
+        rests = zip(self.cushions, self.regimes, strict=True)
+        resting = [part for part, regime in rests if regime == RESTING]
+        return [*(self.rubs[k] for k in self.sticking(held)), *resting]
 
     def lain(self, z: Any, held: Sequence[int]) -> list[int]:
         """Stops that are closed, or at which friction holds what they stop."""
@@ -194,6 +205,17 @@ class SoftStopReference:
             watched = cushion.watched
             while left := [to for row, to in watched[self.regimes[k]] if (row * z)[0] < 0]:
                 self.regimes[k] = left[0]
+
+    def begin(self, z: Any) -> None:
+        """A mass that is at rest at the edge of a preloaded cushion rests there, if it can."""
+        for k, part in enumerate(self.cushions):
+            still = abs((part.gap * z)[0]) + abs((part.rate * z)[0]) <= NUDGE
+            if part.preload > 0 and still:
+                self.regimes[k] = RESTING
+                z -= part.kick * ((part.rate * z)[0] / (part.rate * part.kick)[0])
+                for row, to in part.bounds(self.resting(())[k]):
+                    if (row * z)[0] < 0:
+                        self.regimes[k] = to
 
     def staying(self, z: Any, touching: Iterable[int]) -> tuple[int, ...]:
         """Stops that stay closed: forces and accelerations of the gaps are complementary."""
@@ -283,6 +305,10 @@ class SoftStopReference:
         for k, rub in enumerate(self.rubs):
             if abs((rub.rate * (z - old))[0]) > TINY and self.ways[k] != REST:
                 self.ways[k] = self.way(rub, z)
+        for k, cushion in enumerate(self.cushions):
+            rate = (cushion.rate * z)[0]
+            if self.regimes[k] == RESTING and abs(rate) > TINY:
+                self.regimes[k] = int(rate < 0)
         touching = [k for k, rate in zip(stops, after, strict=True) if rate <= TINY]
         return z, touching, any(impulse > TINY for impulse in impulses[1:])
 
@@ -295,8 +321,10 @@ class SoftStopReference:
             fixed = [*(self.tables[j] for j in held), *self.stuck(held), table]
             if k not in still or not dependent(mp.matrix(inertia(fixed, fixed))):
                 found.append((table.gap, IMPACT, k, 0))
+        rests = self.resting(held)
         for k, cushion in enumerate(self.cushions):
-            found += [(row, SWITCH, k, to) for row, to in cushion.watched[self.regimes[k]]]
+            watched = cushion.bounds(rests[k]) if k in rests else cushion.watched[self.regimes[k]]
+            found += [(row, SWITCH, k, to) for row, to in watched]
         for k, (joint, way) in enumerate(zip(self.joints, self.sliding, strict=True)):
             found += [(row, SLIDE, k, to) for row, to in joint.watched[way]]
         left = dict(zip(self.sticking(held), sticking, strict=True))
@@ -334,6 +362,7 @@ class SoftStopReference:
                 z[joint.place] = joint.reach * mp.sign(z[joint.place])
         self.regimes, self.ways = [0] * len(self.cushions), [self.way(rub, z) for rub in self.rubs]
         self.settle(z)
+        self.begin(z)
         held, before = self.decide(z, closed), [STICK] * len(self.rubs)
         self.follow(z, held, time)
         found: list[tuple[Any, Any]] = []

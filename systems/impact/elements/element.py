@@ -20,10 +20,10 @@ from dynkit.core.validation import (
     one_of,
 )
 
-IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
+IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
 """Kinds of events at the zero of a guard: an impact in the same regime, another regime, the end of
-the motion, another regime because a rate has become zero, or another regime only if the guard is
-negative just after an event."""
+the motion, another regime because a rate has become zero, another regime only if the guard is
+negative just after an event, or only where a motion begins at rest there."""
 
 RELEASED = 3
 """Order of the gap after contact: gap, rate and acceleration are zero."""
@@ -47,8 +47,9 @@ class Watch:
         Regime that follows; for an impact, the regime after a complete chatter.
     order : int
         Number of leading Taylor coefficients of the next guard that are zero after a switch.
-    event : SWITCH, IMPACT, JAM, HALT or JUMP
-        IMPACT and JAM are for hard stops, ``Watch.HALT`` and ``Watch.JUMP`` for friction.
+    event : SWITCH, IMPACT, JAM, HALT, JUMP or REST
+        IMPACT and JAM are for hard stops, ``Watch.HALT`` and ``Watch.JUMP`` for friction, REST for
+        soft stops with a preload.
     """
 
     HALT: ClassVar = HALT
@@ -75,8 +76,8 @@ class Watch:
 
     @property
     def at_once(self) -> bool:
-        """Whether it acts only just after an event, if it is negative then."""
-        return self.event == JUMP
+        """Whether it acts only at a start, or just after an event, if it is negative then."""
+        return self.event in (JUMP, REST)
 
 
 @final
@@ -245,10 +246,11 @@ class Element(ABC):
     @final
     @property
     def doing(self) -> list[str]:
-        """One word for each regime: contacts, sticks, presses, or an empty text."""
+        """One word for each regime: contacts, rests, sticks, presses, or an empty text."""
         first, apart = self.regimes[0], not any(regime.sticks for regime in self.regimes)
+        hit = any(watch.hits for regime in self.regimes for watch in regime.guards)
         return [
-            "contacts"
+            ("contacts" if hit else "rests")
             if regime.holds
             else "sticks"
             if regime.sticks or regime.anchored

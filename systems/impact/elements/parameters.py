@@ -12,7 +12,7 @@ import numpy as np
 from dynkit.systems.impact.elements.element import IMPACT, Element
 from dynkit.systems.impact.elements.friction import DryFriction
 from dynkit.systems.impact.elements.laws import ImpactLaw
-from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.elements.stops import HardStop, SoftStop
 
 
 def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
@@ -26,7 +26,8 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
         if not isinstance(element, Element):
             raise ValueError(f"elements[{k}] must be an element like HardStop; got {element!r}")
         hits = any(watch.event == IMPACT for regime in element.regimes for watch in regime.guards)
-        if (hits or any(r.holds for r in element.regimes)) and not isinstance(element, HardStop):
+        holds = any(r.holds for r in element.regimes) and not isinstance(element, SoftStop)
+        if (hits or holds) and not isinstance(element, HardStop):
             raise ValueError(
                 f"elements[{k}] must not be hit, nor hold, which is for HardStop; got {element!r}"
             )
@@ -39,8 +40,9 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
         if names.count(name) > 1:
             raise ValueError(f"elements must have different names; got {name!r} twice")
     found = tuple(element.of(size, f"elements[{k}]") for k, element in enumerate(elements))
-    for k in (k for k, element in enumerate(found) if element.leans_on):
-        _check_normal(found, k, size)
+    for k, element in enumerate(found):
+        if element.leans_on or any(regime.traction for regime in element.regimes):
+            _check_normal(found, k, size)
     return found
 
 

@@ -20,6 +20,7 @@ from dynkit.systems.impact.elements.element import (
     JUMP,
     LAIN,
     RELEASED,
+    REST,
     SWITCH,
     Element,
     EventKind,
@@ -224,7 +225,7 @@ class Automaton:
     def _after(self, guard: Guard) -> tuple[int, ...]:
         """The regimes that a guard leads to."""
         regimes = list(self.regimes[guard.mode])
-        released = self.parts.now(regimes)[guard.element].holds
+        released = self.parts.now(regimes)[guard.element].holds and self._hard(guard.element)
         regimes[guard.element] = LAIN if released else guard.watch.to
         if guard.element in self.sliders and guard.watch.rate:
             regimes = self.parts.halted(regimes, guard.element, jumps=guard.watch.event == JUMP)
@@ -307,9 +308,10 @@ class Automaton:
 
     def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
         """Sticking element or closed stop moved by an impact; whether it pushes against a stop."""
-        structure, (closed, sticking) = self._structure, self.parts.grips(regimes)
+        structure, (held, sticking) = self._structure, self.parts.grips(regimes)
+        closed = [k for k in held if self._hard(k)]
         own = [self._elements[k] for k in closed]
-        for k in sticking:
+        for k in (*sticking, *(k for k in held if k not in closed)):  # they take no impulse
             if moves(structure, own, hit, self._elements[k]):
                 return k, False
         if not closed:
@@ -321,7 +323,8 @@ class Automaton:
         """Set the change of the state at the zero of a guard."""
         one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
         guard.partner = self.guard(guard.target, guard.element)
-        stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
+        rests = guard.watch.event in (IMPACT, REST)
+        stop = self._elements[guard.element] if rests else None
         guard.change = self.modes[guard.target].seen_from(one, stop)
         lands = guard.watch.event == JUMP and guard.element in self.parts.normal
         if lands and self.parts.now(self.regimes[guard.target])[guard.element].sticks:
@@ -343,7 +346,11 @@ class Automaton:
         if guard.watch.event == IMPACT:
             return EventKind.CONTACT
         now = self.parts.now(self.regimes[guard.mode])[guard.element]
-        return EventKind.RELEASE if now.holds else EventKind.SWITCH
+        released = now.holds and self._hard(guard.element)
+        return EventKind.RELEASE if released else EventKind.SWITCH
+
+    def _hard(self, element: int) -> bool:
+        return isinstance(self._elements[element], HardStop)
 
     def _stacked(self) -> Any:
         from dynkit.systems.impact.simulation.contact_kernels import Tables
@@ -425,7 +432,7 @@ class Automaton:
             drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
         put("event", k, watch.event)
         put("order", k, watch.order)
-        put("torn", k, _torn(watch))
+        put("torn", k, _torn(watch, self._hard(guard.element)))
         put("kick", k, kick)
         put("excursion", k, excursion)
         put("coupling", k, float(coupling))
@@ -514,9 +521,9 @@ _OF_GUARDS = (
 )
 
 
-def _torn(watch: Watch) -> int:
+def _torn(watch: Watch, hard: bool) -> int:
     """Code of the next guard's leading Taylor coefficients if a force is too large at once."""
-    return 0 if not watch.force else 2 if watch.order == RELEASED else 1
+    return 0 if not watch.force else (2 if hard else 3) if watch.order == RELEASED else 1
 
 
 def _padded(change: Array, slots: int) -> Array:

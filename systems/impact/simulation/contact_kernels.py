@@ -45,7 +45,8 @@ class Tables(NamedTuple):
     target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
         guard of the same element there; -1 where it has not been entered
     order : (guards,) how many leading Taylor coefficients of the partner vanish after a switch
-    torn : (guards,) the same where the guard is negative at once: 1 or 2 of forces, 0 of others
+    torn : (guards,) the same where the guard is negative at once: 1 or 2 of forces, 0 of others; 3
+        for 2 of a soft stop, which has no bounces
     change : (k, 2 slots, 2 slots + 1) from the state (and 1) to that in the other mode
     row : (guards,) which of these is that of each guard whose mode has been entered
     kick : (guards, 4, slots) change of the state by a unit jump of the guard's rate, then the low

@@ -286,7 +286,7 @@ class DrivenStructure(LagrangianStructure):
     @property
     def _holding(self) -> int:
         """Number of elements whose contact or sticking a state stores; 0 for a table alone."""
-        sticky = any(regime.sticks for element in self._soft for regime in element.regimes)
+        sticky = any(r.sticks or r.holds for element in self._soft for r in element.regimes)
         return len(self._elements) if self._several or sticky else 0
 
     @property

@@ -28,10 +28,10 @@ from dynkit.systems.impact.simulation.clock_kernels import (
 )
 from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables, sign_of
 
-IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
+IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
 """What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
 of the motion. Another mode, too, where a rate has become zero; or only where the guard is negative
-at once, after an event."""
+at once, after an event; or only where a motion begins at rest."""
 
 
 @kernel()

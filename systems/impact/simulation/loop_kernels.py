@@ -223,6 +223,10 @@ def run(
                     if own[SPEED] > 0.0:
                         own[MOTION] = SWITCHED
                         own[ORDER] = 1.0
+                elif tables.torn[changed] == 3:
+                    own[MOTION] = SWITCHED
+                    own[ORDER] = 2.0
+                    own[SPEED] = 0.0
                 continue
             k = bounced(tables, m, left)
             if k >= 0:
@@ -344,7 +348,7 @@ def run(
             if at != k:
                 at = k
                 gap = ladder_at(ladders, at)
-            if tables.event[k] == JUMP:
+            if tables.event[k] >= JUMP:
                 turn += 1
                 continue
             begins = k == first or tables.element[k - 1] != tables.element[k]

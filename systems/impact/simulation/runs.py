@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.elements.element import HALT, IMPACT, REST
 from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
@@ -160,11 +160,13 @@ class Course:
         """Enter contact with a stop on which the motion starts."""
         clock_kernels = _kernels()[0]
         automaton, clock = self._oscillator._automaton, self._clock
-        number = automaton.guard(automaton.guards[int(clock[clock_kernels.GUARD])].mode, element)
-        guard = automaton.guards[number]
-        if guard.element != element or guard.watch.event not in (IMPACT, HALT):
-            return  # it stays where it is, as others hold it
-        self._switch(number)
+        mode = automaton.guards[int(clock[clock_kernels.GUARD])].mode
+        own = [k for k, g in enumerate(automaton.guards) if (g.mode, g.element) == (mode, element)]
+        number = next((k for k in own if automaton.guards[k].watch.event == REST), -1)
+        if number < 0 and own and automaton.guards[own[0]].watch.event in (IMPACT, HALT):
+            number = own[0]
+        if number >= 0:  # else it stays where it is, as others hold it
+            self._switch(number)
 
     def _switch(self, number: int) -> None:
         """Enter the mode that a guard leads to."""

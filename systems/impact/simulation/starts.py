@@ -166,7 +166,7 @@ def start(
     # the one that is left, of those that are; the others are lain on
     element = max(on, key=lambda side: on[side] > 0.0, default=0)
     touching = (element, *apart(oscillator, element, on)) if on else ()
-    sticks = sticking(oscillator, v, turn, touching)
+    sticks = sticking(oscillator, x, v, turn, touching)
     x, v = _sliding(oscillator, x, turn, sliders), beside(oscillator, v)
     if not on:
         return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
@@ -210,7 +210,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
             if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {place}")
-        sticks = sticking(oscillator, v, turn, ())
+        sticks = sticking(oscillator, x, v, turn, ())
         x, v = placed(oscillator, x, start.sliders), beside(oscillator, v)
         return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
     if start.element >= len(stands):
@@ -220,7 +220,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     put_on(oscillator, start.element, closed, (x, v), turn[0], turn[1], u)
     x, v = placed(oscillator, x[:n], start.sliders), v[:n]
     touched(oscillator, x[:n], v, turn, start.element)
-    closed += sticking(oscillator, v, turn, (start.element, *closed))
+    closed += sticking(oscillator, x[:n], v, turn, (start.element, *closed))
     v = beside(oscillator, v)
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))

@@ -16,6 +16,7 @@ from dynkit.core.validation import Array, finite_array
 from dynkit.systems.impact.modes.constrained import rides
 
 if TYPE_CHECKING:
+    from dynkit.systems.impact.elements.element import Element
     from dynkit.systems.impact.elements.stops import HardStop
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
@@ -257,7 +258,8 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
         turn, (x, v) = np.array([0.0, 1.0]), np.zeros((2, oscillator._size))
         x[positions], v[velocities], sliders = np.split(y, ends)
         oscillator._crossed.put(x, v)
-        x, sticks = placed(oscillator, x[:n], sliders), sticking(oscillator, v[:n], turn, ())
+        sticks = sticking(oscillator, x[:n], v[:n], turn, ())
+        x = placed(oscillator, x[:n], sliders)
         return state_at(oscillator, x, v, turn, 0.0, 0, Motion.FLIGHT, sticks)
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
@@ -282,7 +284,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     put_on(oscillator, element, (), (x, v), turn[0], turn[1], speed)
     x = placed(oscillator, x[:n], y[2 * n - 2 : -2])
     closed = touched(oscillator, x[:n], v[:n], turn, element)
-    closed += sticking(oscillator, v[:n], turn, (element, *closed))
+    closed += sticking(oscillator, x[:n], v[:n], turn, (element, *closed))
     return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE, closed)
 
 
@@ -320,9 +322,12 @@ def apart(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> t
 
 
 def sticking(
-    oscillator: DrivenStructure, v: Array, turn: Array, touched: tuple[int, ...]
+    oscillator: DrivenStructure, x: Array, v: Array, turn: Array, touched: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Elements whose friction does not slip, but for rounding, and that the stops do not hold."""
+    """Elements whose friction does not slip, but for rounding, and that the stops do not hold.
+
+    And soft stops with a preload on which a mass rests, if these act along no other element.
+    """
     found, elements, normal = [], oscillator._elements, oscillator._automaton.parts.normal
     held = [elements[k] for k in touched]
     for k, element in enumerate(elements):
@@ -336,7 +341,28 @@ def sticking(
             still = abs(float(row @ v) - speed) <= slow
             if still and rides(oscillator._structure, held, element) is False:
                 found.append(k)
+        elif any(regime.holds for regime in element.regimes) and k >= len(oscillator._stops):
+            rows = [e.row(len(v)) for e in elements if e is not element and _binds(e)]
+            alone = all(np.linalg.matrix_rank(np.array([element.row(len(v)), r])) > 1 for r in rows)
+            if alone and rides(oscillator._structure, held, element) is False:
+                found += [k] * _rests(oscillator, element, x, v, turn)
     return tuple(found)
+
+
+def _binds(element: Element) -> bool:
+    return any(regime.holds or regime.sticks for regime in element.regimes)
+
+
+def _rests(oscillator: DrivenStructure, element: Element, x: Array, v: Array, turn: Array) -> bool:
+    """Whether a gap and its rate are zero, but for rounding."""
+    row, swing = element.row(len(v)), float(element.swing(*turn.tolist()))
+    speed = float(element.swing_rate(oscillator.frequency, *turn.tolist()))
+    pairs = (x, (swing, element.offset)), (v, (speed,))
+    return all(
+        abs(float(row @ part) - sum(own))
+        <= TOUCHED * (float(abs(row).sum() * abs(part).max()) + sum(map(abs, own)))
+        for part, own in pairs  # rounding is that of all coordinates
+    )
 
 
 TOUCHED = 2.0**-46

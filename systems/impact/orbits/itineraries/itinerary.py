@@ -120,6 +120,14 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
         Where chatter is followed by contact.
     """
     automaton, parts, machine = oscillator._automaton, run.segments, Machine(oscillator)
+    soft = oscillator._elements[len(oscillator._stops) :]
+    for mode in np.unique(parts.mode).tolist():
+        own = automaton.parts.now(run.regimes[mode])[len(oscillator._stops) :]
+        if any(regime.holds for regime in own):
+            raise NotImplementedError(
+                f"orbits by itinerary must not rest on a preloaded stop; got {soft!r}: "
+                "dynkit.periodic_orbit finds orbits of the map"
+            )
     known: dict[int, Regimes] = {}
 
     def mode_of(number: int) -> Regimes:
