@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import mpmath
 import numpy as np
@@ -422,7 +422,7 @@ def test_integrals_that_are_no_names_are_refused() -> None:
     with pytest.raises(TypeError, match="integrals must be a tuple of names of methods; got <func"):
 
         class Method(SymbolicFlow):
-            integrals: Any = lambda _, angle, rate: rate**2 + angle**2  # noqa: E731
+            integrals: ClassVar[Any] = lambda _, angle, rate: rate**2 + angle**2
 
             def velocity(self, angle: Any, rate: Any) -> tuple[Any, ...]:
                 return rate, -angle
