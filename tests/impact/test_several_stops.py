@@ -8,6 +8,7 @@ import pytest
 
 import dynkit
 from dynkit.analysis import LyapunovSpectrum
+from dynkit.core.differences import numerical_derivative
 from dynkit.core.no_motion import NoDerivative, Refused
 from dynkit.systems import (
     DryFriction,
@@ -20,6 +21,7 @@ from dynkit.systems import (
 )
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.simulation.trajectory import Ending
+from tests.validation.machines import compared
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.85, name="table")
 GEAR = HardStop((0, 1), offset=-0.02, restitution=0.5, name="gear")
@@ -223,6 +225,29 @@ def test_what_a_stop_holds_jams_against_another_one() -> None:
     position, _ = record.sample([0.1])
     assert position[0, 0] == pytest.approx(0.5 * np.sin(0.1), abs=1e-15)
     assert jammed.simulate(impacts=5, start=record.final).ending is Ending.JAMMED
+
+
+def test_another_stop_lifts_what_a_stop_holds() -> None:
+    # Two lifts below one mass: it lies on the slow one until the fast one comes from below.
+    lifts = [
+        HardStop(0, amplitude=0.1, restitution=0.0),
+        HardStop(0, offset=-0.4, amplitude=0.6, restitution=0.5, name="fast"),
+    ]
+    machine = free(lifts, 1.0)
+    start = machine.state([0.0], [0.1])
+    record = machine.simulate(impacts=8, start=start)
+    found = compared(machine, start)
+    assert not found.wrong
+    assert not found.ended
+    assert len(record) == 8
+    # on the slow lift until 0.5 sin = 0.4, where the fast one is faster by 0.5 cos = 0.3
+    assert record.element[0] == 1
+    assert record.time[0] == pytest.approx(np.arcsin(0.8), abs=1e-13)
+    assert record.relative_velocity[0] == pytest.approx(0.15, abs=1e-13)
+    assert record.error[0] < 1e-12
+    for state in record.states[:3]:
+        expected, error = numerical_derivative(machine, state)
+        assert (abs(machine.jacobian(state) - expected) <= 1e-8 + error).all()
 
 
 def test_no_clearance() -> None:

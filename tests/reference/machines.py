@@ -192,13 +192,24 @@ class Machine:
         return True
 
     def unique(self, z: Any, regimes: tuple[int, ...], before: tuple[int, ...]) -> bool:
-        """Whether no other regimes follow: none do without preloads and larger static forces."""
+        """Whether no other regimes follow: none do without preloads and larger static forces.
+
+        Where others switch at once with friction that could slip as well, their order counts.
+        """
         choices = [p.choices(z, now) for p, now in zip(self.parts, before, strict=True)]
-        pairs = zip(self.parts, choices, strict=True)
-        if not any(p.jumps and len(own) > 1 for p, own in pairs):
+        pairs = enumerate(zip(self.parts, choices, strict=True))
+        several = {k for k, (part, own) in pairs if part.jumps and len(own) > 1}
+        if not several:
             return True
-        others = (other for other in product(*choices) if other != regimes)
-        return not any(self.follows(z, other, choices) for other in others)
+        places = range(len(regimes))
+        at_once = any(before[k] != regimes[k] for k in places if k not in several)
+
+        def follows(other: tuple[int, ...]) -> bool:
+            alike = all(k in several for k in places if other[k] != regimes[k])
+            by_order = at_once and alike
+            return self.stays(z, other) if by_order else self.follows(z, other, choices)
+
+        return not any(follows(other) for other in product(*choices) if other != regimes)
 
     # --- motion -----------------------------------------------------------------------------------
 

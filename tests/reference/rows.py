@@ -168,7 +168,7 @@ def _nearly_double(given: Any, slope: Any, left: Any, right: Any) -> Any:
     if not left - width < t < right + width or bend(t) < 0:
         return None
     least = given(t).mid()
-    if least > 0:
+    if least > -ZERO:  # it may touch
         return None
     gap = ((-2 * least / bend(t)).mid()).sqrt().mid()
     return _polished(given, slope, (t - gap).mid())

@@ -80,6 +80,8 @@ def compared(system: Any, start: Any, truth: Any = None) -> Comparison:
         undecided = [float(event.time) for event in events if event.ambiguous]
         if undecided and undecided[0] < end:
             out.ended, end = "not unique", undecided[0]
+        if not events:
+            return out
         _Pair(out, system, record, error, machine, events, end).compare()
     return out
 

@@ -289,14 +289,15 @@ class Automaton:
                 for watch in _free_of(regime.guards, riding[k]):
                     sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
                     guard = Guard(number, k, watch, sum_)
-                    if watch.event == IMPACT and riding[k] is None:
-                        guard.watch = replace(watch, event=JAM)
-                    elif watch.event == IMPACT:
-                        guard.opens, guard.ambiguous = self._pushed(regimes, element)
-                        guard.scrapes, open_ = scrapes_of(
-                            self._structure, mode, given, self.parts, regimes, k
-                        )
-                        guard.ambiguous = guard.ambiguous or open_
+                    if watch.event == IMPACT:
+                        guard.opens, guard.ambiguous = self._pushed(regimes, k)
+                        if riding[k] is not None:
+                            guard.scrapes, open_ = scrapes_of(
+                                self._structure, mode, given, self.parts, regimes, k
+                            )
+                            guard.ambiguous = guard.ambiguous or open_
+                        elif guard.opens < 0:
+                            guard.watch = replace(watch, event=JAM)
                     self.guards.append(guard)
 
     def _shared(self, element: int, watch: Watch) -> Watch:
@@ -306,17 +307,25 @@ class Automaton:
         force, static = self.parts.most(element)
         return replace(watch, level=static, order=2 if force == static else 1)
 
-    def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
-        """Sticking element or closed stop moved by an impact; whether it pushes against a stop."""
+    def _pushed(self, regimes: tuple[int, ...], hit: int) -> tuple[int, bool]:
+        """Sticking element or closed stop moved by an impact; whether it pushes against a stop.
+
+        A stop along a row that closed stops hold is hit if it pushes away from one of these.
+        """
         structure, (held, sticking) = self._structure, self.parts.grips(regimes)
         closed = [k for k in held if self._hard(k)]
-        own = [self._elements[k] for k in closed]
+        own, element = [self._elements[k] for k in closed], self._elements[hit]
+        if self.parts.along(tuple(closed), hit) is not False:
+            opened = pushed(structure, own, element)[0]
+            others = tuple(k for k in closed if opened < 0 or k != closed[opened])
+            away = opened >= 0 and self.parts.along(others, hit) is False
+            return closed[opened] if away else -1, False
         for k in (*sticking, *(k for k in held if k not in closed)):  # they take no impulse
-            if moves(structure, own, hit, self._elements[k]):
+            if moves(structure, own, element, self._elements[k]):
                 return k, False
         if not closed:
             return -1, False
-        opened, ambiguous = pushed(structure, own, hit)
+        opened, ambiguous = pushed(structure, own, element)
         return closed[opened] if opened >= 0 else -1, ambiguous
 
     def _join(self, guard: Guard) -> None:
@@ -414,7 +423,8 @@ class Automaton:
         coupled = [False] * len(self._elements)
         rubbed = coupled
         scraped, scrape = packed(guard.scrapes, self.parts.most_rubs, slots)
-        if isinstance(element, HardStop) and watch.event == IMPACT:
+        free = self.parts.along(self.parts.grips(self.regimes[guard.mode])[0], guard.element)
+        if isinstance(element, HardStop) and watch.event == IMPACT and free is False:
             contact = mode.contact(element.row(self._size))
             seen = mode.layout.seen
             kick[:, :seen] = element.sign * mode.placed(contact.kick)[:, :seen]
