@@ -187,8 +187,9 @@ class Automaton:
             guard = self.guards[number]
             target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
-                # no mode follows where stops jam; a start may lie on what an impact would open
-                loose = (g.opens < 0 or g is guard) and g.watch.event != JAM
+                # no mode follows where stops jam; only a start rests, or opens what is not open
+                ahead = g.opens < 0 and g.watch.event != REST
+                loose = g.watch.event != JAM and (g is guard or ahead)
                 if g.partner < 0 and loose and self._after(g) in self.regimes:
                     self._join(g)
                     self._tables = None

@@ -22,6 +22,7 @@ from dynkit.systems.impact.simulation.state import (
     state_at,
     sticking,
     touched,
+    unlike,
     within,
 )
 
@@ -170,7 +171,8 @@ def start(
     x, v = _sliding(oscillator, x, turn, sliders), beside(oscillator, v)
     if not on:
         return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
-    closed = tuple(side for side in touching[1:] if on[side] == 0.0)
+    lain = (side for side, u in on.items() if side != element and u == 0.0)
+    closed = unlike(oscillator, element, lain)
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
 
 

@@ -321,6 +321,15 @@ def apart(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> t
     return tuple(found[1:])
 
 
+def unlike(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
+    """Of other stops those along other rows than the stop and than each of the ones before them."""
+    found, stops = [element], oscillator._stops
+    for k in others:
+        if all(rides(oscillator._structure, [stops[j]], stops[k]) is False for j in found):
+            found.append(k)
+    return tuple(found[1:])
+
+
 def sticking(
     oscillator: DrivenStructure, x: Array, v: Array, turn: Array, touched: tuple[int, ...]
 ) -> tuple[int, ...]:
