@@ -1,6 +1,7 @@
 """Benchmarks: speed beside accuracy, as Markdown tables. Run by ``make bench``.
 
-Error against run time is drawn too: ``results/error-time.png``, the figure of the README.
+Error against run time is drawn too: ``results/error-time.png``, the figure of the README, and
+``results/error-time-flows.png``.
 
 Times are minima over several runs on one core of whatever machine this is; ratios within one run
 are what may be compared. Nothing here is asserted.
@@ -23,6 +24,7 @@ from dynkit.systems import ImpactChain
 from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.extremes import extremes
+from tests.benchmarks.flows import flows
 from tests.benchmarks.lyapunov import lyapunov_speed
 from tests.benchmarks.overheads import overheads
 from tests.benchmarks.report import table
@@ -117,6 +119,7 @@ def main() -> None:
     print("\n### Error against run time\n", flush=True)
     RESULTS.mkdir(exist_ok=True)
     work_precision(str(RESULTS / "error-time.png"), log=sys.stdout)
+    flows(RESULTS / "error-time-flows.png")
     print("\n### Extreme cases\n", flush=True)
     extremes(log=sys.stdout)
 
