@@ -107,7 +107,7 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     ),
     BifurcationKind.RS: Kind(
         "resonance",
-        (0, (1, 1.5)),
+        (0, (2, 2, 7, 2)),
         defining_system=Resonance,
     ),
     BifurcationKind.HB: Kind(
