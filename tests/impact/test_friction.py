@@ -240,7 +240,7 @@ def test_derivatives_through_an_impact_that_breaks_what_sticks_are_differences()
 def test_what_is_measured_of_friction() -> None:
     attractor = MACHINE.attractor()
     assert attractor.label.periods is not None
-    spectrum = LyapunovSpectrum(attractor)
+    spectrum = LyapunovSpectrum(attractor, iterations=200 * attractor.label.iterates)
     per_impact = np.log(abs(attractor.label.multiplier)) / attractor.label.iterates
     assert spectrum.exponents[0] == pytest.approx(per_impact, abs=1e-3)
     record = attractor.record

@@ -460,6 +460,27 @@ def test_where_a_shaker_that_holds_a_block_turns_so_do_sliders_and_friction() ->
     assert found.events > 20
 
 
+@pytest.mark.parametrize(("restitution", "spring", "slip"), [(0.3, 4.0, 0.3), (0.6, 1.0, 0.2)])
+def test_a_slider_is_about_to_slide_where_a_stop_on_its_surface_is_hit(
+    restitution: float, spring: float, slip: float
+) -> None:
+    # each bounce ends at the place where the slider slid in the one before
+    elements = [HardStop(0, restitution=restitution), Jenkins(0, stiffness=spring, force=slip)]
+    machine = ImpactChain(
+        masses=1,
+        damping=0.1,
+        frequency=0.8,
+        harmonic_forces=[0.5],
+        constant_forces=[-1.0],
+        elements=elements,
+    )
+    start = machine.state([1.0], [0.0])
+    assert machine.simulate(impacts=12, start=start).error.max() < 1e-12
+    found = compared(machine, start)
+    assert not found.wrong
+    assert all(actual <= claimed for actual, claimed in found.states)
+
+
 def test_a_block_that_halts_on_sliders_and_friction_sticks() -> None:
     # found among random machines: friction had turned there without sticking
     joints = [
