@@ -103,6 +103,18 @@ def test_a_free_decay_in_closed_form() -> None:
     assert record.sliders[:, 0] == pytest.approx(np.full(4, far - f / k), abs=1e-14)
 
 
+def test_sliders_along_one_row_share_their_changes_of_basis() -> None:
+    joint = iwan(0, stiffness=2.0, force=0.5, elements=50)
+    machine = ImpactChain(masses=1, frequency=0.8, harmonic_forces=[0.8], elements=joint)
+    record = machine.simulate(impacts=4)
+    automaton = machine._automaton
+    assert len(automaton._rows) <= 2 * len(automaton.modes) < 300
+    fewer = machine.replace(elements=iwan(0, stiffness=2.0, force=0.5, elements=49))
+    # more elements change the joint by their number to the power -2
+    apart = abs(fewer.simulate(impacts=4).position - record.position).max()
+    assert 0.0 < apart < 1e-4
+
+
 def test_a_slider_that_nothing_moves_is_a_spring() -> None:
     spring = block(Jenkins(0, stiffness=2.0, force=1e9))
     linear = MatrixOscillator(
