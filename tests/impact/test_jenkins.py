@@ -103,6 +103,18 @@ def test_a_free_decay_in_closed_form() -> None:
     assert record.sliders[:, 0] == pytest.approx(np.full(4, far - f / k), abs=1e-14)
 
 
+def test_sliders_along_one_row_share_their_changes_of_basis() -> None:
+    joint = iwan(0, stiffness=2.0, force=0.5, elements=50)
+    machine = ImpactChain(masses=1, frequency=0.8, harmonic_forces=[0.8], elements=joint)
+    record = machine.simulate(impacts=4)
+    automaton = machine._automaton
+    assert len(automaton._rows) <= 2 * len(automaton.modes) < 300
+    fewer = machine.replace(elements=iwan(0, stiffness=2.0, force=0.5, elements=49))
+    # more elements change the joint by their number to the power -2
+    apart = abs(fewer.simulate(impacts=4).position - record.position).max()
+    assert 0.0 < apart < 1e-4
+
+
 def test_a_slider_that_nothing_moves_is_a_spring() -> None:
     spring = block(Jenkins(0, stiffness=2.0, force=1e9))
     linear = MatrixOscillator(
@@ -458,6 +470,27 @@ def test_where_a_shaker_that_holds_a_block_turns_so_do_sliders_and_friction() ->
     assert not found.wrong
     assert not found.ended
     assert found.events > 20
+
+
+@pytest.mark.parametrize(("restitution", "spring", "slip"), [(0.3, 4.0, 0.3), (0.6, 1.0, 0.2)])
+def test_a_slider_is_about_to_slide_where_a_stop_on_its_surface_is_hit(
+    restitution: float, spring: float, slip: float
+) -> None:
+    # each bounce ends at the place where the slider slid in the one before
+    elements = [HardStop(0, restitution=restitution), Jenkins(0, stiffness=spring, force=slip)]
+    machine = ImpactChain(
+        masses=1,
+        damping=0.1,
+        frequency=0.8,
+        harmonic_forces=[0.5],
+        constant_forces=[-1.0],
+        elements=elements,
+    )
+    start = machine.state([1.0], [0.0])
+    assert machine.simulate(impacts=12, start=start).error.max() < 1e-12
+    found = compared(machine, start)
+    assert not found.wrong
+    assert all(actual <= claimed for actual, claimed in found.states)
 
 
 def test_a_block_that_halts_on_sliders_and_friction_sticks() -> None:

@@ -368,7 +368,8 @@ def test_what_is_measured_of_several_stops() -> None:
     attractor = MACHINE.attractor()
     label = attractor.label
     assert label.periods is not None
-    spectrum = LyapunovSpectrum(attractor)
+    assert label.iterates is not None
+    spectrum = LyapunovSpectrum(attractor, iterations=200 * label.iterates)
     assert spectrum.exponents.max() < 0.0
     per_impact = np.log(abs(label.multiplier)) / label.iterates
     assert per_impact == pytest.approx(spectrum.exponents.max(), abs=5e-3)

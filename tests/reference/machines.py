@@ -202,7 +202,7 @@ class Machine:
         if not several:
             return True
         places = range(len(regimes))
-        at_once = any(before[k] != regimes[k] for k in places if k not in several)
+        at_once = sum(before[k] != regimes[k] for k in places if len(choices[k]) > 1) > 1
 
         def follows(other: tuple[int, ...]) -> bool:
             alike = all(k in several for k in places if other[k] != regimes[k])

@@ -109,13 +109,13 @@ class _Pair:
 
     def compare(self) -> None:
         out, record, w = self.out, self.record, self.system.frequency
+        lost = np.flatnonzero(~(self.error < LOST))
+        if len(lost):
+            out.ended = "lost"
+            self.end = min(self.end, float(record.time[lost[0] - 1]) if lost[0] else 0.0)
         own, exact = self._impacts(), self._exact_impacts()
-        end = self.end
         for at, (event, stop) in zip(own, exact, strict=False):
             claimed = float(self.error[at])
-            if not claimed < LOST:
-                out.ended, end = "lost", float(record.time[at - 1]) if at else 0.0
-                break
             late = abs(float(record.time[at] - event.time))
             if stop != int(record.element[at]) or late > max(4.0 * claimed / w, ROUND):
                 own_one = f"impact {at} of {record.element[at]} at {record.time[at]}"
@@ -125,14 +125,11 @@ class _Pair:
             off = self.system.difference(record.states[at], self._section(event, stop))
             out.states.append((float(abs(off).max()), claimed + rounding))
             out.times.append((late, claimed / w + 2.0**-51 * float(record.time[at])))
+        missing = len(own) < len(exact) and len(record) < IMPACTS and not out.ended
+        if len(own) > len(exact) or missing:
+            out.wrong = f"{len(own)} impacts, in truth {len(exact)}"
         else:
-            more = own[len(exact) :]
-            if more and not self.error[more[0]] < LOST:
-                out.ended, end = "lost", float(record.time[more[0] - 1]) if more[0] else 0.0
-            elif len(own) > len(exact) or (len(own) < len(exact) and len(record) < IMPACTS):
-                out.wrong = f"{len(own)} impacts, in truth {len(exact)}"
-                return
-        self._regimes(end - ROUND)
+            self._regimes(self.end - ROUND)
 
     def _rests(self) -> list[tuple[float, float, int]]:
         """Intervals of chatter that dynkit leaves out, and their stops."""

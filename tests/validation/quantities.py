@@ -15,6 +15,7 @@ from tests.validation import (
     derivatives,
     dimensions,
     flows,
+    itineraries,
     machines,
     maps,
     multipliers,
@@ -65,6 +66,11 @@ QUANTITIES = {
     "`ExponentialSum.first_root`, times": Quantity(sums.times_of_roots, 20),
     "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
     "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 28),
+    "`ImpactOrbit.error`, machines": Quantity(
+        itineraries.states_of_machines,
+        1,
+        partial(itineraries.states_of_machines, numbers=itineraries.SETTLED),
+    ),
     "`multipliers_error`, maps": Quantity(multipliers.of_maps, 120),
     "`multipliers_error`, maps without jacobian": Quantity(
         multipliers.of_maps_without_jacobian, 60

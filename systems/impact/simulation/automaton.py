@@ -128,6 +128,7 @@ class Automaton:
         self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
         self._size, self._slots, self._joined = structure.size, 0, dict[int, int]()
+        self._rows, self._changes = dict[int, int](), dict[tuple[int, int], list[Array]]()
         places = iter(range(structure.size - structure.sliders, structure.size))
         self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
         self.parts = Parts(self._elements, structure, normal)
@@ -350,6 +351,12 @@ class Automaton:
             own = layout.modes[sticking.index(k) - len(sticking)]
             guard.change[layout.slots + own] = 0.0
             guard.change[layout.slots + own, -1] = self._elements[k].drift
+        alike = self._changes.setdefault((guard.mode, guard.target), [])
+        for change in alike:
+            if np.array_equal(change, guard.change):
+                guard.change = change
+                return
+        alike.append(guard.change)
 
     def _kind(self, guard: Guard) -> EventKind:
         """Kind of the event that leads to another mode."""
@@ -379,18 +386,20 @@ class Automaton:
         ladders = self._ladders.ladders
         slots = ladders.step.shape[3]
         joined = [k for k, guard in enumerate(guards) if guard.change is not None]
-        if len(joined) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
+        changes = [guards[k].change for k in joined]
+        # Sliders along one row lead to the same mode by the same change, which is kept once.
+        if len(set(map(id, changes))) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
             raise MemoryError(
                 f"elements must not lead to more modes than fit into 256 MB; got {len(modes)}, "
                 "one for each set of what was pressed, closed or slipping: give fewer elements"
             )
         if slots != self._slots:
             stack.drop("change")
-            self._joined, self._slots = {}, slots
+            self._joined, self._rows, self._slots = {}, {}, slots
             stack.put("change", 0, np.zeros((2 * slots, 2 * slots + 1)))
         for k in joined:
             if k not in self._joined:
-                row = self._joined[k] = len(self._joined)
+                row = self._joined[k] = self._rows.setdefault(id(guards[k].change), len(self._rows))
                 stack.put("change", row, _padded(guards[k].change, slots))
         self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
         given = {name: stack.take(name, len(guards)) for name in _OF_GUARDS}
@@ -405,7 +414,7 @@ class Automaton:
             partner=np.array([g.partner for g in guards]),
             programs=self._programs,
             tails=self._tails,
-            change=stack.take("change", len(joined)),
+            change=stack.take("change", len(self._rows)),
             row=np.array([self._joined.get(k, 0) for k in range(len(guards))]),
             tolerance=self._tolerance,
             period=self._period,

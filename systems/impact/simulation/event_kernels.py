@@ -226,6 +226,27 @@ def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
 
 
 @kernel()
+def jolt(tables: Tables, g: int, left: Array, states: Array) -> None:
+    """After an impact at guard `g`, what switched at the same time may switch back.
+
+    Its guard is zero but for rounding, and the rate of the guard is another one; or its guard is a
+    rate itself.
+    """
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        own = left[tables.element[k]]
+        begins = k == tables.first[m] or tables.element[k - 1] != tables.element[k]
+        if tables.element[k] == tables.element[g] or not begins or own[MOTION] != SWITCHED:
+            continue
+        if own[ORDER] == 1.0:
+            guard = ladder_at(tables.ladders, k)
+            own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
+        if own[ORDER] == 0.0 or own[SPEED] <= 0.0:
+            own[MOTION] = FLIGHT
+            own[ORDER] = 0.0
+
+
+@kernel()
 def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
     """In another mode, that of guard `g`, those that did not come to rest may do so.
 

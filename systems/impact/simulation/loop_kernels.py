@@ -83,6 +83,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     copy,
     disturbs,
     guard_of,
+    jolt,
     jumped,
     know_gaps,
     lets_go,
@@ -500,6 +501,8 @@ def run(
         elif clock[GUARD] != best:
             clock[AT_ONCE] += 1.0
         clock[GUARD] = best
+        if left.shape[0] > 1:
+            jolt(tables, best, left, y)
         own[SPEED] = 0.0 - r * rate
         own[MOTION] = BOUNCED
         if noise is not None:
