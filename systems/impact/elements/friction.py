@@ -67,9 +67,10 @@ class DryFriction(Element):
 
     A block that bounces on a table, y >= 0, as it slides along x: each impact slows it down.
 
+    >>> import numpy as np
     >>> from dynkit.systems import HardStop, MatrixOscillator
     >>> sliding = MatrixOscillator(
-    ...     M=[[1.0, 0.0], [0.0, 1.0]], K=[[0.0, 0.0], [0.0, 0.0]], frequency=1.0,
+    ...     M=np.eye(2), C=np.zeros((2, 2)), K=np.zeros((2, 2)), frequency=1.0,
     ...     constant_forces=[0.0, -1.0], elements=[
     ...         HardStop(1, restitution=0.5, name="table"),
     ...         DryFriction(0, coefficient=0.25, normal="table"),
