@@ -481,6 +481,30 @@ def test_elements_that_cannot_be_followed_are_named(elements: Any, message: str)
         TodaChain(masses=2, frequency=0.9, elements=elements).simulate(impacts=1)
 
 
+@pytest.mark.parametrize("load", [0.0, 0.5, 1.2, 3.0])
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_rest_on_a_preloaded_stop_is_that_of_the_exact_engine(load: float, damping: float) -> None:
+    pad = SoftStop(1, stiffness=10.0, damping=damping, preload=2.5, name="pad")
+    exact, taylor = (
+        kind(
+            masses=2,
+            frequency=1.0,
+            damping=0.1,
+            constant_forces=[0.0, -1.0],
+            harmonic_forces=[0.1, load],
+            elements=[pad],
+        )
+        for kind in (ImpactChain, Disguised)
+    )
+    records = [
+        each.simulate(impacts=4, start=each.state([0, 0], [0, 0])) for each in (exact, taylor)
+    ]
+    bound = sum(record.error for record in records) + 4.0 * 2.0**-52
+    assert (abs(np.subtract(*(r.position for r in records))).max(axis=1) <= bound).all()
+    kinds = [(r.events.element.tolist(), r.events.kind.tolist()) for r in records]
+    assert kinds[0] == kinds[1]
+
+
 def test_a_mass_matrix_that_varies_takes_one_stop() -> None:
     stops = [HardStop(0, offset=-1.0), HardStop(1, offset=-1.0)]
     with pytest.raises(ValueError, match="where the mass matrix depends on the coordinates; got 2"):

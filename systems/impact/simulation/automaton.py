@@ -23,7 +23,6 @@ from dynkit.systems.impact.elements.element import (
     REST,
     SWITCH,
     Element,
-    EventKind,
     Watch,
 )
 from dynkit.systems.impact.elements.laws import ImpactLaw
@@ -33,8 +32,6 @@ from dynkit.systems.impact.modes.constrained import (
     Slip,
     force_of,
     mode_of,
-    moves,
-    pushed,
     sum_of,
 )
 from dynkit.systems.impact.modes.mode import Mode, transformed
@@ -227,7 +224,7 @@ class Automaton:
     def _after(self, guard: Guard) -> tuple[int, ...]:
         """The regimes that a guard leads to."""
         regimes = list(self.regimes[guard.mode])
-        released = self.parts.now(regimes)[guard.element].holds and self._hard(guard.element)
+        released = self.parts.now(regimes)[guard.element].holds and self.parts.hard(guard.element)
         regimes[guard.element] = LAIN if released else guard.watch.to
         if guard.element in self.sliders and guard.watch.rate:
             regimes = self.parts.halted(regimes, guard.element, jumps=guard.watch.event == JUMP)
@@ -292,7 +289,7 @@ class Automaton:
                     sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
                     guard = Guard(number, k, watch, sum_)
                     if watch.event == IMPACT:
-                        guard.opens, guard.ambiguous = self._pushed(regimes, k)
+                        guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
                         if riding[k] is not None:
                             guard.scrapes, open_ = scrapes_of(
                                 self._structure, mode, given, self.parts, regimes, k
@@ -308,27 +305,6 @@ class Automaton:
             return watch
         force, static = self.parts.most(element)
         return replace(watch, level=static, order=2 if force == static else 1)
-
-    def _pushed(self, regimes: tuple[int, ...], hit: int) -> tuple[int, bool]:
-        """Sticking element or closed stop moved by an impact; whether it pushes against a stop.
-
-        A stop along a row that closed stops hold is hit if it pushes away from one of these.
-        """
-        structure, (held, sticking) = self._structure, self.parts.grips(regimes)
-        closed = [k for k in held if self._hard(k)]
-        own, element = [self._elements[k] for k in closed], self._elements[hit]
-        if self.parts.along(tuple(closed), hit) is not False:
-            opened = pushed(structure, own, element)[0]
-            others = tuple(k for k in closed if opened < 0 or k != closed[opened])
-            away = opened >= 0 and self.parts.along(others, hit) is False
-            return closed[opened] if away else -1, False
-        for k in (*sticking, *(k for k in held if k not in closed)):  # they take no impulse
-            if moves(structure, own, element, self._elements[k]):
-                return k, False
-        if not closed:
-            return -1, False
-        opened, ambiguous = pushed(structure, own, element)
-        return closed[opened] if opened >= 0 else -1, ambiguous
 
     def _join(self, guard: Guard) -> None:
         """Set the change of the state at the zero of a guard."""
@@ -357,17 +333,6 @@ class Automaton:
                 guard.change = change
                 return
         alike.append(guard.change)
-
-    def _kind(self, guard: Guard) -> EventKind:
-        """Kind of the event that leads to another mode."""
-        if guard.watch.event == IMPACT:
-            return EventKind.CONTACT
-        now = self.parts.now(self.regimes[guard.mode])[guard.element]
-        released = now.holds and self._hard(guard.element)
-        return EventKind.RELEASE if released else EventKind.SWITCH
-
-    def _hard(self, element: int) -> bool:
-        return isinstance(self._elements[element], HardStop)
 
     def _stacked(self) -> Any:
         from dynkit.systems.impact.simulation.contact_kernels import Tables
@@ -401,7 +366,7 @@ class Automaton:
             if k not in self._joined:
                 row = self._joined[k] = self._rows.setdefault(id(guards[k].change), len(self._rows))
                 stack.put("change", row, _padded(guards[k].change, slots))
-        self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
+        self.table = self.parts.table(self.regimes, guards)
         given = {name: stack.take(name, len(guards)) for name in _OF_GUARDS}
         return Tables(
             ladders=ladders,
@@ -452,7 +417,7 @@ class Automaton:
             drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
         put("event", k, watch.event)
         put("order", k, watch.order)
-        put("torn", k, _torn(watch, self._hard(guard.element)))
+        put("torn", k, _torn(watch, self.parts.hard(guard.element)))
         put("kick", k, kick)
         put("excursion", k, excursion)
         put("coupling", k, float(coupling))

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import LARGEST
-from dynkit.systems.impact.elements.element import LAIN, Element, Regime
+from dynkit.systems.impact.elements.element import (
+    IMPACT,
+    LAIN,
+    Element,
+    EventKind,
+    Regime,
+)
 from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import rides
+from dynkit.systems.impact.modes.constrained import moves, pushed, rides
 from dynkit.systems.impact.modes.structure import Structure
 
 
@@ -140,6 +147,47 @@ class Parts:
             found = rides(self._structure, held, self._elements[element])
             self._along[others, element] = found
         return self._along[others, element]
+
+    def hard(self, element: int) -> bool:
+        """Whether an element is a hard stop."""
+        return isinstance(self._elements[element], HardStop)
+
+    def table(self, modes: Sequence[Sequence[int]], guards: Sequence[Any]) -> NDArray[np.intp]:
+        """Mode, element, next mode and kind of the event of each guard, (guards, 4).
+
+        `modes` are the regimes of all elements in each mode.
+        """
+
+        def kind(guard: Any) -> EventKind:
+            if guard.watch.event == IMPACT:
+                return EventKind.CONTACT
+            now = self.now(modes[guard.mode])[guard.element]
+            released = now.holds and self.hard(guard.element)
+            return EventKind.RELEASE if released else EventKind.SWITCH
+
+        rows = [(guard.mode, guard.element, guard.target, kind(guard)) for guard in guards]
+        return np.array(rows, dtype=np.intp).reshape(-1, 4)
+
+    def pushed(self, regimes: Sequence[int], hit: int) -> tuple[int, bool]:
+        """Sticking element or closed stop moved by an impact; whether it pushes against a stop.
+
+        A stop along a row that closed stops hold is hit if it pushes away from one of these.
+        """
+        held, sticking = self.grips(regimes)
+        closed = [k for k in held if self.hard(k)]
+        own, element = [self._elements[k] for k in closed], self._elements[hit]
+        if self.along(tuple(closed), hit) is not False:
+            opened = pushed(self._structure, own, element)[0]
+            others = tuple(k for k in closed if opened < 0 or k != closed[opened])
+            away = opened >= 0 and self.along(others, hit) is False
+            return closed[opened] if away else -1, False
+        for k in (*sticking, *(k for k in held if k not in closed)):  # they take no impulse
+            if moves(self._structure, own, element, self._elements[k]):
+                return k, False
+        if not closed:
+            return -1, False
+        opened, ambiguous = pushed(self._structure, own, element)
+        return closed[opened] if opened >= 0 else -1, ambiguous
 
     @property
     def most_rubs(self) -> int:

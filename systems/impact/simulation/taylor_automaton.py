@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from threading import RLock
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.systems.impact.elements.element import IMPACT, JAM, EventKind
+from dynkit.systems.impact.elements.element import IMPACT, JAM
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import moves, pushed
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
 from dynkit.systems.impact.modes.taylor_mode import Scene, TaylorMode, independent
 from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
 from dynkit.systems.impact.simulation.regimes import Parts
-
-if TYPE_CHECKING:
-    from dynkit.systems.impact.elements.element import Element
 
 
 @final
@@ -65,8 +61,7 @@ class TaylorAutomaton:
     @property
     def table(self) -> NDArray[np.intp]:
         """Mode, element, next mode and kind of the event of each guard, (guards, 4)."""
-        rows = [(g.mode, g.element, g.target, self._kind(g)) for g in self.guards]
-        return np.array(rows, dtype=np.intp).reshape(-1, 4)
+        return self.parts.table(self.regimes, self.guards)
 
     def mode(self, regimes: tuple[int, ...]) -> TaylorMode:
         """The mode of given regimes; it is built if no motion has entered it."""
@@ -118,24 +113,10 @@ class TaylorAutomaton:
         for k, watch in watched:
             guard = Guard(number, k, watch, None)
             if watch.event == IMPACT:
-                guard.opens, guard.ambiguous = self._pushed(grips, self._elements[k])
+                guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
             self.guards.append(guard)
         self.modes.append(mode)
         self.regimes.append(regimes)
-
-    def _pushed(
-        self, grips: tuple[tuple[int, ...], tuple[int, ...]], hit: Element
-    ) -> tuple[int, bool]:
-        """Sticking element or closed stop moved by an impact; whether it pushes against a stop."""
-        closed, sticking = grips
-        own = [self._elements[k] for k in closed]
-        for k in sticking:
-            if moves(self._structure, own, hit, self._elements[k]):
-                return k, False
-        if not closed:
-            return -1, False
-        opened, ambiguous = pushed(self._structure, own, hit)
-        return closed[opened] if opened >= 0 else -1, ambiguous
 
     def coupled(self, guard: Guard, other: int) -> bool:
         """Whether an impact changes the rate of another stop's gap."""
@@ -143,12 +124,6 @@ class TaylorAutomaton:
         mode = self.modes[guard.mode]
         change = mode.kick(guard.element, np.zeros(self._structure.size))
         return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
-
-    def _kind(self, guard: Guard) -> EventKind:
-        if guard.watch.event == IMPACT:
-            return EventKind.CONTACT
-        now = self.parts.now(self.regimes[guard.mode])[guard.element]
-        return EventKind.RELEASE if now.holds else EventKind.SWITCH
 
 
 def check_elements(scene: Scene) -> None:
@@ -193,6 +168,7 @@ def check_elements(scene: Scene) -> None:
             )
     if len(rows) > 1 and not scene.motion.equations.constant_mass:
         raise ValueError(
-            "elements must be one hard stop, a play, or one friction, beside soft stops, where the "
-            f"mass matrix depends on the coordinates; got {len(rows)} that hold or stick"
+            "elements must be one hard stop, a play, one friction, or one preload, beside soft "
+            "stops, where the mass matrix depends on the coordinates; "
+            f"got {len(rows)} that hold or stick"
         )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, SWITCH
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
@@ -115,10 +115,12 @@ class TaylorCourse:
 
     def _close(self, k: int) -> None:
         """Enter contact with a stop, or friction, on which the motion starts."""
-        number = self._automaton.guard(self._number, k)
-        guard, place = self._automaton.guards[number], self._place()
-        if guard.element == k and guard.watch.event in (IMPACT, HALT):
-            self._number = self._automaton.enter(number)
+        automaton, place = self._automaton, self._place()
+        rests = (i for i, (j, w) in enumerate(self._mode.guards) if (j, w.event) == (k, REST))
+        number = next((self._first + i for i in rests), automaton.guard(self._number, k))
+        guard = automaton.guards[number]
+        if guard.element == k and guard.watch.event in (IMPACT, HALT, REST):
+            self._number = automaton.enter(number)
             self._enter(*place)
             self._note(number, 0.0, 0.0)
 
