@@ -22,6 +22,7 @@ from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.flow import Flow
+from dynkit.dynamics.hybrid_flow import smooth
 from dynkit.plotting.figures import ink, print_style, shown_axes
 
 if TYPE_CHECKING:
@@ -148,6 +149,7 @@ class LyapunovSpectrum(Saved):
         """
         if not isinstance(flow, Flow):
             raise ValueError(f"flow must be a Flow; got {flow!r}")
+        smooth("flow", flow)
         state = finite_array("start", start, (flow.dimension,)).copy()
         duration = positive("interval", interval)
         made = cls.__new__(cls)

@@ -9,6 +9,7 @@ from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
 from .flows.three_body import RestrictedThreeBody as RestrictedThreeBody
 from .flows.van_der_pol import VanDerPol as VanDerPol
+from .flows.walkers import CompassGait as CompassGait, SimplestWalker as SimplestWalker
 from .impact.elements.element import Element as Element, Regime as Regime, Watch as Watch
 from .impact.elements.friction import DryFriction as DryFriction
 from .impact.elements.jenkins import Jenkins as Jenkins, iwan as iwan
@@ -42,4 +43,5 @@ from .maps.towel import FoldedTowel as FoldedTowel
 from .structure.chain import extensions as extensions
 from .structure.lagrangian import LagrangianStructure as LagrangianStructure
 from .symbolic.flows import SymbolicFlow as SymbolicFlow
+from .symbolic.hybrid import SymbolicHybridFlow as SymbolicHybridFlow
 from .symbolic.maps import CompiledMap as CompiledMap, SymbolicMap as SymbolicMap

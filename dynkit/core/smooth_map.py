@@ -126,6 +126,11 @@ class SmoothMap(Family, ABC):
         return False
 
     @property
+    def _framed(self) -> bool:
+        """Whether the `orbit_factors` are those of fewer directions than the `jacobian_factors`."""
+        return self.conservative
+
+    @property
     def _may_conserve(self) -> bool:
         """Whether orbits may form families, on the levels of a first integral that is not used."""
         return False
@@ -258,13 +263,17 @@ class SmoothMap(Family, ABC):
         """
         count = non_negative_integer("n", n)
         here = finite_array("state", state, (self.dimension,))
-        frame = np.eye(self.dimension)
-        logs, errors = np.empty((2, count, self.dimension))
+        frame = self._frame(here)
+        logs, errors = np.empty((2, count, frame.shape[1]))
         times = np.empty(count)
         for i in range(count):
             here, factors, times[i] = self._followed(here)
             frame, logs[i], errors[i] = stretched(*factors, frame)
         return Stretching(logs, errors, None if np.isnan(times).any() else times, here)
+
+    def _frame(self, state: Array) -> Array:  # noqa: ARG002
+        """The first frame of directions, (d, k): those without an exponent are left out."""
+        return np.eye(self.dimension)
 
     def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
         """The next state, the factors of the jacobian, and the time; NaN for none."""

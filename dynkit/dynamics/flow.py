@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, final
 
@@ -72,6 +72,32 @@ class Part(NamedTuple):
         least = float(np.linalg.svd(carried, compute_uv=False)[-1])
         # for inaccurate flows the limit is twice the length below which `stretched` gives NaN
         return least >= max(_EVEN * self.size, min(2.0 * CLEAR * self.error, 0.5 * self.size))
+
+
+def framed(parts: Sequence[Part], begin: Array, across: Basis, last: Array) -> tuple[Array, Array]:
+    """Return the derivatives of parts between frames of directions, and errors of their entries.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    begin : (d, k) array
+        The directions at the start.
+    across : callable
+        The directions (d, k) at the ends of parts, onto which disturbances are projected.
+    last : (k, d) array
+        Its product with a disturbance at the end of the last part is the result.
+
+    Returns
+    -------
+    factors : (n, k, k) array
+    errors : (n,) array
+    """
+    factors, errors = [], []
+    for part, end in zip(parts, [*(across(p.end).T for p in parts[:-1]), last], strict=True):
+        factors.append(end @ part.derivative @ begin)
+        errors.append(part.error * np.linalg.norm(begin, 2) * np.linalg.norm(end, 2))
+        begin = end.T
+    return np.array(factors), np.array(errors)
 
 
 @final

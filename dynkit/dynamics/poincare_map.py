@@ -17,7 +17,8 @@ from dynkit.core.validation import (
     one_of,
     positive,
 )
-from dynkit.dynamics.flow import Basis, Crossing, Flow, flow_coordinates
+from dynkit.dynamics.flow import Basis, Crossing, Flow, flow_coordinates, framed
+from dynkit.dynamics.hybrid_flow import smooth
 from dynkit.dynamics.level import Level
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.section import PoincareSection
@@ -52,8 +53,8 @@ class PoincareMap(Map):
     Raises
     ------
     ValueError
-        When the dimensions differ, the time limit is not positive, the least rate is negative, or
-        the flow has no such integral.
+        When the dimensions differ, the time limit is not positive, the least rate is negative, the
+        flow has no such integral, or it has resets: see `ResetMap`.
 
     References
     ----------
@@ -83,6 +84,7 @@ class PoincareMap(Map):
     level: tuple[str, float] | None = None
 
     def __post_init__(self) -> None:
+        smooth("flow", self.flow)
         if self.section.dimension != self.flow.dimension:
             raise ValueError(
                 f"section must have the flow's dimension {self.flow.dimension}; "
@@ -236,15 +238,8 @@ class PoincareMap(Map):
         By default `last` is the identity.
         """
         parts = list(self.flow._parts(self._lifted(state), hit.time, across))
-        frames = [across(part.end).T for part in parts[:-1]]
         arrived = self._on_section(hit, np.eye(self.flow.dimension))
-        frames.append(arrived if last is None else last @ arrived)
-        factors, errors = [], []
-        for part, end in zip(parts, frames, strict=True):
-            factors.append(end @ part.derivative @ begin)
-            errors.append(part.error * np.linalg.norm(begin, 2) * np.linalg.norm(end, 2))
-            begin = end.T
-        return np.array(factors), np.array(errors)
+        return framed(parts, begin, across, arrived if last is None else last @ arrived)
 
     def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
         hit = self.crossing(state)

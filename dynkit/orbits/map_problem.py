@@ -165,7 +165,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
         system = self.at(p)
-        if not system.conservative:
+        if not system._framed:
             self.jacobians(x, p)
             return self._derivatives[3]
         try:

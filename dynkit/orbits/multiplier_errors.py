@@ -35,7 +35,7 @@ def multiplier_errors(
     eigenvalues the multipliers are, by their errors.
     """
     worst, random, m = np.zeros(len(found)), np.random.default_rng(0), len(x)
-    if not (np.isfinite(found).all() and np.isfinite(moved).all()):
+    if not (len(found) and np.isfinite(found).all() and np.isfinite(moved).all()):
         return np.full(len(found), np.inf)
     for _ in range(PROBES):
         step = moved * random.choice([-1.0, 1.0], len(moved))

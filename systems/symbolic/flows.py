@@ -108,7 +108,7 @@ class SymbolicFlow(CodedFamily, Flow):
             raise TypeError(f"integrals must be a tuple of names of methods; got {cls.integrals!r}")
         for name in cls.integrals:
             if name in own:
-                setattr(cls, name, _integral_of_states_too(own[name]))
+                setattr(cls, name, of_states_too(own[name], scalar=True))
 
     @property
     def accuracy(self) -> float:
@@ -123,14 +123,20 @@ class SymbolicFlow(CodedFamily, Flow):
         return self._by_parameter(self._program, state, name)
 
     def integral_gradient(self, name: str, state: Array) -> Array:
-        code = self._integral_program(name).tangent
-        return self._filled(code, state, (self.dimension + 1,))[1:].copy()
+        return self._scalar_gradient(one_of("integral", name, self.integrals), state)
 
     def integral_parameter_derivative(self, name: str, state: Array, parameter: str) -> float:
-        return float(self._by_parameter(self._integral_program(name), state, parameter)[0])
+        program = self._method(one_of("integral", name, self.integrals), scalar=True)
+        return float(self._by_parameter(program, state, parameter)[0])
 
-    def _integral_program(self, name: str) -> Program:
-        program = program_of(self, one_of("integral", name, self.integrals), scalar=True)
+    def _scalar_gradient(self, name: str, state: Array) -> Array:
+        """The derivative, (d,), of the expression that a method returns."""
+        code = self._method(name, scalar=True).tangent
+        return self._filled(code, state, (self.dimension + 1,))[1:].copy()
+
+    def _method(self, name: str, scalar: bool = False) -> Program:
+        """The program of a method besides the velocity, of the same coordinates."""
+        program = program_of(self, name, scalar=scalar)
         found = tuple(symbol.name for symbol in program.expressions.coordinates)
         if found != self._coordinates:
             wanted = ", ".join(self._coordinates)
@@ -307,19 +313,23 @@ def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
     return velocity
 
 
-def _integral_of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a first integral of symbols that takes one state, (d,), of numbers as well."""
+def of_states_too(function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
+    """Return a method of symbols, besides the velocity, that takes one state, (d,), as well.
+
+    A scalar method returns one expression, and of a state one number.
+    """
 
     @wraps(function)
-    def integral(self: SymbolicFlow, *arguments: Any) -> Any:
+    def method(self: SymbolicFlow, *arguments: Any) -> Any:
         from sympy import Expr
 
         if len(arguments) != 1 or isinstance(arguments[0], Expr):
             return function(self, *arguments)
-        code = self._integral_program(function.__name__).step
-        return float(self._filled(code, arguments[0], (1,))[0])
+        code = self._method(function.__name__, scalar).step
+        found = self._filled(code, arguments[0], (1 if scalar else self.dimension,))
+        return float(found[0]) if scalar else found
 
-    return integral
+    return method
 
 
 @cache

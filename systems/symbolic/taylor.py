@@ -77,6 +77,8 @@ class Taylor:
         )
         made = translate(name, expressions.values, dict(symbols), _Series(name, self._library))
         self._system = list(zip(self._variables, made, strict=True))
+        used = set().union(*(value.free_symbols for value in expressions.values))
+        self._occurring = {i for i, each in enumerate(expressions.parameters) if each in used}
         self._integrators: dict[int | None, Any] = {}
 
     def advance(self, parameters: Array, state: Array, duration: float) -> Array:
@@ -98,6 +100,8 @@ class Taylor:
 
     def by_parameter(self, parameters: Array, state: Array, duration: float, place: int) -> Array:
         """Return the derivative, (d,), of the state after a duration by one of the parameters."""
+        if place not in self._occurring:
+            return np.zeros(self._dimension)
         with self._lock:
             integrator = self._at(place, parameters, state)
             integrator.state[self._dimension :] = 0.0
@@ -141,13 +145,12 @@ class Taylor:
             self._integrators[kind] = hy.taylor_adaptive(
                 system,
                 [0.0] * self._dimension,
-                pars=[0.0] * len(self._parameters),
                 compact_mode=len(equations) > _LARGE,
             )
         integrator = self._integrators[kind]
         integrator.time = 0.0
         integrator.state[: self._dimension] = state
-        integrator.pars[:] = parameters
+        integrator.pars[:] = parameters[: len(integrator.pars)]  # the last ones may not occur
         return integrator
 
     def _run(self, integrator: Any, state: Array, duration: float) -> None:
