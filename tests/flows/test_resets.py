@@ -102,8 +102,12 @@ def test_the_wheel_rolls_as_in_closed_form(kind: Any, slope: float) -> None:
 
 
 def test_the_exponent_of_the_wheel_is_the_logarithm_of_its_multiplier() -> None:
-    found = LyapunovSpectrum.of_map(steps(Wheel()), [-0.18, 0.5], iterations=128)
-    assert found.exponents == pytest.approx([np.log(0.75)], abs=1e-9)
+    system = steps(Wheel())
+    state = periodic_orbit(system, [-0.18, 0.5]).states[0]
+    found = LyapunovSpectrum.of_map(system, state, iterations=128)
+    assert found.exponents == pytest.approx([np.log(0.75)], abs=1e-12)
+    per_time = np.log(0.75) / system.return_time(state)
+    assert found.per_time == pytest.approx([per_time], abs=1e-12)
 
 
 def test_a_wheel_that_is_too_slow_stops() -> None:
