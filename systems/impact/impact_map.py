@@ -112,6 +112,7 @@ class ImpactMap(DrivenStructure, Map):
         if of_law:
             found["restitution"] = repr(self.restitution)
         smooth = {} if self._motion is None else {"energies": self._motion.text}
+        smooth |= {self._stops[k].coordinate: f.text for k, f in self._curves.items()}
         return found | of_law | smooth | {"elements": tuple(map(repr, self.elements))}
 
     @property
@@ -234,7 +235,7 @@ class ImpactMap(DrivenStructure, Map):
         size : float
             Relative size of the displacement.
         """
-        states, others = abs(motion.states), self.degrees_of_freedom - 1
+        states, others = abs(motion.states), self.degrees_of_freedom - (not self._curves)
         scale = np.ones(self.dimension)
         if self._strobed:
             others = len(self._crossed.kept[0])

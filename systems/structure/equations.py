@@ -188,9 +188,9 @@ def motion_of(structure: LagrangianStructure, size: int) -> Motion:
         taken = _arguments(structure, name)
         expression = getattr(structure, name)(*(given[each] for each in taken))
         allowed = {"phase": {given["phase"]}} | {k: set(given[k]) for k in ("x", "v")}
-        found.append(_checked(name, expression, set().union(*(allowed[each] for each in taken))))
+        found.append(checked(name, expression, set().union(*(allowed[each] for each in taken))))
     numbers: dict[Any, Any] = {}
-    forms = tuple(_form(each, numbers) for each in found)
+    forms = tuple(form_of(each, numbers) for each in found)
     equations = _equations(size, forms, tuple(numbers.values()))
     values = [float(value) for value in numbers]
     return Motion(equations, np.array(values), f"{forms}, {values}")
@@ -261,7 +261,14 @@ def _arguments(structure: LagrangianStructure, name: str) -> tuple[str, ...]:
     return names
 
 
-def _checked(name: str, given: object, known: set[sympy.Symbol]) -> sympy.Expr:
+def checked(name: str, given: object, known: set[sympy.Symbol]) -> sympy.Expr:
+    """The expression that a method returned, if it is smooth, finite, real and of known symbols.
+
+    Raises
+    ------
+    ValueError
+        Naming the method.
+    """
     from sympy import I, nan, oo, zoo
     from sympy.core.function import Application
 
@@ -280,7 +287,7 @@ def _checked(name: str, given: object, known: set[sympy.Symbol]) -> sympy.Expr:
     return expression
 
 
-def _form(expression: Any, numbers: dict[Any, Any]) -> Any:
+def form_of(expression: Any, numbers: dict[Any, Any]) -> Any:
     """The expression with a symbol for each number; `numbers` gets these, modified in place."""
     from sympy import Add, Symbol
 
@@ -295,14 +302,14 @@ def _form(expression: Any, numbers: dict[Any, Any]) -> Any:
         # The order of SymPy's terms depends on their numbers.
         terms = [term.as_coeff_Mul() for term in expression.args]
         terms.sort(key=lambda term: term[1].sort_key())
-        return Add(*(_form(number, numbers) * _form(rest, numbers) for number, rest in terms))
+        return Add(*(form_of(number, numbers) * form_of(rest, numbers) for number, rest in terms))
     if expression.is_Pow:
         base, exponent = expression.args
         if exponent.is_Number:
-            return _form(base, numbers) ** exponent
+            return form_of(base, numbers) ** exponent
     if not expression.args:
         return expression
-    return expression.func(*(_form(part, numbers) for part in expression.args))
+    return expression.func(*(form_of(part, numbers) for part in expression.args))
 
 
 def derivation_of(structure: LagrangianStructure, size: int) -> Derivation:

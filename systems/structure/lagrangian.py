@@ -130,7 +130,7 @@ class LagrangianStructure(Shown, ABC):
 
     @cached_property
     def _derivation(self) -> Derivation:
-        return _shared_derivation(self)
+        return shared_derivation(self)
 
     def _derive(self) -> Derivation:
         size = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
@@ -190,7 +190,8 @@ class _Derivations:
 _derivations = _Derivations()
 
 
-def _shared_derivation(structure: LagrangianStructure) -> Derivation:
+def shared_derivation(structure: LagrangianStructure) -> Derivation:
+    """The derivation of a structure, which equal structures share."""
     key = _key(structure)
     with _lock:
         if key is None:

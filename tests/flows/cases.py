@@ -153,7 +153,7 @@ def followed_in_many_digits(velocity: VelocityOf, state: list[Many], duration: M
     with ctx.workprec(BITS):
         left, here = arb(duration), [arb(x) for x in state]
         while left > 0:
-            paths = _taylor(velocity, here)
+            paths = taylor(velocity, here)
             last = max(float(abs(path[ORDER])) for path in paths)
             step = arb((TRUNCATION / max(last, TRUNCATION)) ** (1.0 / ORDER))
             step = step if step < left else left
@@ -163,7 +163,7 @@ def followed_in_many_digits(velocity: VelocityOf, state: list[Many], duration: M
         return here
 
 
-def _taylor(velocity: VelocityOf, start: list[Many]) -> list[Many]:
+def taylor(velocity: VelocityOf, start: list[Many]) -> list[Many]:
     """Picard's iteration: each round gives one more coefficient."""
     paths = [arb_series([x]) for x in start]
     cap = ctx.cap

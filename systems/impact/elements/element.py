@@ -142,8 +142,10 @@ class Element(ABC):
 
     Parameters
     ----------
-    coordinate : int or (int, int) or (N,) sequence of float
-        Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, or the row J.
+    coordinate : int or (int, int) or (N,) sequence of float or str
+        Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, or the row J. For a `HardStop`
+        also the name of a method of the oscillator, which takes the coordinates, as ``potential``
+        does, and returns y as an expression.
     offset : float
         Middle of the element's motion.
     amplitude : float
@@ -180,7 +182,10 @@ class Element(ABC):
         if self.name and not str(self.name).isidentifier():
             raise ValueError(f"name must be a name like 'table'; got {self.name!r}")
         given = self.coordinate
-        if isinstance(given, tuple | list) and len(given) == 2 and all(map(_is_index, given)):
+        if isinstance(given, str):
+            if not given.isidentifier():
+                raise ValueError(f"coordinate must be a name like 'height'; got {given!r}")
+        elif isinstance(given, tuple | list) and len(given) == 2 and all(map(_is_index, given)):
             self._set("coordinate", (int(given[0]), int(given[1])))
         elif not _is_index(given):
             self._set("coordinate", tuple(finite_array("coordinate", given, (None,)).tolist()))
@@ -261,9 +266,17 @@ class Element(ABC):
         ]
 
     @final
+    @property
+    def curved(self) -> bool:
+        """Whether y is a function of the coordinates; then the row depends on them."""
+        return isinstance(self.coordinate, str)
+
+    @final
     def row(self, size: int) -> Array:
-        """The row J, (N,), padded with zeros to a given size."""
+        """The row J, (N,), padded with zeros to a given size; zero where it is `curved`."""
         row, given = np.zeros(size), self.coordinate
+        if self.curved:
+            return row
         if isinstance(given, Integral):
             row[given] = 1.0
         elif _is_index(given[0]):
@@ -276,6 +289,8 @@ class Element(ABC):
     def of(self, size: int, where: str) -> Element:
         """The same element with indices of coordinates in [0, N); ValueError beyond these."""
         name, given = f"{where}.coordinate", self.coordinate
+        if self.curved:
+            return self
         if isinstance(given, Integral):
             return replace(self, coordinate=index_in(name, given, -size, size - 1) % size)
         if len(given) == 2 and all(map(_is_index, given)):

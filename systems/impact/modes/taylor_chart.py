@@ -21,6 +21,7 @@ import numpy as np
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.taylor_equations import Plan, system_of
+from dynkit.systems.structure.functions import CoordinateFunction
 
 _MOST_KEPT = 64
 """Compiled integrators that are kept."""
@@ -96,6 +97,9 @@ class Chart:
     own : (stops and rubs, 8) numbers of the elements, see `TaylorMode.own`
     to_x, to_v, back_x, back_v : (N, N)
         From positions to coordinates and back, and for velocities.
+    curves : dict
+        Functions along which elements act, by the numbers of these. Their gaps follow the
+        positions, and the rates of the gaps the velocities: with them there are 2 (N + K) numbers.
     """
 
     def __init__(
@@ -105,11 +109,13 @@ class Chart:
         own: Array,
         to: tuple[Array, Array],
         back: tuple[Array, Array],
+        curves: dict[int, CoordinateFunction],
     ) -> None:
-        self.plan, self._pars, self._own = plan, pars, own
+        self.plan, self._pars, self._own, self.curves = plan, pars, own, curves
         self.to_x, self.to_v = to
         self.back_x, self.back_v = back
-        self.places, self.speeds = dict(plan.stops), dict((*plan.stops, *plan.rubs))
+        more = {k: len(self.to_x) + i for i, k in enumerate(curves)}
+        self.places, self.speeds = dict(plan.stops) | more, dict((*plan.stops, *plan.rubs)) | more
         self.lock = RLock()
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
 
@@ -149,15 +155,34 @@ class Chart:
         return x, v
 
     def coordinates(self, x: Array, v: Array, sine: float, cosine: float) -> Array:
-        """Coordinates (2 N,) of positions and velocities (N,)."""
+        """Coordinates (2 N,) of positions and velocities (N,); with gaps along functions."""
         more_x, more_v = self.shifts(sine, cosine)
-        return np.concatenate([self.to_x @ x - more_x, self.to_v @ v - more_v])
+        parts = self.to_x @ x - more_x, self.to_v @ v - more_v
+        if not self.curves:
+            return np.concatenate(parts)
+        gaps, rates, rate = [], [], self._pars[1]
+        for k, function in self.curves.items():
+            sign, real, imaginary, offset, drift = self._own[k, :5]
+            place = offset + real * sine + imaginary * cosine
+            speed = drift + rate * (real * cosine - imaginary * sine)
+            gaps.append(sign * (float(function(x)) - place))
+            rates.append(sign * (float(function.gradient(x) @ v) - speed))
+        return np.concatenate([parts[0], gaps, parts[1], rates])
+
+    def kicked(self, x: Array, change: Array) -> Array:
+        """Changes of the second half of the coordinates by changes (N,) of velocities."""
+        rates = [self._own[k, 0] * (f.gradient(x) @ change) for k, f in self.curves.items()]
+        return np.concatenate([self.to_v @ change, rates])
+
+    def _bare(self, z: Array) -> Array:
+        """Coordinates (2 N,) without gaps along functions."""
+        return np.concatenate([part[: len(self.to_x)] for part in np.split(z, 2)])
 
     def motion(self, z: Array, sine: Any, cosine: Any) -> tuple[Array, Array]:
-        """Positions and velocities (..., N) of coordinates (..., 2 N)."""
-        n = len(self.to_x)
+        """Positions and velocities (..., N) of coordinates (..., 2 N), or of those with gaps."""
+        n, half = len(self.to_x), z.shape[-1] // 2
         more_x, more_v = self.shifts(sine, cosine)
-        x, v = z[..., :n] + more_x, z[..., n:] + more_v
+        x, v = z[..., :n] + more_x, z[..., half : half + n] + more_v
         if not self._plain:
             x, v = x @ self.back_x.T, v @ self.back_v.T
         return x, v
@@ -210,6 +235,8 @@ class Chart:
             self.load(z, sine, cosine)
         stations = [*early, longest]
         limits: dict[str, Any] = {"max_steps": _CHUNK}
+        if self.curves:  # a free flight is a polynomial, which Taylor's method follows for ever
+            pace = min(pace, math.tau / self._pars[1])
         if pace < math.inf:
             limits["max_delta_t"] = pace
         while True:
@@ -252,7 +279,7 @@ class Chart:
         """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N, order + 1)."""
         made, begins, found = self.eventless, [0.0], []
         made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
-        made.state[:] = z
+        made.state[:] = self._bare(z)
         (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
         while begins[-1] <= longest:
             outcome, _ = made.step(max_delta_t=period, write_tc=True)
@@ -269,9 +296,9 @@ class Chart:
         self, z: Array, sine: float, cosine: float, duration: float
     ) -> tuple[Array, Array]:
         """Coordinates (2 N,) after a duration, and derivative (2 N, 2 N + 1) by state and phase."""
-        made, m = self.variations, len(z)
+        made, m = self.variations, 2 * len(self.to_x)
         made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
-        made.state[:m] = z
+        made.state[:m] = self._bare(z)
         made.state[m:] = np.eye(m, m + 1).ravel()
         outcome, *_ = made.propagate_until(duration)
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():

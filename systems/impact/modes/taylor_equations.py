@@ -13,6 +13,7 @@ from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
     from dynkit.systems.structure.equations import Equations
+    from dynkit.systems.structure.functions import Form
 
 
 @final
@@ -33,6 +34,10 @@ class Plan:
         Element of each guard.
     elements : int
         Number of elements.
+    curves : tuple of (int, Form)
+        Elements along functions of the coordinates, and these.
+    carries : bool
+        Whether the gaps of these elements and their rates are variables, besides the coordinates.
     """
 
     equations: Equations
@@ -43,12 +48,20 @@ class Plan:
     sticking: tuple[int, ...]
     guards: tuple[int, ...]
     elements: int
+    curves: tuple[tuple[int, Form], ...] = ()
+    carries: bool = True
 
     @property
     def without_guards(self) -> Plan:
-        """The same without guards, whose numbers come last."""
+        """The same without guards, whose numbers come last, and without gaps along functions."""
         kinds = self.kinds[: len(self.kinds) - 4 * len(self.guards)]
-        return replace(self, kinds=kinds, guards=())
+        return replace(self, kinds=kinds, guards=(), carries=False)
+
+    @property
+    def eliminates(self) -> bool:
+        """Whether what holds is eliminated in expressions, as rows or masses are not constant."""
+        held = any(k in self.held for k, _ in self.curves)
+        return held or not self.equations.constant_mass
 
 
 def numbers_of(groups: Sequence[Array]) -> tuple[Array, tuple[int, ...]]:
@@ -108,7 +121,12 @@ class _Builder:
         self._sine, self._cosine = hy.sin(self._phase), hy.cos(self._phase)
         count = len(plan.equations.numbers)
         self._numbers = [hy.par[2 + i] for i in range(count)]
-        self.leaves = _Leaves(hy, plan.kinds, 2 + count)
+        first = 2 + count
+        self._of_curves = []
+        for _, form in plan.curves:
+            self._of_curves.append([hy.par[first + i] for i in range(len(form.numbers))])
+            first += len(form.numbers)
+        self.leaves = _Leaves(hy, plan.kinds, first)
         self._forces = self.leaves(3, n)
         self._rows, self._own = self.leaves(e, n), self.leaves(e, 8)
         self._places = dict(plan.stops)
@@ -119,6 +137,25 @@ class _Builder:
         for k, p in self._speeds.items():
             v[p] = v[p] + own[k, 0] * (own[k, 4] + self.swing(k, 1))
         self.x, self.v = (_applied(self.leaves(n, n), part) for part in (x, v))
+        carried = [k for k, _ in plan.curves if plan.carries]
+        self.gaps = {k: hy.expression(f"g{k}") for k in carried}
+        self.slips = {k: hy.expression(f"u{k}") for k in carried}
+        self._bends: dict[int, Any] = {}
+        self._curve()
+
+    def _curve(self) -> None:
+        """Rows along functions, and what velocities add to the accelerations along them."""
+        from dynkit.systems.symbolic.taylor import series
+
+        n = self._n
+        for (k, form), numbers in zip(self._plan.curves, self._of_curves, strict=True):
+            symbols = dict(zip(form.x, self.x, strict=True))
+            symbols |= dict(zip(form.numbers, numbers, strict=True))
+            found = series("the coordinate of a stop", form.values[1:], symbols)
+            pairs = ((i, j) for i in range(n) for j in range(n))
+            terms = ((found[n + n * i + j], self.v[i] * self.v[j]) for i, j in pairs)
+            self._rows[k] = found[:n]
+            self._bends[k] = _total((a, b) for a, b in terms if not _nil(a))
 
     def swing(self, k: int, order: int) -> Any:
         """Displacement of an element, or its rate, or acceleration."""
@@ -130,15 +167,15 @@ class _Builder:
 
     def gap(self, k: int) -> Any:
         """Gap of an element."""
-        if k in self._places:
-            return self.zx[self._places[k]]
+        if k in self._places or k in self.gaps:
+            return self.gaps[k] if k in self.gaps else self.zx[self._places[k]]
         along = _total(zip(self._rows[k], self.x, strict=True))
         return self._own[k, 0] * (along - self._own[k, 3] - self.swing(k, 0))
 
     def slip(self, k: int) -> Any:
         """Rate of the gap of an element."""
-        if k in self._speeds:
-            return self.zv[self._speeds[k]]
+        if k in self._speeds or k in self.slips:
+            return self.slips[k] if k in self.slips else self.zv[self._speeds[k]]
         along = _total(zip(self._rows[k], self.v, strict=True))
         return self._own[k, 0] * (along - self._own[k, 4] - self.swing(k, 1))
 
@@ -153,7 +190,10 @@ class _Builder:
         symbols |= dict(zip(equations.numbers, self._numbers, strict=True))
         f = self._pushed(series("the energies", equations.force, symbols))
         moved = [self.swing(k, 2) for k in both]
-        if not equations.constant_mass:
+        moved = [
+            m - self._bends[k] if k in self._bends else m for k, m in zip(both, moved, strict=True)
+        ]
+        if plan.eliminates:
             mass = series("the energies", [m for row in equations.mass for m in row], symbols)
             matrix = np.array(mass, dtype=object).reshape(n, n)
             return _constrained(matrix, f, self._rows, both, moved)
@@ -188,6 +228,10 @@ class _Builder:
             along = _total(zip(self._rows[k], a, strict=True))
             still = k in (*plan.held, *plan.sticking)
             dv[p] = 0.0 if still else self._own[k, 0] * (along - self.swing(k, 2))
+        for k, slip in self.slips.items():
+            along = _total(zip(self._rows[k], a, strict=True)) + self._bends[k] - self.swing(k, 2)
+            dx.append(0.0 if k in plan.held else slip)
+            dv.append(0.0 if k in plan.held else self._own[k, 0] * along)
         return [*dx, *dv]
 
     def guard(self, watch: Any, k: int, press: list[Any]) -> Any:
@@ -208,7 +252,8 @@ def system_of(hy: Any, plan: Plan) -> tuple[list[Any], list[Any], list[Any]]:
     rates = [hy.expression(d) if isinstance(d, float) else d for d in build.rates(a)]
     watches = build.leaves(len(plan.guards), 4)
     pairs = zip(watches, plan.guards, strict=True)
-    return [*build.zx, *build.zv], rates, [build.guard(watch, k, press) for watch, k in pairs]
+    variables = [*build.zx, *build.gaps.values(), *build.zv, *build.slips.values()]
+    return variables, rates, [build.guard(watch, k, press) for watch, k in pairs]
 
 
 def _applied(matrix: Any, values: list[Any]) -> list[Any]:

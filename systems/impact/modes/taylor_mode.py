@@ -20,6 +20,7 @@ from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
 
 if TYPE_CHECKING:
     from dynkit.systems.structure.equations import Motion
+    from dynkit.systems.structure.functions import CoordinateFunction
 
 _INDEPENDENT = 1e-9
 """Relative size from which on a row depends on no others."""
@@ -38,11 +39,14 @@ class Scene:
     motion : Motion
     excitation : Excitation
     elements : tuple of Element
+    curves : dict
+        Functions of the coordinates along which elements act, by the numbers of these.
     """
 
     motion: Motion
     excitation: Excitation
     elements: tuple[Element, ...]
+    curves: dict[int, CoordinateFunction]
 
     @property
     def size(self) -> int:
@@ -51,9 +55,25 @@ class Scene:
 
     @cached_property
     def rows(self) -> Array:
-        """Rows (elements, N) along which the elements act."""
+        """Rows (elements, N) along which the elements act; zero along functions."""
         rows = [element.row(self.size) for element in self.elements]
         return np.array(rows).reshape(-1, self.size)
+
+    def rows_at(self, x: Array) -> Array:
+        """The rows (elements, N) at positions (N,)."""
+        rows = self.rows
+        if self.curves:
+            rows = rows.copy()
+            for k, function in self.curves.items():
+                rows[k] = function.gradient(x)
+        return rows
+
+    def bends(self, x: Array, v: Array) -> Array:
+        """What velocities add to the accelerations along the elements, (elements,)."""
+        found = np.zeros(len(self.elements))
+        for k, function in self.curves.items():
+            found[k] = v @ function.bend(x, v)
+        return found
 
     def forces(self, sine: float, cosine: float) -> Array:
         """Harmonic and constant forces (N,)."""
@@ -186,9 +206,10 @@ class TaylorMode:
         a: Array = np.asarray(np.linalg.solve(mass, total), dtype=float)
         both = [*self.held, *self.sticking]
         if both:
-            rows = scene.rows[both]
+            rows = scene.rows_at(x)[both]
             response = np.linalg.solve(mass, rows.T)
-            moved = [scene.prescribed(k, sine, cosine)[2] for k in both]
+            swings = np.array([scene.prescribed(k, sine, cosine)[2] for k in both])
+            moved = swings - scene.bends(x, v)[both]
             along = np.linalg.solve(rows @ response, moved - rows @ a)
             a = a + response @ along
             pushes[both] = signs[both] * along
@@ -199,6 +220,9 @@ class TaylorMode:
         scene = self.scene
         place, speed, _ = scene.prescribed(k, sine, cosine)
         sign = scene.elements[k].sign
+        if k in scene.curves:
+            along = scene.curves[k](x), (v * scene.curves[k].gradient(x)).sum(axis=-1)
+            return sign * (along[0] - place), sign * (along[1] - speed)
         return sign * (x @ scene.rows[k] - place), sign * (v @ scene.rows[k] - speed)
 
     def rate(self, states: Array) -> Array:
@@ -217,7 +241,8 @@ class TaylorMode:
         k, watch = self.guards[number]
         scene, (x, v), (sine, cosine) = self.scene, self.motion(state), state[:, -1].tolist()
         gap, rate = self.gap(k, x, v, sine, cosine)
-        row, element, w = abs(scene.rows[k]), scene.elements[k], scene.excitation.frequency
+        element, w = scene.elements[k], scene.excitation.frequency
+        row = abs(scene.rows_at(x)[k])
         value = watch.level + watch.gap * gap + watch.rate * rate
         size = abs(watch.level)
         size += abs(watch.gap) * float(row @ abs(x) + abs(element.offset) + element.amplitude)
@@ -239,21 +264,26 @@ class TaylorMode:
         if found is None:
             w, motion = self.scene.excitation.frequency, self.scene.motion
             mass, _ = motion.inertia(w, x, np.zeros_like(x), phase)
-            found = self._kick(k, mass)
-            if motion.equations.constant_mass:
+            found = self._kick(k, mass, self.scene.rows_at(x))
+            if self.constant_kicks:
                 self._constant_kicks[k] = found
         return found
+
+    @property
+    def constant_kicks(self) -> bool:
+        """Whether impulses of stops have the same effect in all states."""
+        return self.scene.motion.equations.constant_mass and not self.scene.curves
 
     @cached_property
     def _constant_kicks(self) -> dict[int, Array]:
         return {}
 
-    def _kick(self, k: int, mass: Array) -> Array:
+    def _kick(self, k: int, mass: Array, all_rows: Array) -> Array:
         scene, both = self.scene, [*self.held, *self.sticking]
-        row = scene.rows[k]
+        row = all_rows[k]
         response = np.linalg.solve(mass, row)
         if both:
-            rows = scene.rows[both]
+            rows = all_rows[both]
             inner = np.linalg.solve(mass, rows.T)
             response = response - inner @ np.linalg.solve(rows @ inner, rows @ response)
         return np.asarray(scene.elements[k].sign * response / float(row @ response))
@@ -269,8 +299,9 @@ class TaylorMode:
     def chart(self, first: int = -1) -> Chart:
         """Coordinates among them the gap of one element, and those of others as far as they may."""
         elements, hard = self.scene.elements, list[int]()
-        stops = [k for k, e in enumerate(elements) if isinstance(e, HardStop)]
-        for k in dict.fromkeys([*self.held, *([first] if first in stops else []), *stops]):
+        stops = [k for k, e in enumerate(elements) if isinstance(e, HardStop) and not e.curved]
+        held = [k for k in self.held if not elements[k].curved]
+        for k in dict.fromkeys([*held, *([first] if first in stops else []), *stops]):
             if self._apart([*hard, k]):
                 hard.append(k)
         key = tuple(sorted(hard))
@@ -309,10 +340,12 @@ class TaylorMode:
             self.sticking,
             tuple(k for k, _ in self.guards[: self.events]),
             len(scene.elements),
+            tuple((k, function.form) for k, function in scene.curves.items()),
         )
         head = [0.0, scene.excitation.frequency]
-        pars = np.concatenate([head, scene.motion.numbers, flat])
-        return Chart(plan, pars, own, (to[0], to[1]), (back[0], back[1]))
+        of_curves = [function.numbers for function in scene.curves.values()]
+        pars = np.concatenate([head, scene.motion.numbers, *of_curves, flat])
+        return Chart(plan, pars, own, (to[0], to[1]), (back[0], back[1]), scene.curves)
 
     def _numbers(self, back: Sequence[Array]) -> tuple[Array, list[Array]]:
         """Numbers (elements, 8) of the elements, and all numbers of a plan."""
@@ -340,7 +373,8 @@ class TaylorMode:
             own,
             *back,
         ]
-        if scene.motion.equations.constant_mass:
+        held = any(k in scene.curves for k in self.held)
+        if scene.motion.equations.constant_mass and not held:
             zero = np.zeros(n)
             mass, _ = scene.motion.inertia(scene.excitation.frequency, zero, zero, 0.0)
             groups += _through(mass, scene.rows[[*self.held, *self.sticking]])
@@ -392,13 +426,13 @@ class TaylorMode:
 
     def settled(self, chart: Chart, z: Array) -> Array:
         """Set gaps and slips of what holds and sticks to zero in coordinates (2 N,), in place."""
-        n = self.bodies
+        half = len(z) // 2
         for k in self.held:
             if k in chart.places:
-                z[chart.places[k]] = z[n + chart.speeds[k]] = 0.0
+                z[chart.places[k]] = z[half + chart.speeds[k]] = 0.0
         for k in self.sticking:
             if k in chart.speeds:
-                z[n + chart.speeds[k]] = 0.0
+                z[half + chart.speeds[k]] = 0.0
         return z
 
     def _near(self, state: Array) -> int:

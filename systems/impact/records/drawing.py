@@ -51,8 +51,9 @@ def draw(
     times = np.union1d(np.linspace(begin, end, count), impacts)
     first = system._elements[0] if along is None else along
     row = first.row(system.degrees_of_freedom)
+    function: Any = system._curves.get(0) if first.curved else lambda x: x @ row
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
-    place = np.concatenate([sample(part)[0] @ row for part in parts])
+    place = np.concatenate([function(sample(part)[0]) for part in parts])
     turn = phase + system.frequency * times
     named = zip(element_names(system), system._elements, strict=True)
     places = {
@@ -99,6 +100,8 @@ _SHADES = (
 
 def _named(along: Any) -> str:
     """How what a stop acts along is written on an axis."""
+    if isinstance(along, str):
+        return along
     if isinstance(along, int):
         return displacement(along)
     if isinstance(along[0], int):

@@ -126,6 +126,10 @@ def gap_of(system: ImpactMap, mode: Any, number: int, states: Array) -> tuple[Ar
     """
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
+    if number in system._curves:
+        own = system._elements[number].swing_rate(system.frequency, sine, cosine)
+        gap, rate = mode.gap(number, x, v, sine, cosine)
+        return gap, rate, system._elements[number].sign * own
     element, slider = system._elements[number], system._automaton.sliders.get(number)
     row, sign = element.row(x.shape[1]), element.sign
     own = element.swing_rate(system.frequency, sine, cosine) + element.drift
@@ -186,7 +190,7 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
     """What happens at the events from the start to the last impact."""
     s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
-    before, after, momentum = np.zeros((3, last, system.degrees_of_freedom))
+    before, after, momentum, place = np.zeros((4, last, system.degrees_of_freedom))
     turn, impulse = np.zeros((2, last)), np.zeros((last, len(system._elements)))
     durations = np.diff(s.begin)[:last]
     mode: Any
@@ -197,7 +201,7 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
     for mode, here in run.modes(s.mode[1 : last + 1]):
         (some,) = np.nonzero(here)
         states = s.of(mode, some + 1)
-        after[some], turn[:, some] = mode.motion(states)[1], mode.parts(states)[1:]
+        (place[some], after[some]), turn[:, some] = mode.motion(states), mode.parts(states)[1:]
         change = after[some] - before[some]
         smooth = isinstance(mode, TaylorMode)
         momentum[some] = mode.momenta(states, change) if smooth else change @ system.mass
@@ -210,6 +214,10 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
         held = [k for k in parts.grips(run.regimes[number])[0] if k != element]
         held += [k for k, stop in parts.normal.items() if stop == element]
         stops = [system._elements[k] for k in (element, *held)]
+        if element in system._curves:
+            along = stops[0].sign * system._curves[element].gradient(place[here])
+            impulse[here, element] = (along * momentum[here]).sum(axis=1) / (along**2).sum(axis=1)
+            continue
         rows = np.array([stop.sign * stop.row(before.shape[1]) for stop in stops])
         solved = np.linalg.lstsq(rows.T, momentum[here].T)[0].T
         impulse[np.ix_(here, (element, *held))] = solved

@@ -192,7 +192,7 @@ class _Pen:
 
     def element(self, name: str, element: Element) -> None:
         """A stop or friction, below the masses that it acts on, with its name."""
-        row = element.row(self._last + 1)
+        row = np.ones(self._last + 1) if element.curved else element.row(self._last + 1)
         some = np.flatnonzero(row).tolist()
         low, high = (k * MASS_DISTANCE for k in (some[0], some[-1]))
         pair, rubs = sorted(row[row != 0.0].tolist()) == [-1.0, 1.0], "sticks" in element.doing

@@ -24,6 +24,7 @@ from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
 from dynkit.systems.impact.elements.parameters import checked_elements, names_of
 from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.structure import (
     Contact,
     Excitation,
@@ -38,7 +39,8 @@ from dynkit.systems.structure.equations import (
     has_arguments_of_its_own,
     small_oscillations,
 )
-from dynkit.systems.structure.lagrangian import LagrangianStructure
+from dynkit.systems.structure.functions import CoordinateFunction, function_of
+from dynkit.systems.structure.lagrangian import LagrangianStructure, shared_derivation
 from dynkit.systems.structure.modes import Derivation
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
@@ -57,6 +59,8 @@ _CACHES = frozenset(
         "_sliders",
         "_free",
         "_gaps",
+        "_curves",
+        "_derivation",
         "_automaton",
         "_default_start",
     }
@@ -124,6 +128,7 @@ class DrivenStructure(LagrangianStructure):
         if stop is not None:
             own |= {name: getattr(stop, name) for name in _OF_STOP}
             own["contact"] = place_of(stop.row(self.degrees_of_freedom))
+        _check_curved(self, elements)
         for entry in (entry for entry in fields(self) if entry.name in own):
             given, taken = getattr(self, entry.name), own[entry.name]
             if given not in (entry.default, taken):
@@ -141,9 +146,11 @@ class DrivenStructure(LagrangianStructure):
     def dimension(self) -> int:
         """Number of section coordinates: 2N, and one for each slider of a `Jenkins` element.
 
-        One less where the section is an event of an element, as nothing drives the machine.
+        One less where the section is an event of an element, as nothing drives the machine. Two
+        more where the stop acts along a function of the coordinates: all of them are kept.
         """
-        return 2 * self.degrees_of_freedom + len(self._sliders) - self._cycled
+        more = 2 * bool(self._curves) + len(self._sliders) - self._cycled
+        return 2 * self.degrees_of_freedom + more
 
     @property
     def natural_frequencies(self) -> Array:
@@ -168,7 +175,8 @@ class DrivenStructure(LagrangianStructure):
         """Engine that follows its motions: ``"exponential sums"``, or ``"Taylor"``.
 
         Quadratic energies have the first one, which is exact to rounding and misses no impact.
-        Energies of any other smooth form have Taylor's method.
+        Energies of any other smooth form have Taylor's method, and so have stops along functions
+        of the coordinates.
 
         Raises
         ------
@@ -183,12 +191,24 @@ class DrivenStructure(LagrangianStructure):
         return self._derivation.motion
 
     def _derive(self) -> Derivation:
-        if not has_arguments_of_its_own(self):
+        if not (has_arguments_of_its_own(self) or self._curves):
             try:
                 return super()._derive()
             except NotQuadraticError:
                 pass
         return derivation_of(self, self.degrees_of_freedom)
+
+    @cached_property
+    def _derivation(self) -> Derivation:
+        # elements are no part of what equal structures share
+        return self._derive() if self._curves else shared_derivation(self)
+
+    @cached_property
+    def _curves(self) -> dict[int, CoordinateFunction]:
+        """The functions of coordinates along which elements act, by their numbers."""
+        n = self.degrees_of_freedom
+        named = ((k, e.coordinate) for k, e in enumerate(self._elements) if e.curved)
+        return {k: function_of(self, name, n) for k, name in named}
 
     @cached_property
     def _structure(self) -> Structure:
@@ -207,18 +227,25 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _contact(self) -> Contact:
         """The contact of the first stop."""
-        return self._contacts[0]
+        first: Contact = self._contacts[0]
+        return first
 
     @cached_property
-    def _contacts(self) -> tuple[Contact, ...]:
+    def _contacts(self) -> tuple[Any, ...]:
         """The contacts of all hard stops."""
         n, structure = self._size, self._structure
+        if self._curves:
+            return (CurvedContact(self._curves[0], n),)
         return tuple(structure.contact(stop.row(n)) for stop in self._stops)
 
     @property
     def _others(self) -> list[Any]:
-        """For each stop, the numbers (N - 1,) of the coordinates that its section keeps."""
-        return [contact.others[: self.degrees_of_freedom - 1] for contact in self._contacts]
+        """For each stop, the numbers (N - 1,) of the coordinates that its section keeps.
+
+        All N where it acts along a function of the coordinates.
+        """
+        kept = self.degrees_of_freedom - (not self._curves)
+        return [contact.others[:kept] for contact in self._contacts]
 
     @cached_property
     def _excitation(self) -> Excitation:
@@ -249,7 +276,7 @@ class DrivenStructure(LagrangianStructure):
     @property
     def _own(self) -> tuple[Element, ...]:
         """What acts besides a table of one coordinate, in phase, with a number, and its play."""
-        plain = all(
+        plain = not self._curves and all(
             isinstance(stop.coordinate, int)
             and not stop.phase
             and not isinstance(stop.restitution, ImpactLaw)
@@ -321,7 +348,7 @@ class DrivenStructure(LagrangianStructure):
         from dynkit.systems.impact.modes.taylor_mode import Scene
         from dynkit.systems.impact.simulation.taylor_automaton import TaylorAutomaton
 
-        scene = Scene(self._motion, self._excitation, self._elements)
+        scene = Scene(self._motion, self._excitation, self._elements, self._curves)
         return TaylorAutomaton(self._structure, scene)
 
     @cached_property
@@ -371,6 +398,24 @@ class Crossed:
             self.contact.put(v, self.element.drift * moving)
         elif self.cycled:
             self.contact.put(x, self.element.offset * moving)
+
+
+def _check_curved(owner: object, elements: tuple[Element, ...]) -> None:
+    """Refuse functions of coordinates that no method gives, or along which no motion is known."""
+    for k, element in enumerate(elements):
+        if not element.curved:
+            continue
+        if not callable(getattr(owner, element.coordinate, None)):
+            raise ValueError(
+                f"elements[{k}].coordinate must be the name of a method of the oscillator; "
+                f"got {element.coordinate!r}"
+            )
+        rigid = [e for e in elements if any(r.holds or r.sticks for r in e.regimes)]
+        if not isinstance(element, HardStop) or len(rigid) > 1:
+            raise NotImplementedError(
+                f"elements[{k}], which acts along a function of the coordinates, must be the only "
+                f"hard stop, beside soft stops without preload; got {element!r}"
+            )
 
 
 def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:

@@ -143,7 +143,7 @@ class Parts:
     def along(self, others: tuple[int, ...], element: int) -> bool | None:
         """Whether other elements hold the row of an element: see `rides`."""
         if (others, element) not in self._along:
-            held = [self._elements[k] for k in others]
+            held = [self._elements[k] for k in others if not self._elements[k].curved]
             found = rides(self._structure, held, self._elements[element])
             self._along[others, element] = found
         return self._along[others, element]

@@ -39,8 +39,11 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
             stop, mode = oscillator._stops[guard.element], oscillator._automaton.modes[guard.mode]
             given = parts.speed[some], parts.rest[some], since[here]
             lift, rise = _bounces(stop.restitution, *given)
-            kick = stop.sign * mode.pushed(oscillator._contacts[guard.element].row)
-            moved = np.tile(kick[: x.shape[1]], (len(here), 1))
+            if stop.curved:
+                moved = np.array([mode.kick(guard.element, at) for at in x[here]])
+            else:
+                kick = stop.sign * mode.pushed(oscillator._contacts[guard.element].row)
+                moved = np.tile(kick[: x.shape[1]], (len(here), 1))
             for part in guard.scrapes:
                 friction = oscillator._elements[part.element]
                 rub = friction.sign * mode.pushed(friction.row(len(kick)))[: x.shape[1]]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
+from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.simulation.state import (
     TOUCHED,
     ImpactState,
@@ -47,6 +48,8 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     if oscillator._strobed:
         return shape
     near = oscillator._stops[0]
+    if oscillator._curves:
+        return _clear(oscillator, shape, angle)
     contact, play = oscillator._contact, oscillator.play
     row = contact.row[: len(shape)]
     place = float(row @ shape)
@@ -68,6 +71,26 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     x = beside(oscillator, x)
     contact.put(x, lifted)
     return x[: len(shape)]
+
+
+def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
+    """The shape, or minus or a multiple of it, that is clear of a stop along a function."""
+    stop, function = oscillator._stops[0], oscillator._curves[0]
+    table = stop.swing(math.sin(angle), math.cos(angle)) + stop.offset
+    for factor in (1.0, -1.0, 0.5, -0.5, 2.0, -2.0):
+        x = factor * shape
+        if stop.sign * (float(function(x)) - table) > 0.0:
+            return x
+    raise Refused("position must be given: multiples of the first mode are beyond the stop")
+
+
+def _seen(contact: Any, x: Array, v: Array) -> tuple[Array, float, float]:
+    """Row (N,) of a contact, and place and rate along it, at positions and velocities (N,)."""
+    if isinstance(contact, CurvedContact):
+        row = contact.function.gradient(x)
+        return row, float(contact.function(x)), float(row @ v)
+    row = contact.row[: len(x)]
+    return row, float(row @ x), float(row @ v)
 
 
 def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:
@@ -142,14 +165,11 @@ def start(
     on: dict[int, float] = {}
     first = 0.0
     for side, (stop, contact) in enumerate(_stands(oscillator)):
-        row, swing, speed = (
-            contact.row[:n],
-            stop.swing(*turn.tolist()),
-            stop.swing_rate(w, *turn.tolist()),
-        )
-        place, moving, table = float(row @ x), float(row @ v), swing + stop.offset
+        swing, speed = stop.swing(*turn.tolist()), stop.swing_rate(w, *turn.tolist())
+        (row, place, moving), table = _seen(contact, x, v), swing + stop.offset
         gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
-        rounding = _rounding(float(abs(row) @ abs(x)), stop.amplitude, stop.offset)
+        terms = float(abs(row) @ abs(x)) + stop.curved * (1.0 + abs(place))
+        rounding = _rounding(terms, stop.amplitude, stop.offset)
         word = "below" if stop.sign > 0 else "above"
         if gap < -rounding:
             what = along(stop, "position")
@@ -208,7 +228,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     x, v = start.position.copy(), start.velocity.copy()
     if start.motion is Motion.FLIGHT:
         for stop, contact in _stands(oscillator):
-            place, table = float(contact.row[:n] @ x), stop.swing(*turn.tolist()) + stop.offset
+            place, table = _seen(contact, x, v)[1], stop.swing(*turn.tolist()) + stop.offset
             if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {place}")

@@ -166,6 +166,9 @@ def put_on(
     stops, w, turn = oscillator._stops, oscillator.frequency, (sine, cosine)
     others = [k for k in closed if k < len(stops)]
     totals = [on_stop(stops[element], w, turn, speed)]
+    if oscillator._curves:
+        oscillator._contacts[element].put_both(*state, *totals[0])
+        return
     totals += [on_stop(stops[k], w, turn, 0.0) for k in others]
     for x, own in zip(state, zip(*totals, strict=True), strict=True):
         if not others:
@@ -264,7 +267,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
         if u < 0.0:
-            raise Refused(f"state[{2 * n - 2}] must not be negative; got {u}")
+            raise Refused(f"state[{len(y) - 2}] must not be negative; got {u}")
         u += 0.0
     # the sign of a section coordinate, and that of its zero, tells the stop of a play
     element, speed = int(math.copysign(1.0, u) < 0.0), abs(u)
@@ -279,10 +282,11 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     turn = np.array([math.sin(phase), math.cos(phase)])
     x, v = np.zeros((2, n))
     others = oscillator._others[element]
-    x[others], v[others] = y[: n - 1], y[n - 1 : 2 * n - 2]
+    m = len(others)
+    x[others], v[others] = y[:m], y[m : 2 * m]
     x, v = (beside(oscillator, part) for part in (x, v))
     put_on(oscillator, element, (), (x, v), turn[0], turn[1], speed)
-    x = placed(oscillator, x[:n], y[2 * n - 2 : -2])
+    x = placed(oscillator, x[:n], y[2 * m : -2])
     closed = touched(oscillator, x[:n], v[:n], turn, element)
     closed += sticking(oscillator, x[:n], v[:n], turn, (element, *closed))
     return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE, closed)
@@ -315,7 +319,7 @@ def touched(
 def apart(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
     """Of other stops those along rows that the stop and the ones before them do not hold."""
     found, stops = [element], oscillator._stops
-    for k in others:
+    for k in others if len(stops) > 1 else ():
         if rides(oscillator._structure, [stops[j] for j in found], stops[k]) is False:
             found.append(k)
     return tuple(found[1:])
@@ -381,6 +385,8 @@ TOUCHED = 2.0**-46
 def along(stop: HardStop, name: str) -> str:
     """Of positions or velocities, by name, what a stop acts along."""
     given = stop.coordinate
+    if isinstance(given, str):
+        return f"{given} of the {name}"
     if isinstance(given, int):
         return f"{name}[{given}]"
     if isinstance(given[0], int):

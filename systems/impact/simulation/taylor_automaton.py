@@ -152,6 +152,8 @@ def check_elements(scene: Scene) -> None:
         if any(regime.holds or regime.sticks for regime in e.regimes)
     ]
     for k in rigid:
+        if elements[k].curved:
+            continue  # it is the only one
         mine = scene.rows[k] / np.linalg.norm(scene.rows[k])
         facing = isinstance(elements[k], HardStop) and any(
             isinstance(elements[j], HardStop)

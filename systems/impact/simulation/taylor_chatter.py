@@ -21,6 +21,9 @@ _SMALLEST = 1e-100
 _PLACE = 1000.0
 """So many times the tolerance the place of the contact mass may be off in omitted bounces."""
 
+_TURN = 1e-4
+"""Distance over which the second difference of a kick is taken, of a velocity below one."""
+
 _DIFFERENCES = 2.0**-50
 """Relative error of accelerations of which differences are taken."""
 
@@ -78,6 +81,7 @@ def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[floa
     and their velocities by that by the gap, and by the first change times their dashpots.
     """
     n, p, (x, v) = mode.bodies, chart.places[k], mode.motion(state)
+    curved = bool(mode.scene.curves)
     w, scene, phase = mode.scene.excitation.frequency, mode.scene, math.atan2(*state[:, -1])
     mass, _ = scene.motion.inertia(w, x, v, phase)
     by_x, by_v = scene.motion.tangent(w, x, v, phase)
@@ -85,7 +89,7 @@ def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[floa
         along = np.outer(row, row)
         by_x, by_v = by_x - regime.stiffness * along, by_v - regime.damping * along
     by_x, by_v = (np.asarray(np.linalg.solve(mass, part), dtype=float) for part in (by_x, by_v))
-    if not scene.motion.equations.constant_mass:
+    if curved or not scene.motion.equations.constant_mass:
 
         def accelerations(given: Array) -> Array:
             there = state.copy()
@@ -93,6 +97,8 @@ def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[floa
             return mode.balance(there)[0]
 
         by_x = numerical_derivative(accelerations, x, accuracy=_DIFFERENCES)[0]
+    if curved:
+        return _along_function(mode, k, state, by_x, by_v)
     by_gap = chart.to_v @ by_x @ chart.back_x[:, p]
     through = chart.to_v @ by_v @ chart.back_v
     others = np.delete(np.arange(n), p)
@@ -100,6 +106,21 @@ def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[floa
     turned = by_gap[others] + through[np.ix_(others, others)] @ moved
     largest = max(abs(part).max(initial=0.0) for part in (moved, turned, by_gap[others]))
     return float(largest) or 1.0, -float(through[p, p])
+
+
+def _along_function(
+    mode: TaylorMode, k: int, state: Array, by_x: Array, by_v: Array
+) -> tuple[float, float]:
+    """The same along a function of the coordinates: positions follow the kicks, which turn."""
+    (x, v), phase = mode.motion(state), math.atan2(*state[:, -1])
+    kick, row = mode.kick(k, x, phase), mode.scene.rows_at(x)[k]
+    moved, by_gap = by_v @ kick, by_x @ kick
+    step = _TURN / (1.0 + float(np.linalg.norm(v)))
+    ends = mode.kick(k, x + step * v, phase), mode.kick(k, x - step * v, phase)
+    turned = (ends[0] - 2.0 * kick + ends[1]) / step**2
+    parts = moved, by_gap + by_v @ moved, by_gap, turned
+    largest = max(float(abs(part).max()) for part in parts)
+    return largest or 1.0, -float(mode.scene.elements[k].sign * (row @ moved))
 
 
 def _bounces(u: float, r: float, acceleration: float, drag: float, third: float) -> float:

@@ -21,7 +21,7 @@ class Log:
     def __init__(self, rows: int, mode: TaylorMode) -> None:
         n = mode.bodies
         self._mode, self._count = mode, 0
-        self._z = np.empty((rows, 2 * n))
+        self._z = np.empty((rows, 2 * (n + len(mode.scene.curves))))
         self._rows: list[tuple[float, float, float, float, int]] = []
         self._charts: list[tuple[int, Chart]] = []
 

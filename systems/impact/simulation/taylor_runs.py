@@ -11,7 +11,13 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.state import (
+    TWO_PI,
+    ImpactState,
+    Motion,
+    on_stop,
+    state_of,
+)
 from dynkit.systems.impact.simulation.taylor_chatter import chatter
 from dynkit.systems.impact.simulation.taylor_log import Log
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
@@ -130,6 +136,8 @@ class TaylorCourse:
         """Take positions and velocities into the coordinates of the present mode."""
         self._mode: TaylorMode = self._automaton.modes[self._number]
         self._chart: Chart = self._mode.chart(self._left)
+        for k in set(self._mode.held) & set(self._chart.curves):
+            x, v = self._onto(k, x, v, 0.0)
         self._z = self._chart.coordinates(x, v, *self._turn)
         self._mode.settled(self._chart, self._z)
         self._touch()
@@ -140,11 +148,15 @@ class TaylorCourse:
 
     def _touch(self) -> None:
         """Gaps of stops that were just left are exactly zero, and their rates are known."""
-        n = self._mode.bodies
         for k, motion in enumerate(self._motion):
             if motion != _FLIGHT and k in self._chart.places and k not in self._mode.held:
                 self._z[self._chart.places[k]] = self._above(motion)
-                self._z[n + self._chart.speeds[k]] = self._speed[k]
+                self._z[self._half + self._chart.speeds[k]] = self._speed[k]
+
+    @property
+    def _half(self) -> int:
+        """The number of coordinates of positions, and of velocities."""
+        return len(self._z) // 2
 
     def _above(self, motion: int) -> float:
         """A gap or slip that is zero: what rounding of accelerations takes away is far less."""
@@ -247,7 +259,8 @@ class TaylorCourse:
         """Durations at which the first steps of a flight end, below the longest."""
         if self._plain:
             bounce, self._bounce = self._bounce, 0.0
-            return [bounce] if 0.0 < bounce < min(_BRIEF[1] * self._period, longest) else []
+            most = longest if self._chart.curves else min(_BRIEF[1] * self._period, longest)
+            return [bounce] if 0.0 < bounce < most else []
         return [time for part in _BRIEF if (time := part * self._period) < longest]
 
     def _struck(self) -> int | None:
@@ -263,7 +276,7 @@ class TaylorCourse:
     def _rate_of(self, k: int) -> float:
         """Rate of the gap of a stop."""
         if k in self._chart.places:
-            return float(self._z[self._mode.bodies + self._chart.speeds[k]])
+            return float(self._z[self._half + self._chart.speeds[k]])
         return float(self._mode.gap(k, *self._place(), *self._turn)[1])
 
     def _note(self, number: int, rest: float, speed: float) -> None:
@@ -290,7 +303,7 @@ class TaylorCourse:
         if k in stuck and k in self._chart.speeds:
             forward = next(w.rate for j, w in self._mode.guards if j == k and w.halts)
             slip = self._above(_SWITCHED)
-            self._z[self._mode.bodies + self._chart.speeds[k]] = slip * forward
+            self._z[self._half + self._chart.speeds[k]] = slip * forward
         self._again(k)
         self._disturb()
         self._note(number, 0.0, 0.0)
@@ -317,7 +330,7 @@ class TaylorCourse:
             self._left = k
             if k not in self._chart.places:
                 self._enter(*self._place())
-        z, place, n = self._z, self._chart.places[k], self._mode.bodies
+        z, place, n = self._z, self._chart.places[k], self._half
         rate = min(float(z[n + place]), 0.0)
         if rate == 0.0:
             self._touches += 1
@@ -327,6 +340,11 @@ class TaylorCourse:
             z[n:] -= (1.0 + r) * rate * kick
         z[place], z[n + place] = _ABOVE, 0.0 - r * rate
         self._speed[k], self._motion[k] = 0.0 - r * rate, _BOUNCED
+        if k in self._chart.curves:
+            self._z = self._chart.coordinates(
+                *self._onto(k, *self._place(), self._speed[k]), *self._turn
+            )
+            self._touch()
         if len(self._motion) > 1:
             self._canonical(k)
         self._at_once += 1
@@ -336,6 +354,14 @@ class TaylorCourse:
             self._disturb()
             self._speed[k] = float(self._z[n + place])
         return number
+
+    def _onto(self, k: int, x: Array, v: Array, speed: float) -> tuple[Array, Array]:
+        """Positions and velocities (N,) on a stop along a function, with a rate of its gap."""
+        x, v, stop = x.copy(), v.copy(), self._oscillator._stops[k]
+        self._oscillator._contacts[k].put_both(
+            x, v, *on_stop(stop, self._frequency, self._turn, speed)
+        )
+        return x, v
 
     def _canonical(self, k: int) -> None:
         """The coordinates that a simulation from this state would begin with."""
@@ -355,10 +381,11 @@ class TaylorCourse:
         if k in self._kicks:
             return self._kicks[k]
         kick: Array | None
-        kick = self._chart.to_v @ self._mode.kick(k, self._place()[0], math.atan2(*self._turn))
+        x = self._place()[0]
+        kick = self._chart.kicked(x, self._mode.kick(k, x, math.atan2(*self._turn)))
         if not np.delete(kick, self._chart.speeds[k]).any():
             kick = None
-        if self._mode.scene.motion.equations.constant_mass:
+        if self._mode.constant_kicks:
             self._kicks[k] = kick
         return kick
 
@@ -424,7 +451,7 @@ class TaylorCourse:
 
     def _rest(self, k: int) -> None:
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
-        n, chart, u = self._mode.bodies, self._chart, self._speed[k]
+        chart, u = self._chart, self._speed[k]
         self._motion[k] = _BOUNCES
         if u >= self._slow:
             return
@@ -452,8 +479,8 @@ class TaylorCourse:
             self._chatter_error += lost
             kick = self._kick(k)
             if kick is not None:
-                self._z[n:] -= u * kick
-            self._z[n + chart.speeds[k]] = 0.0
+                self._z[self._half :] -= u * kick
+            self._z[self._half + chart.speeds[k]] = 0.0
             if self._noise:
                 self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
         self._motion[k], self._speed[k] = _SWITCHED, 0.0
@@ -468,7 +495,9 @@ class TaylorCourse:
         """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
         found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
         a, pushes, given = self._mode.balance(self._state())
-        size = float(abs(self._mode.scene.rows[k]) @ abs(a)) + float(abs(given).max(initial=0.0))
+        x, v = self._place()
+        row, bend = self._mode.scene.rows_at(x)[k], self._mode.scene.bends(x, v)[k]
+        size = float(abs(row) @ abs(a) + abs(bend)) + float(abs(given).max(initial=0.0))
         size += float(abs(pushes).max(initial=0.0))
         if abs(found[2]) > ROUNDING * size:
             return bool(found[2] < 0.0)

@@ -252,17 +252,21 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
         sine, cosine = state._turn
         others = oscillator._others[state.element]
-        x[np.arange(n - 1), others] = 1.0
-        v[np.arange(n - 1) + n - 1, others] = 1.0
-        x[2 * n - 2 : -2, sliders] = np.eye(len(sliders))
+        m = len(others)
+        x[np.arange(m), others] = 1.0
+        v[np.arange(m) + m, others] = 1.0
+        x[2 * m : -2, sliders] = np.eye(len(sliders))
         place, moving = np.zeros((2, d))
         far = state.element == 1 and oscillator._faces
         moving[-2] = -stop.sign if far else stop.sign
         # a quarter of a turn on
         place[-1] = stop.swing(cosine, -sine)
         moving[-1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
-        contact.put(x, place)
-        contact.put(v, moving)
+        if oscillator._curves:
+            x, v = contact.lifted(state.position, state.velocity, (x, v, place, moving))
+        else:
+            contact.put(x, place)
+            contact.put(v, moving)
         by_sine[-1], by_cosine[-1] = cosine, -sine
     q = free.coordinates(x, v, by_sine, by_cosine, np.zeros(d))
     out = free.states(q, by_sine, by_cosine)

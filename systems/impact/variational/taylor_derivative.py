@@ -73,7 +73,7 @@ def hit(
     rate = float(mode.gap(k, x, v, sine, cosine)[1])
     by_rate = rate_row(mode, k, state) @ disturbances
     out[n : 2 * n] += reset(slope, mode.kick(k, x, phase), by_rate)
-    if not mode.scene.motion.equations.constant_mass:
+    if not mode.constant_kicks:
 
         def kick(given: Array) -> Array:
             return mode.kick(k, given[:n], float(given[n]))
@@ -87,10 +87,11 @@ def hit(
 
 def rate_row(mode: TaylorMode, k: int, state: Array) -> Array:
     """Derivative (2 N + 1,) of the rate of an element's gap by positions, velocities and phase."""
-    scene, element, n = mode.scene, mode.scene.elements[k], mode.bodies
+    scene, element, (x, v) = mode.scene, mode.scene.elements[k], mode.motion(state)
     sine, cosine = state[:, -1].tolist()
     turned = element.swing_rate(scene.excitation.frequency, cosine, -sine)
-    return np.asarray(element.sign * np.concatenate([np.zeros(n), scene.rows[k], [-turned]]))
+    bend = scene.curves[k].bend(x, v) if k in scene.curves else np.zeros(len(x))
+    return np.asarray(element.sign * np.concatenate([bend, scene.rows_at(x)[k], [-turned]]))
 
 
 def gradient(mode: TaylorMode, number: int, state: Array) -> Array:
@@ -99,7 +100,8 @@ def gradient(mode: TaylorMode, number: int, state: Array) -> Array:
     scene, element, n = mode.scene, mode.scene.elements[k], mode.bodies
     sine, cosine = state[:, -1].tolist()
     turned = element.swing(cosine, -sine)
-    row = watch.gap * element.sign * np.concatenate([scene.rows[k], np.zeros(n), [-turned]])
+    along = scene.rows_at(state[0, :n])[k]
+    row = watch.gap * element.sign * np.concatenate([along, np.zeros(n), [-turned]])
     row = row + watch.rate * rate_row(mode, k, state)
     if watch.force:
 

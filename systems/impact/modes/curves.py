@@ -1,0 +1,72 @@
+"""Contacts along functions of the coordinates."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.no_motion import Refused
+from dynkit.core.validation import Array
+from dynkit.systems.structure.functions import CoordinateFunction
+
+_STEPS, _ROUNDING = 50, 2.0**-44
+"""Largest number of Newton's steps, and rounding of a function, of terms of order one or more."""
+
+
+@final
+class CurvedContact:
+    """A function y(x) of coordinates along which a stop acts.
+
+    Attributes
+    ----------
+    function : CoordinateFunction
+    others : (N,)
+        Numbers of the coordinates that sections keep: all of them.
+    """
+
+    def __init__(self, function: CoordinateFunction, size: int) -> None:
+        self.function, self.others = function, np.arange(size)
+
+    def put_both(self, x: Array, v: Array, place: Any, speed: Any) -> None:
+        """Give y and its rate prescribed values (...), at positions and velocities (..., N).
+
+        Both move along the gradient of y, and change in place.
+
+        Raises
+        ------
+        Refused
+            When y does not reach its value along the gradient.
+        """
+        n, shape = x.shape[-1], x.shape[:-1]
+        places, speeds = (np.broadcast_to(given, shape).ravel() for given in (place, speed))
+        positions, velocities = x.reshape(-1, n), v.reshape(-1, n)
+        for k, (at, moving) in enumerate(zip(positions, velocities, strict=True)):
+            self._put(at, float(places[k]))
+            row = self.function.gradient(at)
+            moving += row * ((speeds[k] - row @ moving) / (row @ row))
+        x[...], v[...] = positions.reshape(x.shape), velocities.reshape(v.shape)
+
+    def _put(self, x: Array, place: float) -> None:
+        way, start, last = self.function.gradient(x), x.copy(), np.inf
+        for _ in range(_STEPS):
+            off, row = place - float(self.function(x)), self.function.gradient(x)
+            near = _ROUNDING * (1.0 + float(abs(row) @ abs(x)) + abs(place))
+            if off == 0.0 or (abs(off) <= near and abs(off) >= last):
+                return
+            slope, last = float(row @ way), abs(off)
+            if slope == 0.0 or not np.isfinite(off / slope):
+                break
+            x += way * (off / slope)
+        raise Refused(f"the stop at {place} is not reached from {start.tolist()}")
+
+    def lifted(self, x: Array, v: Array, changes: Any) -> tuple[Array, Array]:
+        """Changes (d, N) of positions and velocities that are put there, which lie there already.
+
+        By changes (d, N) of both and changes (d,) of place and speed.
+        """
+        by_x, by_v, place, speed = changes
+        row, bend = self.function.gradient(x), self.function.bend(x, v)
+        along = row / float(row @ row)
+        by_x = by_x + np.outer(place - by_x @ row, along)
+        return by_x, by_v + np.outer(speed - by_x @ bend - by_v @ row, along)

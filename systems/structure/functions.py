@@ -1,0 +1,109 @@
+"""Smooth functions of a structure's coordinates, along which stops act."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.structure.energies import symbols
+from dynkit.systems.structure.equations import checked, form_of
+
+if TYPE_CHECKING:
+    import sympy
+
+_MOST_KEPT = 64
+"""Forms whose derivatives are kept."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A function y(x) of coordinates, with symbols for numbers, and its derivatives.
+
+    Attributes
+    ----------
+    x : (N,) symbols
+    numbers : (p,) symbols of the numbers in the expression
+    values : (1 + N + N^2,) expressions: y, its gradient, and its second derivatives row by row
+    """
+
+    x: tuple[sympy.Symbol, ...]
+    numbers: tuple[sympy.Symbol, ...]
+    values: tuple[sympy.Expr, ...]
+
+    @cached_property
+    def code(self) -> Any:
+        """Code that fills (1 + N + N^2,) with the values."""
+        from dynkit.systems.symbolic.machine_code import compiled
+
+        return compiled("the coordinate of a stop", self.values, self.x, self.numbers)
+
+
+@final
+class CoordinateFunction:
+    """A function y(x) of coordinates with the numbers of one structure.
+
+    Attributes
+    ----------
+    form : Form
+    numbers : (p,) float
+    text : str
+        The expression, for stores.
+    """
+
+    def __init__(self, form: Form, numbers: Array, text: str) -> None:
+        self.form, self.numbers, self.text = form, numbers, text
+
+    def __call__(self, x: Array) -> Any:
+        """Values (...) at positions (..., N)."""
+        return self._filled(x)[..., 0]
+
+    def gradient(self, x: Array) -> Array:
+        """Gradients (..., N) at positions (..., N)."""
+        return self._filled(x)[..., 1 : 1 + x.shape[-1]]
+
+    def bend(self, x: Array, v: Array) -> Array:
+        """Second derivatives times velocities, (..., N), at positions and velocities (..., N)."""
+        n = x.shape[-1]
+        second = self._filled(x)[..., 1 + n :].reshape(*x.shape, n)
+        return np.asarray((second @ v[..., None])[..., 0])
+
+    def _filled(self, x: Array) -> Array:
+        from dynkit.systems.symbolic import kernels
+
+        rows = np.ascontiguousarray(x, dtype=float).reshape(-1, x.shape[-1])
+        out = np.empty((len(rows), len(self.form.values)))
+        for row, filled in zip(rows, out, strict=True):
+            kernels.apply(self.form.code.address, row, self.numbers, filled)
+        return out.reshape(*x.shape[:-1], -1)
+
+
+def function_of(owner: object, name: str, size: int) -> CoordinateFunction:
+    """Derive the function that a method of a structure returns.
+
+    Raises
+    ------
+    ValueError
+        When the expression holds other symbols, is not finite, real or smooth, or is constant.
+    """
+    x = symbols("x", size)
+    expression = checked(name, getattr(owner, name)(x), set(x))
+    if not expression.free_symbols:
+        raise ValueError(f"{name} must depend on the coordinates; got {expression}")
+    numbers: dict[Any, Any] = {}
+    form = form_of(expression, numbers)
+    values = [float(value) for value in numbers]
+    made = _derived(size, form, tuple(numbers.values()))
+    return CoordinateFunction(made, np.array(values), f"{form}, {values}")
+
+
+@lru_cache(_MOST_KEPT)
+def _derived(size: int, form: sympy.Expr, numbers: tuple[sympy.Symbol, ...]) -> Form:
+    x = symbols("x", size)
+    gradient = [form.diff(each) for each in x]
+    second = [part.diff(each) for part in gradient for each in x]
+    return Form(x, numbers, (form, *gradient, *second))
