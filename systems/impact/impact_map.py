@@ -37,7 +37,11 @@ from dynkit.systems.impact.simulation.state import (
     unpacked,
 )
 from dynkit.systems.impact.simulation.trajectory import Trajectory
-from dynkit.systems.impact.variational.map_derivative import impact_derivative, parameter_derivative
+from dynkit.systems.impact.variational.map_derivative import (
+    impact_derivative,
+    parameter_derivative,
+    tangent,
+)
 
 if TYPE_CHECKING:
     from dynkit.dynamics.attractor import Attractor
@@ -273,6 +277,24 @@ class ImpactMap(DrivenStructure, Map):
 
     def jacobian(self, state: Array) -> Array:
         return impact_derivative(self, self.impact_state(state))
+
+    @property
+    def _framed(self) -> bool:
+        return bool(self._curves)
+
+    def _frame(self, state: Array) -> Array:
+        return tangent(self, self.impact_state(state)) if self._curves else super()._frame(state)
+
+    def orbit_factors(self, state: Array, following: Array) -> tuple[Array, Array]:
+        """Return the `jacobian_factors`, (1, d, d), and the error of their entries, (1,).
+
+        Where a stop acts along a function of the coordinates they are (1, d - 2, d - 2), those of
+        disturbances that stay on the stop.
+        """
+        factors, errors = self.jacobian_factors(state)
+        if not self._curves:
+            return factors, errors
+        return self._frame(following).T @ factors @ self._frame(state), errors
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
         found = parameter_derivative(self, self.impact_state(state), name)

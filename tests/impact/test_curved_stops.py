@@ -14,6 +14,7 @@ import sympy as sp
 from flint import arb, ctx
 
 from dynkit import continue_orbit
+from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactOscillator, SoftStop
@@ -45,6 +46,18 @@ STARTS: dict[str, dict[str, Any]] = {
 def begun(name: str, impacts: int) -> Any:
     system = SYSTEMS[name]
     return system.simulate(impacts=impacts, start=system.state(**STARTS[name]))
+
+
+@pytest.mark.parametrize("name", ["bowl", "arm"])
+def test_multipliers_are_those_of_disturbances_that_stay_on_the_stop(name: str) -> None:
+    system, (state, _) = SYSTEMS[name], states(name)
+    (factor,), _ = system.orbit_factors(state, system(state))
+    assert factor.shape == (4, 4)
+    frame, after = system._frame(state), system._frame(system(state))
+    whole = after @ factor @ frame.T
+    jacobian = system.jacobian(state)
+    assert jacobian @ frame == pytest.approx(whole @ frame, abs=1e-10 * float(abs(jacobian).max()))
+    assert np.linalg.matrix_rank(jacobian, tol=1e-9) <= 4
 
 
 @cache
@@ -267,7 +280,11 @@ def test_orbits_and_branches() -> None:
     orbit = attractor.periodic_orbit()
     assert orbit.residual < 1e-12
     known = np.linalg.eigvals(system.jacobian(orbit.states[0]))
-    assert np.poly(orbit.multipliers) == pytest.approx(np.poly(known), abs=1e-9)
+    assert orbit.multipliers_resolved.tolist() == [True, True]
+    assert np.poly([*orbit.multipliers, 0.0, 0.0]) == pytest.approx(np.poly(known), abs=1e-9)
+    spectrum = LyapunovSpectrum(attractor, iterations=128)
+    sizes = np.log(abs(orbit.multipliers))
+    assert spectrum.exponents.sum() == pytest.approx(sizes.sum(), abs=1e-6)
     branch = continue_orbit(orbit, "floor.amplitude", bounds=(0.049, 0.051))
     there = system.replace(**{"floor.amplitude": float(branch.parameter[0])})
     settled = there.attractor(start=attractor.final).states[-1]

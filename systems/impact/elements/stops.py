@@ -16,6 +16,8 @@ class HardStop(Element):
     """A rigid stop: an impact changes the rate of its gap from -u to restitution * u.
 
     For a pair (i, j) of coordinates, two masses hit each other where x_j - x_i reaches the offset.
+    For the name of a method, ``HardStop("height")``, y is the smooth function of the coordinates
+    that the method returns. Such a stop is the only hard one, beside soft stops without preload.
 
     Parameters
     ----------

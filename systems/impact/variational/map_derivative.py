@@ -92,6 +92,17 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     return np.vstack([places[kept[0]], velocity, sliders, *law])
 
 
+def tangent(oscillator: DrivenStructure, state: ImpactState) -> Array:
+    """Orthonormal disturbances (d, d - 2) of section coordinates that stay on a stop.
+
+    The stop acts along a function of the coordinates.
+    """
+    n, d = oscillator.degrees_of_freedom, oscillator.dimension
+    lifted = _lift(oscillator, state).reshape(2, n + 1, d)
+    put = np.concatenate([lifted[0, :n], lifted[1, :n], np.eye(d)[-2:]])
+    return np.asarray(np.linalg.svd(put)[0][:, : d - 2])
+
+
 def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Trajectory) -> Array:
     """The same where the energies are not quadratic."""
     side, n = run.final.element, oscillator.degrees_of_freedom
