@@ -17,7 +17,14 @@ from dynkit import continue_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
-from dynkit.systems import DryFriction, HardStop, ImpactOscillator, SoftStop
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    ImpactOscillator,
+    MatrixOscillator,
+    SoftStop,
+)
 from dynkit.systems.impact.modes import taylor_chart
 from dynkit.testing import MapCheck, check_name, map_checks
 from tests.flows.cases import BITS
@@ -349,6 +356,25 @@ def test_a_start_beyond_the_stop_is_refused() -> None:
         BOB.state(position=[0.1])
     with pytest.raises(Refused, match="position must be given"):
         _ = Bob(frequency=1.0, elements=floor(offset=3.0)).default_start
+
+
+def test_structures_by_matrices_and_chains_take_it() -> None:
+    class Matrix(MatrixOscillator):
+        def height(self, x: Any) -> Any:
+            return x[1] + x[0] ** 2 / 4
+
+    class Chain(ImpactChain):
+        def height(self, x: Any) -> Any:
+            return x[-1] + x[0] ** 2 / 4
+
+    stop = floor(amplitude=0.1)
+    chain = Chain(masses=2, frequency=0.9, elements=stop)
+    matrix = Matrix(
+        M=chain.mass, C=chain.damping_matrix, K=chain.stiffness, frequency=0.9, elements=stop
+    )
+    assert chain.engine == matrix.engine == "Taylor"
+    one, two = (system.simulate(impacts=20) for system in (chain, matrix))
+    assert abs(one.states - two.states).max() <= one.error[-1] + two.error[-1] < 1e-11
 
 
 def test_a_soft_stop_beside_it() -> None:

@@ -46,6 +46,32 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
     return found
 
 
+def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
+    """Refuse functions of coordinates that no method gives, or along which no motion is known.
+
+    Raises
+    ------
+    ValueError
+        When the oscillator has no method of this name.
+    NotImplementedError
+        When the element is no hard stop, or other elements hold or stick.
+    """
+    for k, element in enumerate(elements):
+        if not element.curved:
+            continue
+        if not callable(getattr(owner, element.coordinate, None)):
+            raise ValueError(
+                f"elements[{k}].coordinate must be the name of a method of the oscillator; "
+                f"got {element.coordinate!r}"
+            )
+        rigid = [e for e in elements if any(r.holds or r.sticks for r in e.regimes)]
+        if not isinstance(element, HardStop) or len(rigid) > 1:
+            raise NotImplementedError(
+                f"elements[{k}], which acts along a function of the coordinates, must be the only "
+                f"hard stop, beside soft stops without preload; got {element!r}"
+            )
+
+
 def _check_normal(elements: tuple[Element, ...], k: int, size: int) -> None:
     """Raise ValueError, or NotImplementedError, where no such friction is known."""
     own, names = elements[k], names_of(elements)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -14,78 +13,16 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.steady_response import Layout
-from dynkit.systems.impact.modes.structure import Excitation, pivots_of
+from dynkit.systems.impact.modes.structure import pivots_of
 from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
-
-if TYPE_CHECKING:
-    from dynkit.systems.structure.equations import Motion
-    from dynkit.systems.structure.functions import CoordinateFunction
+from dynkit.systems.impact.modes.taylor_scene import Scene
 
 _INDEPENDENT = 1e-9
 """Relative size from which on a row depends on no others."""
 
 _NODES = 16
 """Nodes of Gauss-Legendre quadrature on each step of Taylor's method."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A structure whose energies are not quadratic, what acts on it, and its elements.
-
-    Attributes
-    ----------
-    motion : Motion
-    excitation : Excitation
-    elements : tuple of Element
-    curves : dict
-        Functions of the coordinates along which elements act, by the numbers of these.
-    """
-
-    motion: Motion
-    excitation: Excitation
-    elements: tuple[Element, ...]
-    curves: dict[int, CoordinateFunction]
-
-    @property
-    def size(self) -> int:
-        """The number of coordinates, N."""
-        return self.motion.equations.size
-
-    @cached_property
-    def rows(self) -> Array:
-        """Rows (elements, N) along which the elements act; zero along functions."""
-        rows = [element.row(self.size) for element in self.elements]
-        return np.array(rows).reshape(-1, self.size)
-
-    def rows_at(self, x: Array) -> Array:
-        """The rows (elements, N) at positions (N,)."""
-        rows = self.rows
-        if self.curves:
-            rows = rows.copy()
-            for k, function in self.curves.items():
-                rows[k] = function.gradient(x)
-        return rows
-
-    def bends(self, x: Array, v: Array) -> Array:
-        """What velocities add to the accelerations along the elements, (elements,)."""
-        found = np.zeros(len(self.elements))
-        for k, function in self.curves.items():
-            found[k] = v @ function.bend(x, v)
-        return found
-
-    def forces(self, sine: float, cosine: float) -> Array:
-        """Harmonic and constant forces (N,)."""
-        own = self.excitation
-        return np.asarray(own.harmonic.real * sine + own.harmonic.imag * cosine + own.constant)
-
-    def prescribed(self, k: int, sine: Any, cosine: Any) -> tuple[Any, Any, Any]:
-        """Place, velocity and acceleration that an element has along its row."""
-        element, w = self.elements[k], self.excitation.frequency
-        still = element.swing(sine, cosine)
-        speed = element.swing_rate(w, sine, cosine) + element.drift
-        return element.offset + still, speed, -w * w * still
 
 
 @final

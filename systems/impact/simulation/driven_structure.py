@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynkit.core.validation import (
     Array,
@@ -22,7 +21,7 @@ from dynkit.core.validation import (
 )
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
-from dynkit.systems.impact.elements.parameters import checked_elements, names_of
+from dynkit.systems.impact.elements.parameters import check_curved, checked_elements, names_of
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.structure import (
@@ -33,6 +32,7 @@ from dynkit.systems.impact.modes.structure import (
     structure_of,
 )
 from dynkit.systems.impact.simulation.automaton import Automaton, cycled_by, halts
+from dynkit.systems.impact.simulation.crossed import Crossed
 from dynkit.systems.structure.energies import NotQuadraticError
 from dynkit.systems.structure.equations import (
     derivation_of,
@@ -128,7 +128,7 @@ class DrivenStructure(LagrangianStructure):
         if stop is not None:
             own |= {name: getattr(stop, name) for name in _OF_STOP}
             own["contact"] = place_of(stop.row(self.degrees_of_freedom))
-        _check_curved(self, elements)
+        check_curved(self, elements)
         for entry in (entry for entry in fields(self) if entry.name in own):
             given, taken = getattr(self, entry.name), own[entry.name]
             if given not in (entry.default, taken):
@@ -191,7 +191,7 @@ class DrivenStructure(LagrangianStructure):
         return self._derivation.motion
 
     def _derive(self) -> Derivation:
-        if not (has_arguments_of_its_own(self) or self._curves):
+        if not has_arguments_of_its_own(self):
             try:
                 return super()._derive()
             except NotQuadraticError:
@@ -201,7 +201,9 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _derivation(self) -> Derivation:
         # elements are no part of what equal structures share
-        return self._derive() if self._curves else shared_derivation(self)
+        if self._curves:
+            return derivation_of(self, self.degrees_of_freedom)
+        return shared_derivation(self)
 
     @cached_property
     def _curves(self) -> dict[int, CoordinateFunction]:
@@ -345,7 +347,7 @@ class DrivenStructure(LagrangianStructure):
         return Automaton(self._structure, self._excitation, given, tolerance, normal)
 
     def _taylor_automaton(self) -> Any:
-        from dynkit.systems.impact.modes.taylor_mode import Scene
+        from dynkit.systems.impact.modes.taylor_scene import Scene
         from dynkit.systems.impact.simulation.taylor_automaton import TaylorAutomaton
 
         scene = Scene(self._motion, self._excitation, self._elements, self._curves)
@@ -358,64 +360,6 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _gaps(self) -> tuple[Any, ...]:
         return tuple(guard.sum for guard in self._automaton.guards[: len(self._stops)])
-
-
-@final
-@dataclass(frozen=True)
-class Crossed:
-    """A section of positions and velocities: all of them, or those that it does not fix.
-
-    Attributes
-    ----------
-    element : Element
-        Element whose events are the section of an undriven machine.
-    contact : Contact
-        Contact of this element.
-    halts : bool
-        Whether the slip velocity is zero on the section; else the gap is.
-    cycled : bool
-        Whether the machine is undriven. Otherwise the section fixes nothing.
-    size : int
-        Number of coordinates without sliders.
-    """
-
-    element: Element
-    contact: Contact
-    halts: bool
-    cycled: bool
-    size: int
-
-    @property
-    def kept(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Numbers of the positions and of the velocities that are section coordinates."""
-        everything = np.arange(self.size)
-        others = self.contact.others[: self.size - 1] if self.cycled else everything
-        return (everything, others) if self.halts else (others, everything)
-
-    def put(self, x: Array, v: Array, *, moving: bool = True) -> None:
-        """Put positions and velocities (..., N), or their changes, onto the section."""
-        if self.cycled and self.halts:
-            self.contact.put(v, self.element.drift * moving)
-        elif self.cycled:
-            self.contact.put(x, self.element.offset * moving)
-
-
-def _check_curved(owner: object, elements: tuple[Element, ...]) -> None:
-    """Refuse functions of coordinates that no method gives, or along which no motion is known."""
-    for k, element in enumerate(elements):
-        if not element.curved:
-            continue
-        if not callable(getattr(owner, element.coordinate, None)):
-            raise ValueError(
-                f"elements[{k}].coordinate must be the name of a method of the oscillator; "
-                f"got {element.coordinate!r}"
-            )
-        rigid = [e for e in elements if any(r.holds or r.sticks for r in e.regimes)]
-        if not isinstance(element, HardStop) or len(rigid) > 1:
-            raise NotImplementedError(
-                f"elements[{k}], which acts along a function of the coordinates, must be the only "
-                f"hard stop, beside soft stops without preload; got {element!r}"
-            )
 
 
 def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:

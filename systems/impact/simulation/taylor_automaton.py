@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from dynkit.systems.impact.elements.element import IMPACT, JAM
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
-from dynkit.systems.impact.modes.taylor_mode import Scene, TaylorMode, independent
+from dynkit.systems.impact.modes.taylor_mode import TaylorMode, independent
+from dynkit.systems.impact.modes.taylor_scene import Scene
 from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
 from dynkit.systems.impact.simulation.regimes import Parts
 
