@@ -206,6 +206,8 @@ def test_a_foot_that_scuffs_is_ignored() -> None:
 
 
 # --- the compass gait -----------------------------------------------------------------------------
+# A. Goswami, B. Thuilot, B. Espiau, INRIA report 2996 (1996); its numbers are taken from a public
+# transcription, references_goswami.py of github.com/nyasuto/crane, as are those of Garcia et al.
 
 
 def test_the_compass_obeys_lagrange_and_keeps_two_angular_momenta() -> None:
@@ -233,7 +235,7 @@ def test_the_gait_of_the_compass_is_the_published_one() -> None:
 
 
 def test_the_compass_doubles_its_period_where_it_is_published() -> None:
-    # Goswami et al. 1996, section 4.2: 4.37 degrees, then 4.9 degrees
+    # Goswami et al. 1996, section 4.2: 4.37 degrees, then 4.9 degrees; here 4.391 and 4.914
     (first,) = walking(CompassGait(), 0.08).bifurcations
     assert first.kind.value == "PD"
     assert np.degrees(first.value) == pytest.approx(4.37, abs=0.03)
