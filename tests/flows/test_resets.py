@@ -58,7 +58,6 @@ MAPS: dict[str, tuple[Any, list[list[float]]]] = {
     "simplest walker": (steps(SimplestWalker()), [STRIDE, [0.201, 0.39, -0.2, 0.01]]),
     "compass gait": (steps(CompassGait()), [GAIT, [-0.33, 0.22, -0.3, -1.1]]),
     "wheel": (steps(Wheel()), [[-0.18, 0.5], [-0.1, 0.4]]),
-    "wheel by differences": (steps(PlainWheel()), [[-0.18, 0.5]]),
     "neuron": (steps(Fire()), [[0.0], [0.3]]),
     "driven neuron": (steps(DrivenFire(), (1,)), [[0.0, 1.0], [0.1, 6.0]]),
     "by the height of the foot": (steps(ByHeight()), [STRIDE]),
@@ -70,6 +69,15 @@ MAPS: dict[str, tuple[Any, list[list[float]]]] = {
 def test_the_map_from_reset_to_reset_is_a_map(name: str, check: MapCheck) -> None:
     system, states = MAPS[name]
     check(system, np.array(states))
+
+
+def test_guard_and_reset_in_plain_python_have_differences() -> None:
+    state, exact = np.array([-0.18, 0.5]), steps(Wheel())
+    plain = steps(PlainWheel())
+    assert plain.jacobian(state) == pytest.approx(exact.jacobian(state), abs=1e-9)
+    for name in ("slope", "spoke"):
+        found, known = (each.parameter_derivative(state, name) for each in (plain, exact))
+        assert found == pytest.approx(known, abs=1e-8)
 
 
 @pytest.mark.parametrize("check", flow_checks, ids=check_name)
@@ -88,17 +96,17 @@ def test_it_is_sent_to_another_process() -> None:
 # --- closed forms ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "slope"), [(Wheel, 0.05), (Wheel, 0.2), (PlainWheel, 0.08)])
-def test_the_wheel_rolls_as_in_closed_form(kind: Any, slope: float) -> None:
+@pytest.mark.parametrize("slope", [0.05, 0.2])
+def test_the_wheel_rolls_as_in_closed_form(slope: float) -> None:
     # energy over a step, and the loss c at a spoke: w^2 = c^2 (w^2 + gained); the multiplier is c^2
-    wheel = kind(slope=slope)
+    wheel = Wheel(slope=slope)
     c = np.cos(wheel.spoke)
     gained = 2.0 * (np.cos(slope - wheel.spoke / 2) - np.cos(slope + wheel.spoke / 2))
     orbit = periodic_orbit(steps(wheel), [slope - 0.26, 0.6])
     exact = np.array([slope - wheel.spoke / 2, np.sqrt(c**2 * gained / (1.0 - c**2))])
-    assert np.linalg.norm(orbit.states[0] - exact) <= orbit.error < 1e-9
+    assert np.linalg.norm(orbit.states[0] - exact) <= orbit.error < 1e-11
     assert orbit.multipliers.shape == (1,)
-    assert abs(orbit.multipliers[0] - c**2) <= orbit.multipliers_error[0] < 1e-8
+    assert abs(orbit.multipliers[0] - c**2) <= orbit.multipliers_error[0] < 1e-10
 
 
 def test_the_exponent_of_the_wheel_is_the_logarithm_of_its_multiplier() -> None:
@@ -242,7 +250,7 @@ def test_the_compass_doubles_its_period_where_it_is_published() -> None:
     assert first.criticality is not None
     assert first.criticality.supercritical
     (doubled,) = first.switch()
-    branch = continue_orbit(doubled, "slope", bounds=(0.0765, 0.088))
+    branch = continue_orbit(doubled, "slope", bounds=(0.0765, 0.0865))
     second = [found for found in branch.bifurcations if found.kind.value == "PD"]
     assert np.degrees([found.value for found in second]) == pytest.approx([4.9], abs=0.05)
 
@@ -250,7 +258,7 @@ def test_the_compass_doubles_its_period_where_it_is_published() -> None:
 def test_the_compass_is_chaotic_where_it_is_published() -> None:
     # Goswami et al. 1996, section 4.2.5: chaos at 5.2 degrees
     walker = CompassGait(slope=float(np.radians(5.2)))
-    found = LyapunovSpectrum.of_map(steps(walker), gait(CompassGait()).states[0], iterations=300)
+    found = LyapunovSpectrum.of_map(steps(walker), gait(CompassGait()).states[0], iterations=200)
     assert found.exponents[0] > 5.0 * found.error[0] > 0.0
     assert found.exponents.shape == (3,)
 
