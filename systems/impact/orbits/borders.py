@@ -19,7 +19,6 @@ from dynkit.orbits.events import Condition
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve, Flight
-from dynkit.systems.impact.orbits.solution import TableSolution
 
 
 class BorderedEquations(Protocol):
@@ -97,10 +96,10 @@ class VanishingImpulse(Border):
 
     kind, ends = BifurcationKind.GR, False
 
-    def value(self, solution: TableSolution) -> float:
+    def value(self, solution: Any) -> float:
         return float(solution.impulses[self.number])
 
-    def left(self, solution: TableSolution, own: Array) -> Any:  # noqa: ARG002
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
         return [self.value(solution) / self.problem.units(solution)[1]]
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
@@ -114,22 +113,22 @@ class VanishingAcceleration(Border):
     With rebound accelerations do not matter. P(n,m) goes on beyond as no motion of the oscillator.
     """
 
-    def value(self, solution: TableSolution) -> float:
+    def value(self, solution: Any) -> float:
         self.ends = self.problem.sticks
-        return _acceleration(solution, self.number)
+        return acceleration(solution, self.number)
 
-    def begin(self, solution: TableSolution) -> Array:
+    def begin(self, solution: Any) -> Array:
         unit = self.problem.units(solution)[2]
-        self.rounding = solution.acceleration_rounding(self.number) / unit
+        self.rounding = solution.acceleration(self.number)[1] / unit
         return np.empty(0)
 
-    def left(self, solution: TableSolution, own: Array) -> Any:  # noqa: ARG002
-        return [solution.acceleration(self.number) / self.problem.units(solution)[2]]
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [solution.acceleration(self.number)[0] / self.problem.units(solution)[2]]
 
 
-def _acceleration(solution: TableSolution, i: int) -> float:
+def acceleration(solution: Any, i: int) -> float:
     """Of the gap just after an impact that does not rebound; infinite where it does."""
-    return solution.acceleration(i) if solution.restitution == 0.0 else math.inf
+    return solution.acceleration(i)[0] if solution.restitutions[i] == 0.0 else math.inf
 
 
 class Touching(Border):
@@ -148,11 +147,11 @@ class Touching(Border):
     def measures(self, solution: Any) -> Array:
         """What the curve and its rate are measured in."""
 
-    def begin(self, solution: TableSolution) -> Array:
+    def begin(self, solution: Any) -> Array:
         curve, begins = self.curve(solution)
         return np.array([begins + solution.frequency * curve.smallest[1]])
 
-    def left(self, solution: TableSolution, own: Array) -> Any:
+    def left(self, solution: Any, own: Array) -> Any:
         curve, begins = self.curve(solution)
         return curve.values((own - begins) / solution.frequency, 2)[:, 0] / self.measures(solution)
 
@@ -167,31 +166,32 @@ class TouchingGap(Touching):
 
     kind = BifurcationKind.GR
 
-    def curve(self, solution: TableSolution) -> tuple[Curve, float]:
+    def curve(self, solution: Any) -> tuple[Curve, float]:
         flight = solution.flight(self.number, self.side)
         return flight.gap, flight.begins
 
-    def measures(self, solution: TableSolution) -> Array:
+    def measures(self, solution: Any) -> Array:
         return np.array(self.problem.units(solution)[:2])
 
-    def value(self, solution: TableSolution) -> float:
+    def value(self, solution: Any) -> float:
         flight = self._flight(solution)
         impacts = [i for i in (flight.start, flight.end) if i >= 0]
         if (solution.impulses[impacts] < 0.0).any():
             return math.nan
-        if flight.start >= 0 and _acceleration(solution, flight.start) < 0.0:
+        if flight.start >= 0 and acceleration(solution, flight.start) < 0.0:
             return math.nan
         return flight.gap.seen if self.problem.sticks else flight.gap.smallest[0]
 
-    def place(self, solution: TableSolution, own: Array) -> tuple[float, int]:  # noqa: ARG002
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return float(own[0]), self.side
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         solution = self.problem.at(x, p)
         return self.problem.with_impact(x, self._flight(solution), float(self.begin(solution)[0]))
 
-    def _flight(self, solution: TableSolution) -> Flight:
-        return solution.flights[self.number * solution.stops + self.side]
+    def _flight(self, solution: Any) -> Flight:
+        flight: Flight = solution.flights[self.number * solution.stops + self.side]
+        return flight
 
 
 @final
@@ -252,7 +252,7 @@ def _force(problem: BorderedEquations, solution: Any) -> float:
     return problem.units(solution)[2] * float(mass.max())
 
 
-def borders(problem: BorderedEquations, solution: TableSolution) -> list[Border]:
+def borders(problem: BorderedEquations, solution: Any) -> list[Border]:
     """All that is watched: impulses, flights and accelerations, then contacts and releases."""
     found: list[Border] = []
     sides = range(solution.stops)

@@ -12,8 +12,8 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.orbits.newton import FixedParameters, NoConvergence, correct, solve
-from dynkit.systems.impact.orbits.impulses.equations import LEAST
-from dynkit.systems.impact.orbits.impulses.guesses import (
+from dynkit.systems.impact.orbits.itineraries.equations import LEAST
+from dynkit.systems.impact.orbits.itineraries.guesses import (
     ascend,
     make_problem,
     one_impact,
@@ -145,7 +145,7 @@ def orbit_at(
     began = time.perf_counter()
     problem = make_problem(oscillator, m, at)
     orbit = _solved(problem, with_impulses(problem, given), began)
-    if (abs(orbit.impulses) <= LEAST * problem.speed).all():
+    if (abs(orbit.impulses) <= LEAST * problem.sizes[1]).all():
         raise NoConvergence("no periodic orbit found from the guess, but one without impulses")
     return orbit
 

@@ -27,7 +27,6 @@ from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
-    from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
     from dynkit.systems.impact.orbits.passages.passage import Passage
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
@@ -94,6 +93,39 @@ def difference(function: Callable[[float], Array], value: float, step: float) ->
 
 
 @final
+class Numbers(NamedTuple):
+    """The parts of the numbers of an oscillator, or of their changes: see `numbers_of`.
+
+    Attributes
+    ----------
+    frequency : float
+    forces : (3, N)
+        Real and imaginary parts of the harmonic forces, and constant forces.
+    matrices : (3, N, N)
+        Mass, damping and stiffness.
+    own : list of arrays
+        Of each element.
+    """
+
+    frequency: Any
+    forces: Any
+    matrices: Any
+    own: list[Any]
+
+    @classmethod
+    def split(cls, oscillator: DrivenStructure, numbers: Any) -> Numbers:
+        """The parts of all numbers, in their order."""
+        n = oscillator.degrees_of_freedom
+        ends = np.cumsum([1, 3 * n, 3 * n * n, *map(_count, oscillator._elements)])
+        first, forces, matrices, *own = np.split(numbers, ends[:-1])
+        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), own)
+
+
+def _count(element: Element) -> int:
+    return 5 + sum(3 + 4 * len(regime.guards) for regime in element.regimes)
+
+
+@final
 class Changes:
     """Derivatives of the numbers by some parameters of an oscillator.
 
@@ -105,19 +137,23 @@ class Changes:
 
     def __init__(self, system: Callable[[Array], DrivenStructure]) -> None:
         self._system = system
-        self._known: dict[tuple[int, bytes], Array] = {}
+        self._known: dict[tuple[int, bytes], tuple[Array, Numbers]] = {}
 
-    def by(self, p: Array, k: int) -> Array:
-        """By number `k` of the parameters (l,), kept where it is the same for all its values."""
+    def by(self, p: Array, k: int) -> tuple[Array, Numbers]:
+        """By number `k` of the parameters (l,), whole and in parts.
+
+        Kept where it is the same for all its values.
+        """
 
         def numbers(value: float) -> Array:
             moved = p.copy()
             moved[k] = value
             return numbers_of(self._system(moved))
 
-        key = k, np.delete(p, k).tobytes()
+        key = k, p[:k].tobytes() + p[k + 1 :].tobytes()
         if key not in self._known:
-            found, linear = change_of(numbers, float(p[k]))
+            whole, linear = change_of(numbers, float(p[k]))
+            found = whole, Numbers.split(self._system(p), whole)
             if not linear:
                 return found
             self._known = {key: found, **dict(list(self._known.items())[:7])}
@@ -147,17 +183,15 @@ class Machine:
     """
 
     def __init__(self, oscillator: DrivenStructure, change: Array | None = None) -> None:
-        self.size = n = oscillator.degrees_of_freedom
+        self.size = oscillator.degrees_of_freedom
         self.elements = oscillator._elements
         self.free = Regimes((0,) * len(self.elements), ())
         numbers: Any = numbers_of(oscillator)
         if change is not None:
             numbers = numbers + 1j * STEP * change
-        ends = np.cumsum([1, 3 * n, 3 * n * n, *(len(_numbers(e)) for e in self.elements)])
-        first, forces, matrices, *self._own = np.split(numbers, ends[:-1])
-        self.frequency = first[0]
-        self.mass, self.damping, self.stiffness = matrices.reshape(3, n, n)
-        self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.reshape(3, n).T])
+        self.frequency, forces, matrices, self._own = Numbers.split(oscillator, numbers)
+        self.mass, self.damping, self.stiffness = matrices
+        self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.T])
         self._modes: dict[Regimes, tuple[Any, Any]] = {}
 
     def closed(self, element: int) -> Regimes:
@@ -341,37 +375,6 @@ def _chatter(passage: Passage) -> Array:
     x, v = free.motion(states)
     _, sine, cosine = free.parts(states)
     return np.concatenate([x, v, np.stack([sine, cosine, np.ones(len(x))], axis=1)], axis=1)
-
-
-def residual_change(
-    oscillator: DrivenStructure, solution: ImpulseSolution, change: Array
-) -> tuple[Array, Array]:
-    """Derivatives (n,) of the gaps at the impacts of an orbit, and of r/(1 + r) J less their rates.
-
-    At given phases and impulses J, by a change of the numbers.
-    """
-    m, s = Machine(oscillator, change), solution
-    flow, kicks = m.flow(m.free), [m.kick(m.free, side) for side in range(s.stops)]
-    order = np.argsort(s.since[:, 0])
-    lasts = s.lasts[order] * s.terms.frequency / m.frequency
-    d = 2 * m.size
-    first = s.phases[0]
-    # what becomes of all states just before the first impact, and of the phase
-    moved = np.eye(d + 3, d + 1, dtype=complex)
-    moved[d:, d] = np.sin(first), np.cos(first), 1.0
-    before = []
-    for i, flight in zip(order.tolist(), lasts, strict=True):
-        before.append(moved.copy())
-        moved[:, d] += s.impulses[i] * kicks[s.sides[i]]
-        moved = expm(flow * flight) @ moved
-    start = np.append(np.linalg.solve(np.eye(d) - moved[:d, :d], moved[:d, d]), 1.0)
-    gaps, rates = np.empty((2, len(order)))
-    for i, block in zip(order.tolist(), before, strict=True):
-        z, side = block @ start, s.sides[i]
-        gaps[i] = (m.gap(side) @ z).imag / STEP
-        left = m.rate(side) @ z + s.impulses[i] / (1.0 + m.restitution(side))
-        rates[i] = left.imag / STEP
-    return gaps, rates
 
 
 def exponentials(matrices: Any) -> Any:

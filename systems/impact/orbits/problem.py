@@ -206,7 +206,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     def shortest(self, x: Array) -> tuple[Self, Array]:
         for k, periods, changes in self._repetitions(x):
             if abs(changes).max() < REPEATED:
-                return self.remade(periods=periods, itinerary=self.itinerary[:k]), self._part(x, k)
+                return self._shorter(k, periods), self._part(x, k)
         return self, x
 
     def repeats(self, x: Array, within: float) -> bool:
@@ -238,6 +238,10 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     @abstractmethod
     def _marked(self, x: Array) -> tuple[Array, Array]:
         """Phases (count,) of the items of the itinerary, and other marks of theirs (count, j)."""
+
+    def _shorter(self, k: int, periods: int) -> Self:
+        """The equations of the first `k` items of the itinerary."""
+        return self.remade(periods=periods, itinerary=self.itinerary[:k])
 
     @abstractmethod
     def _part(self, x: Array, k: int) -> Array:

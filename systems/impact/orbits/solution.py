@@ -29,7 +29,6 @@ class Solution(ABC):
     """Of the forcing."""
     period: float
     """Time until the motion repeats itself."""
-    restitution: float
     sides: Any
     """Of which stop, (n,), each impact is: 0 for the table and 1 for the far stop."""
     stops: int
@@ -90,12 +89,11 @@ class TableSolution(Solution):
         return [self.flight(i, side) for i in range(len(self.sides)) for side in range(self.stops)]
 
     @abstractmethod
-    def acceleration(self, i: int) -> float:
-        """Acceleration of the gap just after impact number `i`, if that does not rebound."""
+    def acceleration(self, i: int) -> tuple[float, float]:
+        """Acceleration of the gap just after impact number `i`, if that does not rebound.
 
-    def acceleration_rounding(self, i: int) -> float:  # noqa: ARG002
-        """What rounding leaves in it beyond that of the equations, if that is known."""
-        return 0.0
+        And what rounding leaves in it beyond that of the equations, if that is known.
+        """
 
 
 def follows(

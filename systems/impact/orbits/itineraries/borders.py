@@ -13,25 +13,38 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems.impact.elements.element import HALT, IMPACT
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.orbits.borders import Border, Touching, VanishingImpulse
+from dynkit.systems.impact.orbits.borders import (
+    Border,
+    Touching,
+    VanishingAcceleration,
+    VanishingImpulse,
+    acceleration,
+)
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary, regimes_of
+from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.itineraries.solution import ItinerarySolution
+    from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 
 
 def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
-    """Impulses, times between events, and what elements watch in between."""
+    """Impulses, times between events, what elements watch in between, and what begins."""
     for k in range(len(s.hits)):
-        yield VanishingImpulse(problem, 0, k)
-    n = s.events
+        yield VanishingImpulse(problem, 0 if s.blind else k, k)
+    n, itinerary = s.events, problem.itinerary
     for i in range(n):
-        yield VanishingInterval(problem, i)
+        # impacts of one stop pass one another; those of stops that face each other never meet
+        others = itinerary[i].element != itinerary[(i + 1) % n].element
+        if s.blind or (others and not problem.oscillator._faces):
+            yield VanishingInterval(problem, i)
     for i in range(n):
-        for element, guard in problem.itinerary[(i + 1) % n].mode.watched:
+        for element, guard in itinerary[(i + 1) % n].mode.watched:
             yield TouchingGuard(problem, i, element, guard)
+    for k, i in enumerate(s.hits):
+        if itinerary[i].element not in itinerary[(i + 1) % n].mode.held:
+            yield VanishingAcceleration(problem, k, k)
     for begun in problem.beginnings:
         yield Beginning(problem, begun)
 
@@ -88,6 +101,7 @@ class Beginning(Border):
         self.kind = BifurcationKind.CB if hard else BifurcationKind.GR
 
     def value(self, solution: ItinerarySolution) -> float:
+        assert isinstance(solution, ShootingSolution)
         event, mode, element, guard, sign = self.begun
         row = solution.machine.watched(mode, element, guard)
         size = abs(row) @ solution.measures
@@ -150,7 +164,7 @@ class VanishingInterval(Border):
         if isinstance(elements[first.element], HardStop):
             return "contact"
         if first.element in second.mode.held:
-            after = solution._following[(self.part + 1) % solution.events].mode
+            after = solution.following[(self.part + 1) % solution.events].mode
             same = after.numbers[first.element] == first.mode.numbers[first.element]
             return "grazing-sliding" if same else "crossing-sliding"
         return "adding-sliding" if first.element in first.mode.held else "grazing"
@@ -161,7 +175,7 @@ class VanishingInterval(Border):
         j = (i + 1) % n
         if first.element != s.itinerary[j].element or first.kicked or s.itinerary[j].kicked:
             return None
-        after = s._following[j].mode
+        after = s.following[j].mode
         gone = [i, j] if first.mode == after else [j]
         found: tuple[Problem, Array] | None = self.problem.without(x, p, gone)
         return found
@@ -190,20 +204,23 @@ class TouchingGuard(Touching):
         return curve, float(solution.event_phases[self.part])
 
     def measures(self, solution: ItinerarySolution) -> Array:
-        mode = solution._following[self.part].mode
-        row = abs(solution.machine.watched(mode, self.side, self.number)) @ solution.measures
-        return np.asarray(row * np.array([1.0, solution.frequency]))
+        size = solution.size_of(self.part, self.side, self.number)
+        return np.asarray(size * np.array([1.0, solution.frequency]))
 
     def value(self, solution: ItinerarySolution) -> float:
-        if solution.durations[self.part] <= 0.0:
-            return math.nan
-        ends = [self.part, (self.part + 1) % solution.events]
-        pulls = [
-            solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends if i in solution.hits
-        ]
-        if any(pulls):
+        ends = [i for i in solution.ends(self.part) if i in solution.impulse_of]
+        if any(solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends):
             return math.nan
         curve = self.curve(solution)[0]
+        if curve.lasts <= 0.0:
+            return math.nan
+        if not solution.blind:
+            # without rebound a flight may begin into the stop
+            return (
+                math.nan
+                if acceleration(solution, solution.impulse_of[self.part]) < 0.0
+                else curve.smallest[0]
+            )
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
         slow = abs(rate) * curve.lasts <= _ZERO * curve.rounding
         if abs(begin) <= _ZERO * curve.rounding and (bend if slow else rate) < 0.0:
@@ -218,12 +235,12 @@ class TouchingGuard(Touching):
         element = solution.oscillator._elements[self.side]
         if not any(regime.sticks for regime in element.regimes):
             return "grazing"
-        held = self.side in solution._following[self.part].mode.held
+        held = self.side in solution.following[self.part].mode.held
         return "adding-sliding" if held else "grazing-sliding"
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, system = self.problem.at(x, p), self.problem.oscillator
-        mode, k = s._following[self.part].mode, self.side
+        mode, k = s.following[self.part].mode, self.side
         regimes, number = system._elements[k].regimes, mode.numbers[k]
         watch = regimes[number].guards[self.number]
         if watch.event == IMPACT:

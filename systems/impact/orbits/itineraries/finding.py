@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
 from dynkit.orbits.newton import NoConvergence, solve
-from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations, simulated
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Happening,
     Seen,
@@ -20,6 +20,8 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     of_period,
     regimes_of,
 )
+from dynkit.systems.impact.orbits.itineraries.shooting import simulated
+from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
@@ -98,8 +100,8 @@ def _guess(
         phases[0] = length
     sizes = _sizes(system, state, seen, length)
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven)
-    impulses = _impulses(problem, seen)
-    return problem, np.concatenate([phases, impulses, seen.states.ravel()])
+    first = seen.states[0, : problem.layout.states]
+    return problem, np.concatenate([phases, _impulses(system, seen, phases), first])
 
 
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
@@ -117,15 +119,15 @@ def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> 
     return [float(abs(np.concatenate(part)).max()) or 1.0 for part in (x, v)]
 
 
-def _impulses(problem: ItineraryEquations, seen: Seen) -> Array:
+def _impulses(system: ImpactMap, seen: Seen, phases: Array) -> Array:
     """Those that the law gives."""
-    k = problem.layout.impacts
-    n = len(seen.events)
-    x = np.concatenate([np.ones(n), np.zeros(k), seen.states.ravel()])
-    phases = problem.oscillator.frequency * seen.times
-    x[:n] = phases if problem.driven else np.append(1.0, phases[1:])
-    s = problem.at(x, NONE)
-    return np.asarray(-(s.rates * s.before[s.hits]).sum(axis=1) / (1.0 - s.returned))
+    machine, found = Machine(system), []
+    for event, state, phase in zip(seen.events, seen.states, phases, strict=True):
+        if event.kicked:
+            z = np.concatenate([state, [np.sin(phase), np.cos(phase), 1.0]])
+            r = machine.restitution(event.element)
+            found.append(-(1.0 + r) * float(machine.rate(event.element) @ z))
+    return np.array(found)
 
 
 def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[float, ...]]:

@@ -52,6 +52,40 @@ Itinerary = tuple[Happening, ...]
 """Events in their order; each mode follows the event before."""
 
 
+class Course:
+    """An itinerary, and what is asked of it again and again.
+
+    Attributes
+    ----------
+    itinerary : tuple of Happening
+    following : tuple of Happening
+        The events, each in the place of the one before.
+    hits : list of int
+        Numbers of the impacts among the events.
+    impulse_of : dict
+        The number of each among the impacts.
+    sides : (k,)
+        The stops that they hit.
+    kinds : (n,)
+        Numbers by which kinds of events differ.
+    nodes : tuple of int
+        Numbers of the events before which the state is unknown.
+    """
+
+    def __init__(self, itinerary: Itinerary, nodes: tuple[int, ...]) -> None:
+        self.itinerary, self.nodes = itinerary, nodes
+        self.following: Itinerary = *itinerary[1:], itinerary[0]
+        self.hits = [i for i, event in enumerate(itinerary) if event.kicked]
+        self.impulse_of = dict(zip(self.hits, range(len(self.hits)), strict=True))
+        self.sides: Any = np.array([itinerary[i].element for i in self.hits], dtype=np.intp)
+        self.kinds = np.array([_kind(event) for event in itinerary])
+
+
+def _kind(event: Happening) -> float:
+    regimes = sum(k * number for k, number in enumerate(event.mode.numbers, 1))
+    return event.element + 0.37 * event.guard + 0.11 * regimes
+
+
 class Seen(NamedTuple):
     """Events of a motion: their times (k,), what they are, states (k, 2N) just before them."""
 

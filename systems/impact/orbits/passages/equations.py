@@ -139,7 +139,7 @@ class PassageEquations(ImpactProblem[PassageSolution]):
 
     def _by(self, x: Array, p: Array, k: int) -> Array:
         """Derivative by the free parameter number `k`."""
-        change, out = self._changes.by(p, k), []
+        (change, _), out = self._changes.by(p, k), []
         for passage in self.at(x, p).passages:
             end, force, gaps = passage_change(passage, change)
             out.append(np.concatenate([end, [force], gaps]) / self._units(passage))

@@ -61,9 +61,14 @@ class PassageSolution(TableSolution):
         start = i - 1 if number else -1
         return Flight(start, i, side, float(passage.phases[number]), passage.gap(number, side))
 
-    def acceleration(self, i: int) -> float:
+    def acceleration(self, i: int) -> tuple[float, float]:
         passage, number = self._within(i)
-        return float(passage.scene.gap(passage.states[number + 1], self.sides[i], 2))
+        return float(passage.scene.gap(passage.states[number + 1], self.sides[i], 2)), 0.0
+
+    @property
+    def restitutions(self) -> Array:
+        """Of each impact, (n,)."""
+        return np.full(len(self.sides), self.restitution)
 
     def _within(self, i: int) -> tuple[Passage, int]:
         """Passage of impact number `i`, and its number there."""

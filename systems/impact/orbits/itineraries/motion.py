@@ -1,0 +1,217 @@
+"""What unknowns of an itinerary's equations stand for: states at its events, and all between."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from dynkit.core.validation import Array, read_only
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course
+from dynkit.systems.impact.orbits.machine import Numbers
+from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.simulation.state import SHEET, TWO_PI
+
+ROUNDING = 32.0 * 2.0**-52
+"""Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
+
+LATE = 2.0 * 2.0**-52
+"""Of the period, relative: it is a rounded multiple of a rounded turn, divided and rounded."""
+
+
+class Lap(NamedTuple):
+    """The unknowns of an itinerary of n events and k impacts.
+
+    Attributes
+    ----------
+    phases : (n + 1,)
+        Of the events, and of the first one a period later.
+    turn : Any
+        Time of a turn of the phase.
+    impulses : (k,)
+    states : (j, 2N)
+        Just before the events that are nodes; none where they follow from the impulses.
+    """
+
+    phases: Array
+    turn: Any
+    impulses: Array
+    states: Array
+
+
+class ItinerarySolution(Solution):
+    """The motion of an itinerary at given unknowns and parameters.
+
+    A subclass must implement what is abstract here: how states follow from the unknowns.
+
+    Parameters
+    ----------
+    oscillator : ImpactMap
+    measures : (2N + 3,)
+        What states are measured in.
+    course : Course
+    lap : Lap
+    clock : Any
+        Frequency of the phase, complex where the machine is.
+    """
+
+    LARGEST: ClassVar[int] = 50
+    """Of so many coordinates at most derivatives by complex steps: of the third power of them."""
+
+    blind: ClassVar[bool]
+    """Whether dips below rounding are not told from none, as flights may begin at zero."""
+
+    def __init__(
+        self, oscillator: Any, measures: Array, course: Course, lap: Lap, clock: Any
+    ) -> None:
+        self.oscillator, self.measures = oscillator, measures
+        self.course, self.lap, self.clock = course, lap, clock
+        self.itinerary, self.following = course.itinerary, course.following
+        self.hits, self.impulse_of, self.sides = course.hits, course.impulse_of, course.sides
+        self.events = len(self.itinerary)
+        self.impulses, self.event_phases = lap.impulses, lap.phases[:-1]
+
+    @property
+    def durations(self) -> Any:
+        """Times (n,) from each event to the next, negative where their order is another one."""
+        return np.diff(self.lap.phases) / self.clock
+
+    # --- equations --------------------------------------------------------------------------------
+    # Guards (n,), laws of the impacts (k,), and what becomes of each unknown state less the next.
+
+    @property
+    @abstractmethod
+    def left(self) -> Any:
+        """What is left of the equations, (m,): complex where the machine is."""
+
+    @abstractmethod
+    def jacobian(self, multiplier: complex) -> Any:
+        """Their derivative D(multiplier), (m, m)."""
+
+    @property
+    @abstractmethod
+    def rounding(self) -> Array:
+        """What rounding may make of them, (m,), to first order."""
+
+    @abstractmethod
+    def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers of the machine; None if not known."""
+
+    # --- states -----------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def restitutions(self) -> Any:
+        """Coefficients of restitution (k,) of the impacts."""
+
+    @property
+    @abstractmethod
+    def before(self) -> Array:
+        """Positions and velocities (n, 2N), or more, just before the events."""
+
+    @property
+    @abstractmethod
+    def whole(self) -> Array:
+        """Positions and velocities (n, 2N), or more, just after the events."""
+
+    @abstractmethod
+    def passed(self, since: Array) -> Array:
+        """Positions and velocities (j, 2N) at times (j,) from the first event on, in one period."""
+
+    @property
+    @abstractmethod
+    def state_rounding(self) -> Array:
+        """What rounding may make of states."""
+
+    # --- what is watched --------------------------------------------------------------------------
+
+    @abstractmethod
+    def curve(self, i: int, element: int, guard: int = 0) -> Curve:
+        """What an element watches from event number `i` to the next."""
+
+    @abstractmethod
+    def size_of(self, i: int, element: int, guard: int) -> float:
+        """What it is measured in."""
+
+    def ends(self, i: int) -> tuple[int, int]:
+        """Numbers of the events between which it is watched."""
+        return i, (i + 1) % self.events
+
+    @abstractmethod
+    def acceleration(self, i: int) -> tuple[float, float]:
+        """That of the gap just after impact number `i`; what rounding makes of it."""
+
+    # --- the motion -------------------------------------------------------------------------------
+
+    @property
+    def frequency(self) -> float:  # type: ignore[override]
+        """Of the phase."""
+        return float(self.clock)
+
+    @property
+    def period(self) -> float:  # type: ignore[override]
+        """Time until the motion repeats itself."""
+        return float((self.lap.phases[-1] - self.event_phases[0]) / self.clock)
+
+    @property
+    def impact_phases(self) -> Array:  # type: ignore[override]
+        """Phases (k,) of the impacts."""
+        return read_only(self.event_phases[self.hits])
+
+    @property
+    def relative_velocity(self) -> Array:
+        r = self.restitutions
+        u = r / (1.0 + r) * np.maximum(self.impulses, 0.0)
+        return np.asarray(np.where((self.sides == 1) & self.oscillator._faces, -u, u))
+
+    @property
+    def phases(self) -> Array:  # type: ignore[override]
+        """Phases of the section states: of impacts, of periods that begin, or of all events."""
+        if len(self.hits):
+            return self.impact_phases
+        if not self.oscillator._excitation.turns:
+            return self.event_phases
+        turns = round((self.lap.phases[-1] - self.event_phases[0]) / TWO_PI)
+        first = np.ceil(self.event_phases[0] / TWO_PI - 1e-12)
+        return read_only(TWO_PI * (first + np.arange(turns)))
+
+    @property
+    def section_states(self) -> Array:
+        if not len(self.hits):
+            return self.passed((self.phases - self.event_phases[0]) / self.clock % self.period)
+        n, whole = self.oscillator.degrees_of_freedom, self.whole[self.hits]
+        sheets = SHEET * self.sides * self.oscillator._several
+        phase = self.impact_phases % TWO_PI + sheets
+        found = np.empty((len(self.hits), 2 * n))
+        found[:, -2], found[:, -1] = self.relative_velocity, phase
+        for side in np.unique(self.sides).tolist():
+            others = self.oscillator._contacts[side].others
+            here = np.flatnonzero(self.sides == side)[:, None]
+            found[here[:, 0], :-2] = whole[here, np.append(others, n + others)]
+        return found
+
+    def sample(self, since: Array) -> tuple[Array, Array]:
+        late = float(self.phases[0] - self.event_phases[0]) / self.clock
+        z, n = self.passed((since + late) % self.period), self.oscillator.degrees_of_freedom
+        return z[:, :n], z[:, n : 2 * n]
+
+    @property
+    def contact_phases(self) -> Array:
+        found = [
+            [self.event_phases[i], self._released(i, k)]
+            for i, (event, after) in enumerate(zip(self.itinerary, self.following, strict=True))
+            for k in range(len(self.oscillator._stops))
+            if k in after.mode.held and k not in event.mode.held
+        ]
+        return np.array(found).reshape(-1, 2)
+
+    def _released(self, i: int, stop: int) -> float:
+        """Phase at which a contact that event number `i` begins is over."""
+        for j in range(i + 1, i + self.events + 1):
+            turns, k = divmod(j, self.events)
+            if stop not in self.following[k].mode.held:
+                lasts = self.lap.phases[-1] - self.event_phases[0]
+                return float(self.event_phases[k] + turns * lasts)
+        return float("inf")
