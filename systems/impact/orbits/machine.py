@@ -337,17 +337,19 @@ def passage_change(passage: Passage, change: Array) -> tuple[Array, float, Array
     # from here on the gap is taken to be zero
     z -= gaps[-1] * back
     late, times = 0.0j, passage.run.time
-    flights = np.diff(times, prepend=0.0).tolist()
+    flights = np.diff(times, prepend=0.0)
     # late in a chatter rates are far below the rounding of velocities: what is known is taken
-    rates = -passage.run.log.speed / passage.r if flights else passage.run.log.speed
+    rates = -passage.run.log.speed / passage.r if len(flights) else passage.run.log.speed
     push = (1.0 + m.restitution(side)) * m.kick(m.free, side)
     states = _chatter(passage) + np.outer(rates, push.real)
-    for lasts, rate, before in zip(flights, rates.tolist(), states, strict=True):
-        z = before + 1j * _moved(flow, norm, lasts, z).imag
-        later = -1j * (row @ z).imag / rate  # an impact is where the gap is zero
-        z += later * (flow @ z)
-        z -= 1j * (row @ z).imag * back
-        z -= complex(rate, (by_rate @ z).imag) * push
+    changed = np.stack([row, by_rate])
+    for moving, rate, before in zip(_together(flow, flights), rates.tolist(), states, strict=True):
+        z = before + 1j * (moving @ z).imag
+        gap = float(row.real @ z.imag + row.imag @ before)
+        later = -1j * gap / rate  # an impact is where the gap is zero
+        z = z + later * (flow @ z)
+        gap, speed = (changed @ z).imag.tolist()
+        z -= 1j * gap * back + complex(rate, speed - gap * float(by_rate.real @ back)) * push
         late += later
     lasts = (phases[-1] - phases[-2]) / m.frequency - late - (times[-1] if len(times) else 0.0)
     held = m.flow(m.closed(side))
@@ -375,6 +377,23 @@ def _chatter(passage: Passage) -> Array:
     x, v = free.motion(states)
     _, sine, cosine = free.parts(states)
     return np.concatenate([x, v, np.stack([sine, cosine, np.ones(len(x))], axis=1)], axis=1)
+
+
+def _together(flow: Any, times: Array) -> Any:
+    """exp(A t), (k, d, d), of one matrix at short times (k,), whose powers are shared."""
+    if not len(times):
+        return []
+    halvings = np.ceil(np.log2(np.maximum(_norm(flow) * times, 1.0))).astype(int)
+    powers = [np.eye(len(flow), dtype=flow.dtype)]
+    for k in range(1, _TERMS + 1):
+        powers.append(flow @ powers[-1] / k)
+    weights = (times * 0.5**halvings)[:, None] ** np.arange(_TERMS + 1)
+    both = np.array(powers).reshape(len(powers), -1).view(float)
+    out: Any = (weights @ both).view(flow.dtype).reshape(len(times), *flow.shape)
+    for k in range(int(halvings.max())):
+        some = halvings > k
+        out[some] = out[some] @ out[some]
+    return out
 
 
 def exponentials(matrices: Any) -> Any:

@@ -66,11 +66,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     those at the begin of each period of the forcing; for the cycle of an undriven machine they are
     those just after its events, with phases from the first one on.
 
-    The unknowns of P(n,m) are phases and impulses, (2n,), and modes without restoring force. The
-    unknowns of P(inf,m) are, for each release, the positions and velocities there, its phase, and
-    the phases of the impacts before the chatter. For a machine with elements the unknowns are
-    phases, impulses and states of its events. An orbit is admissible when simulation from each of
-    its states finds the next one.
+    The unknowns of P(n,m) are phases and impulses, (2n,). Where some motion has no restoring force,
+    and for a machine with other elements than hard stops, they are the phases of the events, the
+    impulses of the impacts among them, and positions and velocities just before the first event.
+    The unknowns of P(inf,m) are, for each release, the positions and velocities there, its phase,
+    and the phases of the impacts before the chatter. An orbit is admissible when simulation from
+    each of its states finds the next one.
     """
 
     _problem: OrbitEquations
@@ -150,10 +151,11 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def error(self) -> float:
         """Estimate of the largest error of a section coordinate of the states.
 
-        For P(n,m) it is a bound to first order: rounding and the last residual of the equations,
-        multiplied by the inverse derivative, and the rounding of the states. For P(inf,m) the
-        rounding of the equations is measured by changes of the unknowns in their last digits, and
-        the error of omitted bounces is added. It is infinite where the derivative is singular.
+        For P(n,m) it is a bound to first order: twice the rounding and the last residual of the
+        equations, multiplied by the inverse derivative, and the rounding of the states. For
+        P(inf,m) the rounding of the equations is measured by changes of the unknowns in their last
+        digits, and the error of omitted bounces is added. It is infinite where the derivative is
+        singular.
         """
         return self._problem.state_error(self._x, NONE, self.residual)
 

@@ -26,7 +26,7 @@ from dynkit.systems.impact.orbits.itineraries.guesses import (
     solvable,
     with_impulses,
 )
-from dynkit.systems.impact.orbits.itineraries.terms import turning
+from dynkit.systems.impact.orbits.itineraries.terms import drives_of
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import has_table_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
@@ -93,7 +93,7 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         state = record.final
         size = np.maximum(size, abs(record.states).max(axis=0, initial=0.0))
         yield record
-    drive, places = float(abs(turning(oscillator)[1][0])), oscillator.degrees_of_freedom - 1
+    drive, places = float(abs(drives_of(oscillator)[0])), oscillator.degrees_of_freedom - 1
     size[:places] = np.maximum(size[:places], drive)
     size[places:-1] = np.maximum(size[places:-1], drive * oscillator.frequency)
     random = np.random.default_rng(0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, final
 
 import numpy as np
@@ -31,6 +31,7 @@ from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
 from dynkit.systems.impact.orbits.machine import Machine, difference
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
+from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
@@ -163,22 +164,30 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
         return np.concatenate([np.full(n, length), np.full(n, speed), np.ones(3)])
 
     def _scene(self, p: Array) -> responses.Scene | shooting.Scene:
+        if self.responds and self._plain:
+            # No need of a system for each value.
+            terms = Terms.of(self.oscillator, dict(zip(self._names, p.tolist(), strict=True)))
+            own = self.oscillator, self._windows, terms, self._measures
+            return responses.Scene(*own, partial(self.system, p))
         system = self.system(p) if self._names else self.oscillator
         if self.responds:
-            windows = self._windows or windows_of(system)
-            return responses.Scene(system, windows, Terms.of(system), self._measures)
+            own = system, windows_of(system), Terms.of(system), self._measures
+            return responses.Scene(*own, partial(self.system, p))
         return shooting.Scene(Machine(system), system, self._measures)
 
     @cached_property
-    def _windows(self) -> Windows | None:
-        """Those of the oscillator, where no free parameter changes its structure."""
-        changes = [self._changes.by(self.values, k) for k in range(len(self._names))]
-        same = not any(parts.matrices.any() for _, parts in changes)
-        return windows_of(self.oscillator) if same else None
+    def _windows(self) -> Windows:
+        return windows_of(self.oscillator)
+
+    @cached_property
+    def _plain(self) -> bool:
+        """Whether the free parameters are in closed form, and change nothing but themselves."""
+        own = self.oscillator
+        return not own.elements and all(changes_alone(own, name) for name in self._names)
 
     def _solution(self, x: Array, scene: Any) -> ResponseSolution | ShootingSolution:
         phases, impulses, states = self.layout.split(x)
-        turn, turns = TWO_PI / scene.oscillator.frequency, TWO_PI * self.periods
+        turn, turns = 0.0, TWO_PI * self.periods
         if not self.driven:
             turn, phases = phases[0], np.append(0.0, phases[1:])
         states = states.reshape(-1, self.dimension)
@@ -353,12 +362,9 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
 
     def canonical(self, x: Array) -> Array:
         phases, pushed = self._marked(x)
-        kinds = self.course.kinds
-        signs = np.array([1.0 - 2.0 * event.element for event in self.itinerary])
-        marks = np.stack([kinds, signs * pushed[:, 0]], axis=1)
-        turn = np.exp(1j * phases)[:, None]
-        moments = [turn, turn * marks, turn * marks**2]
-        found = [np.concatenate(moments, axis=1).mean(axis=0).view(float), marks.mean(axis=0)]
+        turn, weights = np.exp(1j * phases), self.course.signs * pushed[:, 0]
+        marks = [turn, weights * turn, weights**2 * turn, self.course.kinds * turn, 1j * weights]
+        found = [np.array(marks).sum(axis=1).view(float) / len(turn)]
         period = [] if self.driven else [x[:1] / self._scale[0]]
         return np.concatenate([*found, *period])
 

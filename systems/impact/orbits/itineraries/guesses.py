@@ -13,7 +13,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.modes.impulse_responses import free_motion
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, regimes_of
-from dynkit.systems.impact.orbits.itineraries.terms import turning
+from dynkit.systems.impact.orbits.itineraries.terms import drives_of
 from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.orbits.problem import APART
 from dynkit.systems.impact.simulation.state import TWO_PI
@@ -45,7 +45,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ItineraryEq
         When nothing drives the oscillator.
     """
     try:
-        _, drives = turning(oscillator)
+        drives = drives_of(oscillator)
     except NoSolution as refusal:
         raise ValueError(f"system must have a steady response: {refusal}") from None
     w = oscillator.frequency

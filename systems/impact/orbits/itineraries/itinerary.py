@@ -68,6 +68,8 @@ class Course:
         The stops that they hit.
     kinds : (n,)
         Numbers by which kinds of events differ.
+    signs : (n,)
+        Numbers by which impulses of different stops differ.
     nodes : tuple of int
         Numbers of the events before which the state is unknown.
     """
@@ -79,6 +81,7 @@ class Course:
         self.impulse_of = dict(zip(self.hits, range(len(self.hits)), strict=True))
         self.sides: Any = np.array([itinerary[i].element for i in self.hits], dtype=np.intp)
         self.kinds = np.array([_kind(event) for event in itinerary])
+        self.signs = np.array([1.0 - 2.0 * event.element for event in itinerary])
 
 
 def _kind(event: Happening) -> float:

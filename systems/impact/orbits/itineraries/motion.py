@@ -29,7 +29,7 @@ class Lap(NamedTuple):
     phases : (n + 1,)
         Of the events, and of the first one a period later.
     turn : Any
-        Time of a turn of the phase.
+        Time of a turn of the phase, where nothing drives the machine.
     impulses : (k,)
     states : (j, 2N)
         Just before the events that are nodes; none where they follow from the impulses.

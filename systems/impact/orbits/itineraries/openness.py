@@ -25,7 +25,7 @@ def flights_are_open(s: ResponseSolution) -> bool:
         return False
     if all(_surely_open(s, *flight) for flight in flights):
         return True
-    system, within = s.oscillator, SAME * s.period
+    system, within = s.system(), SAME * s.period
     for i, state in enumerate(s.section_states):
         run = system._run(system.impact_state(state), 1, store=True)
         end = int(s.sides[s.ends(i)[1]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple, final
 from weakref import WeakKeyDictionary
@@ -84,12 +85,17 @@ def windows_of(oscillator: Any) -> Windows:
 
 
 class Scene(NamedTuple):
-    """An oscillator at some parameters: its gaps in free motion, and its steady response."""
+    """Gaps in free motion and the steady response, at some parameters.
+
+    The oscillator has the structure, and may differ in the numbers of its table; the system, as a
+    function, is the one at these parameters.
+    """
 
     oscillator: Any
     windows: Windows
     terms: Terms
     measures: Array
+    system: Callable[[], Any]
 
 
 @final
@@ -108,7 +114,7 @@ class ResponseSolution(ItinerarySolution):
     blind = False
 
     def __init__(self, scene: Scene, course: Course, lap: Lap) -> None:
-        self.windows, self.terms = scene.windows, scene.terms
+        self.windows, self.terms, self.system = scene.windows, scene.terms, scene.system
         self.mode = scene.windows.motion.mode
         super().__init__(scene.oscillator, scene.measures, course, lap, scene.terms.frequency)
         self.turn = TWO_PI * round(float(lap.phases[-1] - lap.phases[0]) / TWO_PI)
@@ -163,9 +169,21 @@ class ResponseSolution(ItinerarySolution):
         return self._spread(self.kicked)
 
     @cached_property
+    def _assembled(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Responses, steady part of the gaps, gaps, equations and their derivative."""
+        from dynkit.systems.impact.orbits.itineraries.response_kernels import assemble
+
+        n = len(self.sides)
+        out = np.empty((4, n, n)), np.empty((3, n)), np.empty((3, n)), np.empty(2 * n)
+        jacobian = np.empty((2 * n, 2 * n))
+        own = self.windows.rows, self._kicks, self.sides, self.terms.numbers
+        assemble(*own, self.event_phases, self.impulses, self.clock, *out, jacobian)
+        return *out, jacobian
+
+    @property
     def responses(self) -> Array:
         """Responses (4, n, n) of gaps and derivatives, at the rows, to unit impulses."""
-        return self._seen(self._kicks, slice(4))
+        return self._assembled[0]
 
     def _disturbed(self, multiplier: complex) -> Any:
         """The same, (3, n, n), where impulses are multiplied from one period to the next."""
@@ -184,36 +202,32 @@ class ResponseSolution(ItinerarySolution):
         states = np.array([self.transition.periodic(state) for state in moved])
         return self._seen(self._spread(states), slice(2))
 
-    @cached_property
+    @property
     def steady(self) -> Array:
         """Steady part (3, n) of `gaps`."""
-        return self.terms.gaps(self.sides, self.turning, 3)
+        return self._assembled[1]
 
-    @cached_property
+    @property
     def gaps(self) -> Array:
         """Gaps (3, n) at the impacts, and two derivatives in time just after them."""
-        return np.asarray(self.steady + self.responses[:3] @ self.impulses)
+        return self._assembled[2]
 
     # --- equations --------------------------------------------------------------------------------
 
     @property
     def left(self) -> Array:
-        gap, rate, _ = self.gaps
-        r = self.restitutions
-        return np.concatenate([gap, rate - r / (1.0 + r) * self.impulses])
+        return self._assembled[3]
 
     def jacobian(self, multiplier: complex) -> Any:
-        n, g, r = len(self.sides), self.responses, self.restitutions
-        back = g[:3] if multiplier == 1.0 else self._disturbed(multiplier)
-        own = np.arange(n)
-        out = np.empty((2, n, 2 * n), dtype=np.result_type(back, multiplier))
-        out[..., :n] = -self.impulses * back[1:]
-        # Its own impulse moves along with an impact, that of other periods as multiplied.
-        out[:, own, own] += self.steady[1:] + g[1:3] @ self.impulses
-        out[..., :n] /= self.clock
-        out[..., n:] = back[:2]
-        out[1, own, n + own] -= r / (1.0 + r)
-        return out.reshape(2 * n, 2 * n)
+        if multiplier == 1.0:
+            return self._assembled[4]
+        n, back = len(self.sides), self._disturbed(multiplier) - self.responses[:3]
+        out = self._assembled[4].astype(np.result_type(back, multiplier))
+        # Only impulses of other periods are multiplied.
+        rows = out.reshape(2, n, 2 * n)
+        rows[..., :n] -= self.impulses * back[1:] / self.clock
+        rows[..., n:] += back[:2]
+        return out
 
     @property
     def rounding(self) -> Array:
@@ -264,8 +278,7 @@ class ResponseSolution(ItinerarySolution):
         if by.frequency:
             later = self.responses[1:3] * self.since + self._by_period * self.period
             gap, rate = later @ self.impulses * (by.frequency / w)
-            steady = (1j * self.terms.drives[self.sides] * self.turning).imag
-            gaps, rates = gaps - gap, rates - rate + by.frequency * steady
+            gaps, rates = gaps - gap, rates - rate + by.frequency / w * self.steady[1]
         return np.concatenate([gaps, rates])
 
     # --- states -----------------------------------------------------------------------------------
@@ -350,7 +363,7 @@ class ResponseSolution(ItinerarySolution):
 
 def _change(s: ResponseSolution, change: Array) -> Array:
     """Derivative (2n,) of the equations by a change of all numbers, of the structure too."""
-    m = Machine(s.oscillator, change)
+    m = Machine(s.system(), change)
     flow, kicks = m.flow(m.free), [m.kick(m.free, side) for side in range(len(m.elements))]
     order = np.argsort(s.since[:, 0])
     lasts = s.lasts[order] * s.clock / m.frequency

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
 
 import numpy as np
@@ -10,9 +11,13 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.machine import Numbers
+from dynkit.systems.impact.simulation.parameters import EXACT
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+
+_NO_CHANGES: Mapping[str, float] = {}
 
 
 @final
@@ -28,6 +33,8 @@ class Terms(NamedTuple):
     shape, still : (N,) complex, (N,)
         The steady response of all coordinates is Im(shape exp(i phase)) + still.
     drives, rests : (e,) complex, (e,)
+    numbers : (e, 4)
+        Real and imaginary parts of drives, rests, and restitutions, as the kernel takes them.
     """
 
     frequency: float
@@ -36,23 +43,36 @@ class Terms(NamedTuple):
     still: Array
     drives: Any
     rests: Array
+    numbers: Array
 
     @classmethod
-    def of(cls, oscillator: DrivenStructure) -> Self:
+    def of(cls, oscillator: DrivenStructure, changes: Mapping[str, float] = _NO_CHANGES) -> Self:
         """The terms of an oscillator whose elements are hard stops.
+
+        With other values of some parameters of its table, from `EXACT`, that change nothing else.
 
         Raises
         ------
         NoSolution
-            When the forces have no steady response.
+            When a value is out of range, or the forces have no steady response.
         """
         stops, still = oscillator._stops, oscillator._excitation.constant
-        shape, drives = turning(oscillator)
+        w, phasors = oscillator.frequency, [stop.phasor for stop in stops]
+        offsets, r = [stop.offset for stop in stops], [stop.restitution for stop in stops]
+        if changes:
+            values = {name: changes.get(name, getattr(oscillator, name)) for name in EXACT}
+            w, restitution, amplitude, offset, play = values.values()
+            if not (w > 0.0 and 0.0 <= restitution <= 1.0 and amplitude >= 0.0 and play > 0.0):
+                raise NoSolution(f"parameters are out of range: {values}")
+            phasors, r = [complex(amplitude)] * len(stops), [restitution] * len(stops)
+            offsets = [offset, offset + stops[0].sign * play][: len(stops)]
+        shape, drives = turning(oscillator, w, phasors)
         if still.any():
             still = _solved(oscillator.stiffness, still)
-        rests = [s.sign * (s.row(len(still)) @ still - s.offset) for s in stops]
-        r = np.array([stop.restitution for stop in stops], dtype=float)
-        return cls(oscillator.frequency, r, shape, still, drives, np.array(rests))
+        own = zip(stops, offsets, strict=True)
+        rests = np.array([s.sign * (s.row(len(still)) @ still - at) for s, at in own])
+        numbers = np.array([drives.real, drives.imag, rests, r]).T.copy()
+        return cls(w, numbers[:, 3], shape, still, drives, rests, numbers)
 
     def gaps(self, sides: Any, turn: Any, orders: int) -> Array:
         """Steady gaps (orders, n) of the given stops and their derivatives, at exp(i phase), (n,).
@@ -68,25 +88,25 @@ class Terms(NamedTuple):
         """The derivative of the terms by a parameter that changes no mass, dashpot or spring."""
         stops, n, w = oscillator._stops, oscillator._size, self.frequency
         harmonic, constant = by.forces[0] + 1j * by.forces[1], by.forces[2]
-        if by.frequency:
+        if by.frequency and self.shape.any():
             bent = 1j * oscillator.damping_matrix - 2.0 * w * oscillator.mass
             harmonic = harmonic - by.frequency * (bent @ self.shape)
-        shape = _solved(_rigidity(oscillator), harmonic) if harmonic.any() else harmonic
+        shape = _solved(_rigidity(oscillator, w), harmonic) if harmonic.any() else harmonic
         still = _solved(oscillator.stiffness, constant) if constant.any() else constant
         drives, rests, r = np.zeros(len(stops), complex), np.zeros(len(stops)), []
         for k, (stop, own) in enumerate(zip(stops, by.own, strict=True)):
             offset, amplitude, phase = own[:3].tolist()
             moved = (amplitude + 1j * stop.amplitude * phase) * cmath.exp(1j * stop.phase)
             drives[k], rests[k] = -stop.sign * moved, -stop.sign * offset
-            if by.frequency or by.forces.any():
+            if harmonic.any() or constant.any():
                 row = stop.sign * stop.row(n)
                 drives[k] += row @ shape
                 rests[k] += row @ still
             r.append(own[4])
-        return Terms(by.frequency, np.array(r), shape, still, drives, rests)
+        return Terms(by.frequency, np.array(r), shape, still, drives, rests, np.empty((0, 4)))
 
 
-def turning(oscillator: DrivenStructure) -> tuple[Any, Any]:
+def turning(oscillator: DrivenStructure, w: float, phasors: Sequence[complex]) -> tuple[Any, Any]:
     """The harmonic part of the steady response: `shape` (N,) and `drives` (e,) of `Terms`.
 
     Raises
@@ -95,10 +115,17 @@ def turning(oscillator: DrivenStructure) -> tuple[Any, Any]:
         When the forces have no steady response.
     """
     shape = oscillator._excitation.harmonic
+    drives = np.array([-s.sign * own for s, own in zip(oscillator._stops, phasors, strict=True)])
     if shape.any():
-        shape = _solved(_rigidity(oscillator), shape)
-    drives = [s.sign * (s.row(len(shape)) @ shape - s.phasor) for s in oscillator._stops]
-    return shape, np.array(drives)
+        shape = _solved(_rigidity(oscillator, w), shape)
+        drives = drives + [s.sign * (s.row(len(shape)) @ shape) for s in oscillator._stops]
+    return shape, drives
+
+
+def drives_of(oscillator: DrivenStructure) -> Any:
+    """Complex amplitudes (e,) of the steady gaps; NoSolution without a steady response."""
+    phasors = [stop.phasor for stop in oscillator._stops]
+    return turning(oscillator, oscillator.frequency, phasors)[1]
 
 
 def _solved(matrix: Any, forces: Any) -> Any:
@@ -108,6 +135,5 @@ def _solved(matrix: Any, forces: Any) -> Any:
         raise NoSolution("the forces have no steady response") from None
 
 
-def _rigidity(oscillator: DrivenStructure) -> Any:
-    w = oscillator.frequency
+def _rigidity(oscillator: DrivenStructure, w: float) -> Any:
     return oscillator.stiffness + 1j * w * oscillator.damping_matrix - w * w * oscillator.mass
