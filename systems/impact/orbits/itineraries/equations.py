@@ -379,7 +379,7 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
         kind = named(border, self.at(x, p))
         return {**found, kind: found["time"]}
 
-    def _stations(self, s: ItinerarySolution) -> list[Station]:
+    def _stations(self, s: ResponseSolution | ShootingSolution) -> list[Station]:
         hits, found, before = iter(s.impulses.tolist()), [], s.before[:, : self.dimension]
         for i, (event, phase) in enumerate(
             zip(self.itinerary, s.event_phases.tolist(), strict=True)

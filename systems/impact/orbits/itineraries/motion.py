@@ -10,7 +10,6 @@ import numpy as np
 from dynkit.core.validation import Array, read_only
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
-from dynkit.systems.impact.orbits.machine import Numbers
 from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.simulation.state import SHEET, TWO_PI
 
@@ -44,7 +43,14 @@ class Lap(NamedTuple):
 class ItinerarySolution(Solution):
     """The motion of an itinerary at given unknowns and parameters.
 
-    A subclass must implement what is abstract here: how states follow from the unknowns.
+    A subclass must implement what is abstract here, and in addition, for guards (n,), laws of the
+    impacts (k,), and what becomes of each unknown state less the next one, (m,) together:
+
+    1. ``left``, what is left of these equations;
+    2. ``jacobian(multiplier)``, their derivative D(multiplier), (m, m);
+    3. ``rounding`` and ``state_rounding``, what rounding may make of them, and of states;
+    4. ``change(change)``, their derivative by a change of all numbers; None where it is not known;
+    5. ``before``, positions and velocities (n, 2N), or more, just before the events.
 
     Parameters
     ----------
@@ -78,27 +84,6 @@ class ItinerarySolution(Solution):
         """Times (n,) from each event to the next, negative where their order is another one."""
         return np.diff(self.lap.phases) / self.clock
 
-    # --- equations --------------------------------------------------------------------------------
-    # Guards (n,), laws of the impacts (k,), and what becomes of each unknown state less the next.
-
-    @property
-    @abstractmethod
-    def left(self) -> Any:
-        """What is left of the equations, (m,): complex where the machine is."""
-
-    @abstractmethod
-    def jacobian(self, multiplier: complex) -> Any:
-        """Their derivative D(multiplier), (m, m)."""
-
-    @property
-    @abstractmethod
-    def rounding(self) -> Array:
-        """What rounding may make of them, (m,), to first order."""
-
-    @abstractmethod
-    def change(self, change: tuple[Array, Numbers]) -> Array | None:
-        """Their derivative (m,) by a change of all numbers of the machine; None if not known."""
-
     # --- states -----------------------------------------------------------------------------------
 
     @property
@@ -108,22 +93,12 @@ class ItinerarySolution(Solution):
 
     @property
     @abstractmethod
-    def before(self) -> Array:
-        """Positions and velocities (n, 2N), or more, just before the events."""
-
-    @property
-    @abstractmethod
     def whole(self) -> Array:
         """Positions and velocities (n, 2N), or more, just after the events."""
 
     @abstractmethod
     def passed(self, since: Array) -> Array:
         """Positions and velocities (j, 2N) at times (j,) from the first event on, in one period."""
-
-    @property
-    @abstractmethod
-    def state_rounding(self) -> Array:
-        """What rounding may make of states."""
 
     # --- what is watched --------------------------------------------------------------------------
 
