@@ -216,9 +216,11 @@ class ResponseSolution(ItinerarySolution):
 
     @property
     def left(self) -> Array:
+        """What is left of the equations, (m,)."""
         return self._assembled[3]
 
     def jacobian(self, multiplier: complex) -> Any:
+        """Their derivative D(multiplier), (m, m)."""
         if multiplier == 1.0:
             return self._assembled[4]
         n, back = len(self.sides), self._disturbed(multiplier) - self.responses[:3]
@@ -266,6 +268,7 @@ class ResponseSolution(ItinerarySolution):
         return float(1.0 + abs(self.event_phases).max())
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers; None where it is not known."""
         oscillator, r = self.oscillator, self.restitutions
         whole, by = change
         if by.matrices.any():
@@ -310,6 +313,7 @@ class ResponseSolution(ItinerarySolution):
 
     @property
     def before(self) -> Array:
+        """Positions and velocities (n, 2N), or more, just before the events."""
         pushed = self.windows.kicks[self.sides] * self.impulses[:, None, None]
         return self._states(self.states - pushed, self.turning)
 

@@ -119,6 +119,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def before(self) -> Any:
+        """Positions and velocities (n, 2N), or more, just before the events."""
         return self._way[0]
 
     @property
@@ -160,6 +161,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def left(self) -> Any:
+        """What is left of the equations, (m,)."""
         found = (self.guards * self.before).sum(axis=1)
         for i, event in enumerate(self.itinerary):
             if event.element < 0:
@@ -174,6 +176,7 @@ class ShootingSolution(ItinerarySolution):
         return np.concatenate([found, rates, missing.ravel()])
 
     def jacobian(self, multiplier: complex) -> Any:
+        """Their derivative D(multiplier), (m, m)."""
         n, d, k, last = self.events, self.dimension, len(self.hits), len(self.course.nodes) - 1
         kind: Any = np.result_type(multiplier, 1.0)
         size = n + k + d * (last + 1)
@@ -259,6 +262,7 @@ class ShootingSolution(ItinerarySolution):
 
     @cached_property
     def rounding(self) -> Array:
+        """What rounding may make of them, (m,), to first order."""
         n, k, d = self.events, len(self.hits), self.dimension
         turned = 8.0 + abs(self.event_phases)
         own = np.empty(n + k + self.lap.states.size)
@@ -288,6 +292,7 @@ class ShootingSolution(ItinerarySolution):
 
     @cached_property
     def state_rounding(self) -> Array:
+        """What rounding may make of states, to first order."""
         out, error = np.zeros((self.events, self.dimension)), np.zeros(self.dimension)
         for i in range(self.events):
             out[i] = error = 0.0 * error if i in self._node_of else error
@@ -297,6 +302,7 @@ class ShootingSolution(ItinerarySolution):
         return out
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers; None where it is not known."""
         scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
         there = ShootingSolution(scene, self.course, self.lap, self.pairs, self.driven)
         with np.errstate(all="ignore"):
@@ -345,6 +351,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def multipliers(self) -> Any:
+        """Floquet multipliers (2N,), the largest modulus first."""
         found = product_eigenvalues(self.factors[0])
         return found if self.driven else found[:-1]
 
