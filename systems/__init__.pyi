@@ -7,6 +7,7 @@ from .flows.henon_heiles import HenonHeiles as HenonHeiles
 from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
 from .flows.rossler import Rossler as Rossler
+from .flows.three_body import RestrictedThreeBody as RestrictedThreeBody
 from .flows.van_der_pol import VanDerPol as VanDerPol
 from .impact.elements.element import Element as Element, Regime as Regime, Watch as Watch
 from .impact.elements.friction import DryFriction as DryFriction
@@ -22,6 +23,11 @@ from .impact.oscillators.attractor import ImpactAttractor as ImpactAttractor
 from .impact.oscillators.ball import BouncingBall as BouncingBall
 from .impact.oscillators.chain import ImpactChain as ImpactChain
 from .impact.oscillators.matrix import MatrixOscillator as MatrixOscillator
+from .impact.oscillators.nonlinear_chains import FPUTChain as FPUTChain, TodaChain as TodaChain
+from .impact.oscillators.nonlinear_single import (
+    ImpactDuffing as ImpactDuffing,
+    ImpactPendulum as ImpactPendulum,
+)
 from .impact.oscillators.oscillator import ImpactOscillator as ImpactOscillator
 from .impact.oscillators.play import PlayOscillator as PlayOscillator
 from .impact.oscillators.single import SingleImpactOscillator as SingleImpactOscillator
@@ -33,6 +39,7 @@ from .maps.ikeda import Ikeda as Ikeda
 from .maps.logistic import DelayedLogistic as DelayedLogistic, Logistic as Logistic
 from .maps.standard import StandardMap as StandardMap
 from .maps.towel import FoldedTowel as FoldedTowel
+from .structure.chain import extensions as extensions
 from .structure.lagrangian import LagrangianStructure as LagrangianStructure
 from .symbolic.flows import SymbolicFlow as SymbolicFlow
 from .symbolic.maps import CompiledMap as CompiledMap, SymbolicMap as SymbolicMap

@@ -8,149 +8,22 @@ squared.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
+from dynkit.analysis.dimension.box_kernels import (
+    FEW_EDGES,
+    SHIFT,
+    Bins,
+    Boxes,
+    Buffers,
+    Integers,
+    bin_of,
+    box_bounds,
+    point_bounds,
+)
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 
-Integers: TypeAlias = NDArray[np.int64]
-
-CELLS = 7
-"""Leading bits of the mantissa that select the first bin of a distance: 128 cells to an octave."""
-
-SHIFT = 52 - CELLS
-"""Number of lower bits of the mantissa."""
-
 # indices of the counters in `Buffers.work`
 _BOX_PAIRS, _DISTANCES = 0, 1
-
-
-class Boxes(NamedTuple):
-    """Points in a balanced tree of boxes.
-
-    Parameters
-    ----------
-    low, high : (nodes, d)
-        The boxes; nodes = 2 leaves - 1, a power of two minus one, and the leaves come last.
-    sizes : (nodes,)
-        Number of points in each box.
-    points : (leaves, d, slots)
-        The points of each leaf; unused slots contain finite numbers.
-    filled : (leaves,)
-        Number of used slots.
-    blocks : (leaves, slots)
-        The block of each point.
-    turns : (d,)
-        One turn of each coordinate that is an angle in [0, turn]; zero for others.
-    every : (d,)
-        0, 1, ..., d - 1.
-    """
-
-    low: Array
-    high: Array
-    sizes: Integers
-    points: Array
-    filled: Integers
-    blocks: Integers
-    turns: Array
-    every: Integers
-
-
-class Bins(NamedTuple):
-    """Bins of distances, and the norm.
-
-    Parameters
-    ----------
-    euclidean
-        Whether the norm is Euclidean, with squared distances, or the maximum norm.
-    edges : (k + 1,)
-        Ascending; a distance counts in the first bin whose edge it does not exceed. The last edge
-        is infinite, and the count of its bin is incomplete.
-    first : (cells + 1,)
-        For each cell of leading bits, from that of the first edge on, the first bin that it meets;
-        last the number of the first cell.
-    """
-
-    euclidean: bool
-    edges: Array
-    first: Integers
-
-
-class Buffers(NamedTuple):
-    """Buffers that a thread modifies in place.
-
-    Parameters
-    ----------
-    row, row_bits : (slots,)
-        Scratch: floats, and the same memory as integers.
-    widest, chosen : (d,)
-        Scratch.
-    stack : (any, 2)
-        Pairs of nodes that remain to be done; capacity for more than six for each level of the
-        tree.
-    shares : (blocks, k + 1)
-        Counts by blocks: each computed distance counts in the blocks of both points, and a whole
-        box at once for a single point.
-    lumps : (nodes, k + 1)
-        Number of points, besides those in `shares`, at such distances from every point of a node.
-    work : (2,)
-        Numbers of examined pairs of boxes, and of computed distances.
-    """
-
-    row: Array
-    row_bits: Integers
-    widest: Array
-    chosen: Integers
-    stack: Integers
-    shares: Integers
-    lumps: Integers
-    work: Integers
-
-
-@kernel(inline=True)
-def _gap_bounds(
-    low: float, high: float, other_low: float, other_high: float, turn: float
-) -> tuple[float, float]:
-    """Return bounds of the distances between two intervals; of angles where turn is not zero."""
-    least = max(low - other_high, other_low - high, 0.0)
-    most = max(high - other_low, other_high - low)
-    if turn > 0.0:
-        wrapped = min(least, turn - most)
-        most = min(most, turn - least)
-        least = wrapped
-    return least, most
-
-
-@kernel()
-def _box_bounds(tree: Boxes, a: int, b: int, euclidean: bool) -> tuple[float, float]:
-    """Return bounds of the distances between points of two boxes."""
-    low, high = tree.low, tree.high
-    near = 0.0
-    far = 0.0
-    for k in range(low.shape[1]):
-        least, most = _gap_bounds(low[a, k], high[a, k], low[b, k], high[b, k], tree.turns[k])
-        near = near + least * least if euclidean else max(near, least)
-        far = far + most * most if euclidean else max(far, most)
-    return near, far
-
-
-@kernel()
-def _point_bounds(
-    tree: Boxes, a: int, i: int, node: int, euclidean: bool, widest: Array
-) -> tuple[float, float]:
-    """Return bounds of the distances of a point to a box; `widest` gets those by coordinate."""
-    near = 0.0
-    far = 0.0
-    for k in range(widest.size):
-        x = tree.points[a, k, i]
-        least, most = _gap_bounds(x, x, tree.low[node, k], tree.high[node, k], tree.turns[k])
-        widest[k] = most
-        near = near + least * least if euclidean else max(near, least)
-        far = far + most * most if euclidean else max(far, most)
-    return near, far
 
 
 @kernel()
@@ -162,20 +35,6 @@ def _deciding(near: float, widest: Array, chosen: Integers) -> int:
             chosen[count] = k
             count += 1
     return count
-
-
-@kernel()
-def _bin_of(distance: float, edges: Array) -> int:
-    """Return the index of the first edge that the distance does not exceed."""
-    begin = 0
-    end = edges.size
-    while begin < end:
-        middle = (begin + end) // 2
-        if distance > edges[middle]:
-            begin = middle + 1
-        else:
-            end = middle
-    return begin
 
 
 @kernel()
@@ -255,10 +114,10 @@ def _count_leaves(tree: Boxes, a: int, b: int, bins: Bins, own: Buffers) -> int:
         least = 0.0
         coordinates = tree.every
         if a != b:
-            near, far = _point_bounds(tree, a, i, node, euclidean, own.widest)
+            near, far = point_bounds(tree, a, i, node, euclidean, own.widest)
             if near > top:
                 continue
-            found = _bin_of(near, edges)
+            found = bin_of(near, edges)
             if far <= edges[found]:
                 shares[block, found] += held
                 own.lumps[node, found] += 1
@@ -281,6 +140,67 @@ def _count_leaves(tree: Boxes, a: int, b: int, bins: Bins, own: Buffers) -> int:
     return measured
 
 
+@kernel()
+def _count_by_edges(
+    tree: Boxes, a: int, b: int, bins: Bins, own: Buffers, first: int, number: int
+) -> int:
+    """Count the pairs of points of two different leaves; return the number of distances.
+
+    The edges between the bounds of the leaves are edges[first], and so on, `number` of them. Each
+    distance is compared with all of them, for many points at once: distances need no bin.
+    """
+    euclidean, edges, shares, below = bins.euclidean, bins.edges, own.shares, own.below
+    top = edges[edges.size - 2]
+    last = first + number
+    counts = last < edges.size - 1  # not beyond the largest radius
+    node = b
+    a -= tree.filled.size - 1
+    b -= tree.filled.size - 1
+    held = tree.filled[b]
+    for e in range(number):
+        for j in range(held):
+            below[e, j] = 0
+    rows = 0
+    for i in range(tree.filled[a]):
+        near, far = point_bounds(tree, a, i, node, euclidean, own.widest)
+        if near > top:
+            continue
+        block = tree.blocks[a, i]
+        found = bin_of(near, edges)
+        if far <= edges[found]:
+            shares[block, found] += held
+            own.lumps[node, found] += 1
+            continue
+        least = 0.0
+        coordinates = tree.every
+        if not euclidean:
+            least = near
+            coordinates = own.chosen[: _deciding(near, own.widest, own.chosen)]
+        _distances(tree, a, i, b, euclidean, least, coordinates, own.row)
+        rows += 1
+        before = 0
+        for e in range(number):
+            edge = edges[first + e]
+            count = 0
+            for j in range(held):
+                inside = 1 if own.row[j] <= edge else 0
+                below[e, j] += inside
+                count += inside
+            shares[block, first + e] += count - before
+            before = count
+        if counts:
+            shares[block, last] += held - before
+    for j in range(held):
+        block = tree.blocks[b, j]
+        before = 0
+        for e in range(number):
+            shares[block, first + e] += below[e, j] - before
+            before = below[e, j]
+        if counts:
+            shares[block, last] += rows - before
+    return int(rows * held)
+
+
 @kernel(entry=True, nogil=True)
 def count_pairs(
     height: int,
@@ -300,6 +220,7 @@ def count_pairs(
     row_bits: Integers,
     widest: Array,
     chosen: Integers,
+    below: Integers,
     stack: Integers,
     shares: Integers,
     lumps: Integers,
@@ -323,7 +244,7 @@ def count_pairs(
     """
     tree = Boxes(low, high, sizes, points, filled, blocks, turns, every)
     bins = Bins(euclidean, edges, first)
-    own = Buffers(row, row_bits, widest, chosen, stack, shares, lumps, work)
+    own = Buffers(row, row_bits, widest, chosen, below, stack, shares, lumps, work)
     top = edges[edges.size - 2]
     leaves = filled.size
     last = work[_BOX_PAIRS] + work[_DISTANCES] + pause
@@ -331,11 +252,11 @@ def count_pairs(
         height -= 1
         a = stack[height, 0]
         b = stack[height, 1]
-        near, far = _box_bounds(tree, a, b, euclidean)
+        near, far = box_bounds(tree, a, b, euclidean)
         work[_BOX_PAIRS] += 1
         if near > top:
             continue
-        found = _bin_of(near, edges)
+        found = bin_of(near, edges)
         if far <= edges[found]:
             if a == b:
                 lumps[a, found] += sizes[a] - 1
@@ -343,7 +264,15 @@ def count_pairs(
                 lumps[a, found] += sizes[b]
                 lumps[b, found] += sizes[a]
         elif a >= leaves - 1 and b >= leaves - 1:
-            work[_DISTANCES] += _count_leaves(tree, a, b, bins, own)
+            inside = 0
+            while inside <= FEW_EDGES and found + inside < edges.size - 1:
+                if edges[found + inside] >= far:
+                    break
+                inside += 1
+            if a == b or inside > FEW_EDGES:
+                work[_DISTANCES] += _count_leaves(tree, a, b, bins, own)
+            else:
+                work[_DISTANCES] += _count_by_edges(tree, a, b, bins, own, found, inside)
         elif a == b:
             for i in range(3):
                 stack[height + i, 0] = 2 * a + 1 + i // 2
@@ -391,6 +320,6 @@ def uncount_near_in_time(
         for j in range(i + 1, min(i + window + 1, points.shape[0])):
             apart = distance(points, i, j, turns, euclidean)
             if apart <= top:
-                found = _bin_of(apart, edges)
+                found = bin_of(apart, edges)
                 shares[blocks[i], found] -= 1
                 shares[blocks[j], found] -= 1

@@ -24,7 +24,7 @@ from dynkit.analysis.dimension.trees import boxes_of
 from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
-    from dynkit.analysis.dimension.correlation_kernels import Boxes, Buffers
+    from dynkit.analysis.dimension.box_kernels import Boxes, Buffers
 
 Counts: TypeAlias = NDArray[np.int64]
 
@@ -83,11 +83,8 @@ def count(
     threads : int, optional
         By default one for each processor, at most 16. The result does not depend on it.
     """
-    from dynkit.analysis.dimension.correlation_kernels import (
-        Bins,
-        count_pairs,
-        uncount_near_in_time,
-    )
+    from dynkit.analysis.dimension.box_kernels import Bins
+    from dynkit.analysis.dimension.correlation_kernels import count_pairs, uncount_near_in_time
 
     n, d = points.shape
     blocks = np.arange(n) * min(BLOCKS, n) // n
@@ -184,18 +181,25 @@ def _share_lumps(tree: Boxes, total: Buffers) -> None:
 
 def _buffers(tree: Boxes, blocks: int, bins: int) -> Buffers:
     """Return buffers with zero counts."""
-    from dynkit.analysis.dimension.correlation_kernels import Buffers
+    from dynkit.analysis.dimension.box_kernels import FEW_EDGES, Buffers
 
     leaves, d, slots = tree.points.shape
     row = np.zeros(slots)
-    sizes = d, (6 * leaves.bit_length() + 8, 2), (blocks, bins), (len(tree.sizes), bins), 2
+    sizes = (
+        d,
+        (FEW_EDGES, slots),
+        (6 * leaves.bit_length() + 8, 2),
+        (blocks, bins),
+        (len(tree.sizes), bins),
+        2,
+    )
     counts = (np.zeros(size, dtype=np.int64) for size in sizes)
     return Buffers(row, row.view(np.int64), np.zeros(d), *counts)
 
 
 def _first_bins(edges: Array) -> Counts:
     """Return the first bin of each cell of leading bits, and last the number of the first cell."""
-    from dynkit.analysis.dimension.correlation_kernels import SHIFT
+    from dynkit.analysis.dimension.box_kernels import SHIFT
 
     ends = np.ascontiguousarray(edges[[0, -2]]).view(np.int64) >> SHIFT
     cells = np.arange(ends[0], ends[1] + 1) << SHIFT

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
-    from dynkit.analysis.dimension.correlation_kernels import Boxes
+    from dynkit.analysis.dimension.box_kernels import Boxes
 
 LEAF = 64
 """Most points of a leaf: a balance between the number of boxes and of distances of far points."""
@@ -31,7 +31,7 @@ def boxes_of(points: Array, turns: Array, blocks: NDArray[np.int64]) -> Boxes:
     blocks : (n,) array
         The block of time of each point.
     """
-    from dynkit.analysis.dimension.correlation_kernels import Boxes
+    from dynkit.analysis.dimension.box_kernels import Boxes
 
     n, d = points.shape
     leaves = 1

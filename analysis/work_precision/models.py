@@ -65,13 +65,15 @@ class ImpactModel:
         Raises
         ------
         Unsuited
-            When the system is not an impact oscillator, or has a second stop, other elements or an
-            impact law.
+            When the system is not an impact oscillator, or has energies that are not quadratic, a
+            second stop, other elements or an impact law.
         """
         system = exact.system
         for name in _NEEDED:
             if not hasattr(system, name):
                 raise Unsuited(f"not made for it: no impact oscillator, as it has no {name}")
+        if getattr(system, "engine", "") == "Taylor":
+            raise Unsuited("not made for it: energies that are not quadratic")
         if system.play != math.inf:
             raise Unsuited("not made for it: a second stop")
         if len(getattr(system, "elements", ())) > 1:

@@ -21,6 +21,7 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 
 _Known = TypeVar("_Known")
+_TURNING = BifurcationKind.NS, BifurcationKind.RS
 
 
 def given(part: _Known | None, owner: str = "Branch") -> _Known:
@@ -61,8 +62,8 @@ class Bifurcation(Tabled):
     Parameters
     ----------
     kind : BifurcationKind
-        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, Hopf, grazing or chatter
-        border; it equals its text, ``"SN"`` ...
+        Saddle-node (fold), period doubling, Neimark-Sacker, branch point, resonance, Hopf, grazing
+        or chatter border; it equals its text, ``"SN"`` ...
     parameter : str
         Name of the continuation parameter.
     value : float
@@ -91,14 +92,14 @@ class Bifurcation(Tabled):
     unknowns_error : (m,) array
         To first order bounds on the errors of the unknowns.
     own : (e,) array
-        Additional unknowns of the condition: at NS theta, at HB the angular frequency, at GR those
-        of the problem's condition.
+        Additional unknowns of the condition: at NS theta, at RS the modulus of the
+        multiplier, at HB the angular frequency, at GR those of the problem's condition.
     own_error : (e,) array
         To first order bounds on the errors of `own`.
     tangent : (m + 1,) array
         Direction of the branch, the parameter last.
     event : int
-        Index of the problem's event; -1 at SN, BP, PD, NS and HB.
+        Index of the problem's event; -1 at SN, BP, PD, NS, RS and HB.
     admissible : bool
         Whether the orbit is a motion of the system; at the borders GR and CB, whether a
         neighbouring point of the branch is one. Otherwise no motion of the system bifurcates.
@@ -130,19 +131,21 @@ class Bifurcation(Tabled):
 
     @property
     def rotation_number(self) -> float | None:
-        """At NS the angle of the critical multiplier over 2 pi, in (0, 1/2); None at other kinds.
+        """At NS and RS the angle of the critical multiplier over 2 pi, in (0, 1/2); otherwise None.
 
         For an orbit of n iterates it is the rotation number of the n-th iterate. At the bifurcation
         n closed curves are born, and the `OrbitLabel.rotation_number` of the quasi-periodic motion
-        on them tends to this value.
+        on them tends to this value. At RS it is a fraction j/k, and orbits of k periods are born.
         """
-        if self.kind != BifurcationKind.NS or self.multiplier is None:
+        if self.kind not in _TURNING or self.multiplier is None:
             return None
         return float(abs(np.angle(self.multiplier)) / (2.0 * np.pi))
 
     @property
     def rotation_error(self) -> float | None:
         """To first order a bound on the error of `rotation_number`; None where that is None."""
+        if self.kind == BifurcationKind.RS:
+            return 0.0
         return None if self.rotation_number is None else float(self.own_error[0] / (2.0 * np.pi))
 
     @property
@@ -167,7 +170,7 @@ class Bifurcation(Tabled):
 
         At PD it is on the branch of twice the period, at BP on the crossing branch, at HB on the
         branch of the periodic orbits that are born, at GR on the branches with one impact more or
-        less. SN, NS and CB have none.
+        less. SN, NS, RS and CB have none.
         """
         switch = KINDS[self.kind].switch
         return [] if switch is None else switch(self._place)
@@ -177,8 +180,9 @@ class Bifurcation(Tabled):
         """The side on which orbits are born at SN, PD, NS or HB, and their stability.
 
         It is computed from second and third derivatives of the orbit's equations, at NS of the
-        return map. None at the other kinds, at NS near a strong resonance or for an inadmissible
-        orbit, and where there are no such derivatives. For flows it takes seconds.
+        return map. None at the other kinds, on a level of an integral, at NS near a strong
+        resonance or for an inadmissible orbit, and where there are no such derivatives. For flows
+        it takes seconds.
         """
         kind = KINDS[self.kind]
         if kind.normal_form is None or self.multiplier is None:

@@ -114,6 +114,8 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     """
     began = time.perf_counter()
     x, p, kind = place.y[:-1], place.y[-1:], place.problem.stability
+    if kind is Spectrum.CONSERVATIVE:
+        return None  # two multipliers meet at the critical one: these normal forms assume one
     accuracy = ROUNDING
     if isinstance(place.problem, PeriodicProblem):
         accuracy = place.problem.orbit(x, p).system.accuracy
@@ -208,7 +210,7 @@ def _unstable_side(place: Place, value: complex) -> int:
         first = _slope(lambda z: problem.pencil(z[:-1], z[-1:], value), y, place.tangent, h)
         by_value = _slope(lambda mu: problem.pencil(y[:-1], y[-1:], mu), value, 1.0, h)
         speed = -(left @ first @ way) / (left @ by_value @ way)
-        if problem.stability is Spectrum.MULTIPLIERS:
+        if problem.stability.periodic:
             speed *= value.conjugate()
         return float(speed.real)
 

@@ -21,6 +21,9 @@ from dynkit.orbits.spectrum import Spectrum
 DIFFERENCE = 2.0 ** (-52.0 / 3.0)
 """Step of central differences, in scaled unknowns: it balances rounding and curvature."""
 
+RESONANCES = tuple(sorted({j / k for k in range(3, 7) for j in range(1, k) if 2 * j < k}))
+"""Angles of multipliers, in turns, at which orbits of three to six periods are born."""
+
 # Largest change of a condition, of order one, over a step; otherwise the step is divided by 16, at
 # most _SHORTER times. A frequency has such an effect over a period of many oscillations.
 _CHANGE, _SHORTER = 1e-2, 4
@@ -133,6 +136,29 @@ class NeimarkSacker(CriticalMultiplier):
 
     def multiplier(self, own: Array) -> complex:
         return complex(np.exp(1j * own[0]))
+
+    def _equations(self, g: Any) -> Array:
+        return np.array([g.real, g.imag])
+
+
+@final
+class Resonance(CriticalMultiplier):
+    """RS: a pair of multipliers is rho exp(±2 pi i j/k), with the modulus rho as an unknown.
+
+    On a level of an integral rho is one, also beside the resonance: a condition with rho = 1 would
+    be one equation too many. The fraction j/k is the one of `RESONANCES` that is nearest to the
+    multipliers of a near solution.
+    """
+
+    unknowns = 1
+
+    def __init__(self, problem: Problem, x: Array, own: Array, p: Array) -> None:
+        angles = abs(np.angle(problem.spectrum(x, p)[:1])) / (2.0 * np.pi)
+        self.fraction = min(RESONANCES, key=lambda each: abs(each - angles[0]))
+        super().__init__(problem, x, own, p)
+
+    def multiplier(self, own: Array) -> complex:
+        return complex(own[0] * np.exp(2j * np.pi * self.fraction))
 
     def _equations(self, g: Any) -> Array:
         return np.array([g.real, g.imag])

@@ -29,7 +29,6 @@ from dynkit.orbits.equations import ProblemSolution
 from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.search import OrbitSearch
-from dynkit.orbits.spectrum import Spectrum
 
 # Most points of a branch in each direction.
 _POINTS = 2000
@@ -266,7 +265,7 @@ class _Exploration:
         while lead.known is None and lead.compared < len(self.found):
             number = lead.compared
             branch = self.found[number]
-            periodic = branch.spectrum is Spectrum.MULTIPLIERS
+            periodic = branch.spectrum.periodic
             same = self._group(branch.label, periodic) == self._group_of(lead)
             try:
                 if same and self.trails[number].holds(lead.orbit, self.on_planes):

@@ -17,6 +17,7 @@ from dynkit.continuation.defining_systems import (
     Hopf,
     NeimarkSacker,
     PeriodDoubling,
+    Resonance,
 )
 from dynkit.continuation.switching import Switch, born, crossing, doubled, neighbours
 from dynkit.core.validation import Array
@@ -93,7 +94,7 @@ KINDS: Mapping[BifurcationKind, Kind] = {
         (0, (5, 2)),
         defining_system=PeriodDoubling,
         switch=doubled,
-        critical={Spectrum.MULTIPLIERS: -1.0},
+        critical={spectrum: -1.0 for spectrum in Spectrum if spectrum.periodic},
         normal_form=flip,
         supercritical=1,
     ),
@@ -103,6 +104,11 @@ KINDS: Mapping[BifurcationKind, Kind] = {
         defining_system=NeimarkSacker,
         normal_form=rotation,
         supercritical=-1,
+    ),
+    BifurcationKind.RS: Kind(
+        "resonance",
+        (0, (2, 2, 7, 2)),
+        defining_system=Resonance,
     ),
     BifurcationKind.HB: Kind(
         "Hopf",

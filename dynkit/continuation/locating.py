@@ -17,12 +17,11 @@ from dynkit.continuation.defining_systems import (
 )
 from dynkit.continuation.kinds import KINDS, condition_of
 from dynkit.continuation.points import Point, beside, interpolated
-from dynkit.continuation.test_functions import are_real, crossings, examine
+from dynkit.continuation.test_functions import are_real, crossings, examine, resonances, turns
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct, error_bound
-from dynkit.orbits.spectrum import Spectrum
 
 _HALVINGS = 45
 # Tolerances of `beside` for a solution between two points.
@@ -73,7 +72,7 @@ def locate(
     if least > KINDS[crossing.kind].jump * size:
         return None
     critical = KINDS[crossing.kind].critical.get(problem.stability)
-    if crossing.kind in _PAIRS or (
+    if crossing.kind in (*_PAIRS, BifurcationKind.RS) or (
         critical is not None and _distance(after, crossing.kind) > _NEAR
     ):
         return None
@@ -148,6 +147,8 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         own = _angle(before, after)
         if not len(own):
             return None
+    if kind is BifurcationKind.RS:
+        own = np.ones(1)
     try:
         condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:])
         equations = BifurcationEquations(problem, condition, before.scale[-1:])
@@ -166,6 +167,8 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         return None
     if kind is BifurcationKind.NS and abs(np.sin(own[0])) < _FLAT:
         return None
+    if kind is BifurcationKind.RS and abs(own[0] - 1.0) > _ON_BORDER:
+        return None
     if kind is BifurcationKind.BP and abs(own[0]) > _UNFOLDED:
         return None
     # at grazing D(mu) is singular for numbers that are not multipliers
@@ -183,6 +186,9 @@ def _part(before: Point, after: Point, crossing: Crossing) -> float:
     """Return an estimate of the position of the bifurcation within the step, from 0 to 1."""
     if crossing.kind is BifurcationKind.SN:
         a, b = float(before.tangent[-1]), float(after.tangent[-1])
+    elif crossing.kind is BifurcationKind.RS:
+        (there, *_) = resonances(before.seen, after.seen)
+        a, b = (turns(point.seen) - there for point in (before, after))
     elif crossing.event >= 0:
         a, b = (point.seen.events[crossing.event].value for point in (before, after))
     else:
@@ -208,4 +214,4 @@ def _angle(before: Point, after: Point) -> Array:
     both = np.append(before.seen.spectrum, after.seen.spectrum)
     upper = both[(both.imag > 0.0) & ~are_real(both)]
     nearest = upper[np.argsort(spectrum.from_border(upper))][:1]
-    return np.asarray(np.angle(nearest) if spectrum is Spectrum.MULTIPLIERS else nearest.imag)
+    return np.asarray(np.angle(nearest) if spectrum.periodic else nearest.imag)

@@ -14,7 +14,6 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem
 from dynkit.orbits.newton import NoConvergence, NoSolution, correct, solve
 from dynkit.orbits.problem import PeriodicProblem
-from dynkit.orbits.spectrum import Spectrum
 
 # Distances along the new branch to try, in scaled unknowns: the first one close enough to the
 # bifurcation is taken. At smaller distances an orbit cannot be separated from its half.
@@ -121,7 +120,7 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
 
 def _is_near(problem: Problem, y: Array) -> bool:
     """Whether a multiplier is near one; always true for eigenvalues, which have no unit."""
-    if problem.stability is not Spectrum.MULTIPLIERS:
+    if not problem.stability.periodic:
         return True
     return bool(abs(problem.spectrum(y[:-1], y[-1:]) - 1.0).min() <= _FROM_ONE)
 

@@ -9,11 +9,15 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.continuation.crossings import Crossing, Seen
+from dynkit.continuation.defining_systems import RESONANCES
 from dynkit.continuation.points import Point
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import events_of, is_admissible
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.spectrum import Spectrum
+
+# Largest difference of the product of two conservative multipliers from one, relative.
+_AREA = 1e-6
 
 
 @final
@@ -38,7 +42,7 @@ def examine(problem: Problem, point: Point) -> Seen:
     x, p = point.y[:-1], point.y[-1:]
     kind, values = problem.stability, np.asarray(problem.spectrum(x, p))
     flip = False
-    if kind is Spectrum.MULTIPLIERS:
+    if kind.periodic:
         # not the sign of multipliers, which may change through infinity
         flip = bool(np.linalg.slogdet(problem.pencil(x, p, -1.0))[0] < 0.0)
     upper = values[(values.imag > 0.0) & ~are_real(values)]
@@ -66,6 +70,26 @@ def crossings(before: Point, after: Point, tests: tuple[TestFunction, ...]) -> t
     return tuple(found)
 
 
+def turns(seen: Seen) -> float:
+    """Return the angle of the multipliers of a conservative orbit, in turns from 0 to 1/2.
+
+    It is 0 for positive multipliers and 1/2 for negative ones. NaN where there are not two
+    multipliers with the product one.
+    """
+    values = seen.spectrum
+    if seen.kind is not Spectrum.CONSERVATIVE or len(values) != 2:
+        return np.nan
+    if not abs(values.prod() - 1.0) <= _AREA * max(1.0, float(abs(values[0]))):
+        return np.nan
+    return float(np.arccos(np.clip(0.5 * values.sum().real, -1.0, 1.0)) / (2.0 * np.pi))
+
+
+def resonances(before: Seen, after: Seen) -> list[float]:
+    """Return those of `RESONANCES` that the angle of the multipliers passes."""
+    low, high = sorted((turns(before), turns(after)))
+    return [each for each in RESONANCES if low <= each < high]
+
+
 def _folds(before: Point, after: Point) -> int:
     return int((before.tangent[-1] < 0.0) != (after.tangent[-1] < 0.0))
 
@@ -79,11 +103,15 @@ def _period_doublings(before: Point, after: Point) -> int:
 
 
 def _tori(before: Point, after: Point) -> int:
-    return _pairs(before, after) if before.seen.kind is Spectrum.MULTIPLIERS else 0
+    return _pairs(before, after) if before.seen.kind.periodic else 0
 
 
 def _oscillations(before: Point, after: Point) -> int:
-    return _pairs(before, after) if before.seen.kind is Spectrum.EIGENVALUES else 0
+    return 0 if before.seen.kind.periodic else _pairs(before, after)
+
+
+def _resonances(before: Point, after: Point) -> int:
+    return len(resonances(before.seen, after.seen))
 
 
 def _pairs(before: Point, after: Point) -> int:
@@ -110,5 +138,6 @@ TESTS = (
     TestFunction(BifurcationKind.PD, _period_doublings),
     TestFunction(BifurcationKind.NS, _tori),
     TestFunction(BifurcationKind.HB, _oscillations),
+    TestFunction(BifurcationKind.RS, _resonances),
 )
 """The test functions of all kinds that are not events."""

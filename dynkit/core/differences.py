@@ -89,11 +89,12 @@ def numerical_derivative(
     *,
     accuracy: float = 2.0**-52,
     difference: Callable[[Array, Array], Array] = np.subtract,
+    least: float = 0.0,
 ) -> tuple[Array, Array]:
     """Differentiate with respect to each coordinate of a point, as `parameter_difference` does.
 
     Steps are relative to the coordinate, or to a tenth of the largest number in the point and its
-    value where the coordinate is smaller than that.
+    value, or of `least`, where the coordinate is smaller than that.
 
     Parameters
     ----------
@@ -105,6 +106,8 @@ def numerical_derivative(
         Error of the function's values, relative to the largest number in the point and its value.
     difference : callable
         Difference of two values, for values that hold angles.
+    least : float
+        Over which numbers the function varies, for points near zero whose values are near zero.
 
     Returns
     -------
@@ -136,7 +139,7 @@ def numerical_derivative(
     dynkit.core.no_motion.Refused: there is no derivative by number 0 of [0.0]: differences do ...
     """
     center = np.asarray(function(point))
-    size = float(max(np.abs(center).max(initial=0.0), np.abs(point).max(initial=0.0)))
+    size = float(max(np.abs(center).max(initial=0.0), np.abs(point).max(initial=least)))
     derivative, error = np.empty((2, len(center), len(point)))
     for k, value in enumerate(point.tolist()):
 

@@ -21,6 +21,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dynkit.core.compile_notice import announce
+
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 FUSED = {"contract"}
@@ -82,6 +84,12 @@ def cache_folder() -> Path:
         digest.update(source.read_bytes())
     folder = _user_cache() / "dynkit" / f"kernels-{digest.hexdigest()[:16]}"
     return folder if _private(folder) else Path(tempfile.mkdtemp(prefix="dynkit-kernels-"))
+
+
+@cache
+def _announced() -> None:
+    """Announce long compilations of this process."""
+    announce(cache_folder())
 
 
 @cache
@@ -163,6 +171,7 @@ def kernel(
         if settings.DISABLE_JIT:  # the same arithmetic: a division by zero gives infinity
             plain: _Function = np.errstate(all="ignore")(function)
             return plain
+        _announced()
         previous = settings.CACHE_DIR
         settings.CACHE_DIR = str(cache_folder())
         try:

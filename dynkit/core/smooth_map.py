@@ -121,6 +121,29 @@ class SmoothMap(Family, ABC):
         return factor[None], np.array([self.accuracy * np.linalg.norm(factor)])
 
     @property
+    def conservative(self) -> bool:
+        """Whether it is the map of a flow on a level of a first integral; False by default."""
+        return False
+
+    @property
+    def _may_conserve(self) -> bool:
+        """Whether orbits may form families, on the levels of a first integral that is not used."""
+        return False
+
+    def orbit_factors(
+        self,
+        state: Array,
+        following: Array,  # noqa: ARG002 (a map without a level needs no frame there)
+    ) -> tuple[Array, Array]:
+        """Return matrices whose product along an orbit has its multipliers, and errors of entries.
+
+        By default they are the `jacobian_factors`. On a level of a first integral they have the
+        dimension of the level: they lead from a frame of directions at the state to that at the
+        state of the orbit that follows.
+        """
+        return self.jacobian_factors(state)
+
+    @property
     def _by_differences(self) -> bool:
         """Whether the jacobian comes from differences, whose error may exceed the `accuracy`."""
         given = type(self).jacobian, type(self).jacobian_factors

@@ -11,11 +11,13 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.centre import crossing, small_orbits
 from dynkit.dynamics.flow import Flow, flow_coordinates
 from dynkit.dynamics.poincare_map import PoincareMap
-from dynkit.dynamics.section import Hyperplane
+from dynkit.dynamics.section import Hyperplane, PoincareSection
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.families import FamilyProblem, FamilySolution, find_solution
+from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
 from dynkit.orbits.newton import NoConvergence, NoSolution
 
@@ -128,15 +130,12 @@ class EquilibriumProblem(FamilyProblem):
         length = float(np.linalg.norm(slope))
         turned = np.array([-slope[1], slope[0]]) / length if length else np.array([1.0, 0.0])
         normal = plane @ turned
-        across = complex(normal @ mode)
-        # Re(mode exp(i omega t)) at the time when it crosses the plane along the normal
-        crossing = (mode * (-1j * across.conjugate() / abs(across))).real
         section = Hyperplane(normal, float(normal @ x))
         size = float(abs(x).max()) or 1.0
         limit, least = _PERIODS * 2.0 * np.pi / frequency, _LEAST * size * frequency
         returns = PoincareMap(flow, section, limit, least)
         place, like = section.reduce(x), np.full((1, section.dimension - 1), size)
-        direction = section.reduce_derivative(x) @ crossing
+        direction = section.reduce_derivative(x) @ crossing(mode, normal)
         return MapProblem(returns, like, self.names), place, direction
 
     def _jacobian(self, x: Array, p: Array) -> tuple[Array, Array]:
@@ -173,6 +172,45 @@ class Equilibrium(FamilySolution):
     def state(self) -> Array:
         """The state, (d,), read-only."""
         return self.unknowns
+
+    def lyapunov_orbits(
+        self, integral: str, section: PoincareSection | None = None
+    ) -> list[MapOrbit]:
+        """Return a small orbit of each family that emanates from a centre of a conservative flow.
+
+        Each pair of imaginary eigenvalues has a family of periodic orbits, whose periods tend to
+        that of the linear oscillation (Lyapunov's centre theorem). `continue_orbit` follows it with
+        the value of the integral as its parameter. The orbits have an amplitude of a hundredth of
+        the state's size, or of one where the state is zero.
+
+        Parameters
+        ----------
+        integral : str
+            One of the flow's `integrals`.
+        section : PoincareSection, optional
+            A section through the equilibrium that the oscillation crosses. By default a plane on
+            which one coordinate has its value at the equilibrium: the first coordinate whose
+            amplitude is at least a third of the largest one.
+
+        Returns
+        -------
+        list of MapOrbit
+            In the order of frequencies, the largest first.
+
+        Raises
+        ------
+        ValueError
+            When the flow has no such integral, or a frequency is a multiple of another one: more
+            families, or fewer, may then emanate.
+        NoConvergence
+            When Newton's method does not converge to an orbit.
+
+        References
+        ----------
+        K. R. Meyer, D. C. Offin, Introduction to Hamiltonian Dynamical Systems and the N-Body
+        Problem, 3rd ed., Springer 2017, section 9.2.
+        """
+        return small_orbits(self.system, self.state, integral, section)
 
 
 def equilibrium(flow: Flow, guess: Any) -> Equilibrium:

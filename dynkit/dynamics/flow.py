@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, final
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, final
 
 import numpy as np
 
@@ -13,7 +13,13 @@ from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.stretching import CLEAR, Stretching, stretched
-from dynkit.core.validation import finite_array, finite_scalar, non_negative_integer, positive
+from dynkit.core.validation import (
+    finite_array,
+    finite_scalar,
+    non_negative_integer,
+    one_of,
+    positive,
+)
 
 if TYPE_CHECKING:
     from dynkit.core.validation import Array
@@ -61,6 +67,8 @@ class Part(NamedTuple):
         them is compared with the largest growth of any disturbance, and with its error.
         """
         carried = end.T @ self.derivative @ begin
+        if not carried.size:
+            return True
         least = float(np.linalg.svd(carried, compute_uv=False)[-1])
         # for inaccurate flows the limit is twice the length below which `stretched` gives NaN
         return least >= max(_EVEN * self.size, min(2.0 * CLEAR * self.error, 0.5 * self.size))
@@ -109,12 +117,23 @@ class Flow(Family, ABC):
     7. ``velocity_jacobian(state)``, the exact (d, d) derivative of ``velocity``.
     8. ``velocity_parameter_derivative(state, name)``, its exact (d,) derivative by a parameter.
 
+    A flow that conserves a quantity, such as the energy, declares it:
+
+    9. `integrals`, a class variable, the names of methods such as ``energy(state)``, each of which
+       returns a number that is constant along motions: a first integral. `PoincareMap` acts on a
+       level of one of them.
+    10. ``integral_gradient(name, state)``, its exact (d,) derivative, and
+        ``integral_parameter_derivative(name, state, parameter)``; by default differences.
+
     None of these changes its arguments or the flow. A state that is not finite, or not of the right
     shape, raises ValueError. Where the motion diverges, `velocity` and `advance` return numbers
     that are not finite, or raise a `NoMotion`, such as `Diverged`. Every other exception is a fault
     of the flow, and no caller catches it. Instances are immutable.
     `dynkit.testing.check_flow` and `check_poincare_map` test a subclass against this contract.
     """
+
+    integrals: ClassVar[tuple[str, ...]] = ()
+    """Names of the methods that are first integrals."""
 
     @property
     @abstractmethod
@@ -153,6 +172,24 @@ class Flow(Family, ABC):
         return parameter_difference(
             lambda changed: replaced(self, **{name: changed}).velocity(state), self.value_of(name)
         )
+
+    def integral(self, name: str, state: Array) -> float:
+        """Return the value of one of the `integrals` at a state, (d,)."""
+        return float(getattr(self, one_of("integral", name, self.integrals))(state))
+
+    def integral_gradient(self, name: str, state: Array) -> Array:
+        """Return the derivative, (d,), of one of the `integrals` at a state, (d,)."""
+        here = finite_array("state", state, (self.dimension,))
+        rows, _ = numerical_derivative(lambda at: np.array([self.integral(name, at)]), here)
+        return np.asarray(rows[0])
+
+    def integral_parameter_derivative(self, name: str, state: Array, parameter: str) -> float:
+        """Return the derivative of one of the `integrals` at a state, (d,), by a parameter."""
+
+        def value(changed: float) -> Array:
+            return np.array([replaced(self, **{parameter: changed}).integral(name, state)])
+
+        return float(parameter_difference(value, self.value_of(parameter))[0])
 
     @abstractmethod
     def advance(self, state: Array, duration: float) -> Array:

@@ -3,13 +3,22 @@
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self, final
 
 import numpy as np
 
 from dynkit.core.no_motion import NoCrossing, TangentCrossing
-from dynkit.core.validation import Array, finite_array, non_negative, positive
-from dynkit.dynamics.flow import Crossing, Flow, flow_coordinates
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    non_negative,
+    one_of,
+    positive,
+)
+from dynkit.dynamics.flow import Basis, Crossing, Flow, flow_coordinates
+from dynkit.dynamics.level import Level
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.section import PoincareSection
 
@@ -35,22 +44,43 @@ class PoincareMap(Map):
     least_rate : float
         Least rate at which the section's value grows, in its direction, at the state itself; a
         smaller rate raises `TangentCrossing`. By default no state is refused.
+    level : (str, float), optional
+        One of the flow's `integrals` by name, and its value: a motion starts from the state that is
+        put onto this level along the integral's gradient. The value is a parameter of the map, of
+        this name. By default a motion starts from the state itself.
 
     Raises
     ------
     ValueError
-        When the dimensions differ, the time limit is not positive, or the least rate is negative.
+        When the dimensions differ, the time limit is not positive, the least rate is negative, or
+        the flow has no such integral.
 
     References
     ----------
     T. S. Parker and L. O. Chua, Practical Numerical Algorithms for Chaotic Systems, Springer 1989,
-    chapter 2 (the map) and appendix D (its derivative).
+    chapter 2 (the map) and appendix D (its derivative). See `Level` for the level.
+
+    Examples
+    --------
+    Orbits of a conservative flow form families. On a level of the energy they are isolated, and
+    the energy is the parameter of a branch:
+
+    >>> from dynkit import Hyperplane, continue_orbit, periodic_orbit
+    >>> from dynkit.systems import HenonHeiles
+    >>> plane = Hyperplane([0.0, 1.0, 0.0, 0.0])
+    >>> returns = PoincareMap(HenonHeiles(), plane, time_limit=50.0, level=("energy", 0.1))
+    >>> orbit = periodic_orbit(returns, [0.0, 0.0, 0.4])
+    >>> orbit.states.round(12), orbit.stable
+    (array([[0.       , 0.       , 0.4472136]]), True)
+    >>> continue_orbit(orbit, "energy", bounds=(0.05, 0.13)).endings[1].message
+    'the bound was reached: energy 0.13'
     """
 
     flow: Flow
     section: PoincareSection
     time_limit: float
     least_rate: float = 0.0
+    level: tuple[str, float] | None = None
 
     def __post_init__(self) -> None:
         if self.section.dimension != self.flow.dimension:
@@ -60,6 +90,10 @@ class PoincareMap(Map):
             )
         object.__setattr__(self, "time_limit", positive("time_limit", self.time_limit))
         object.__setattr__(self, "least_rate", non_negative("least_rate", self.least_rate))
+        if self.level is not None:
+            name, value = self.level
+            one_of("level", name, self.flow.integrals)
+            object.__setattr__(self, "level", (name, finite_scalar(name, value)))
 
     @property
     def dimension(self) -> int:
@@ -67,11 +101,26 @@ class PoincareMap(Map):
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The parameters of the flow."""
-        return self.flow.parameters
+        """The parameters of the flow, and the value of the integral on the level."""
+        return {**self.flow.parameters, **dict([self.level] if self.level else [])}
 
     def replace(self, **parameters: float) -> Self:
-        return dataclasses.replace(self, flow=self.flow.replace(**parameters))
+        level = self.level
+        if level and level[0] in parameters:
+            level = level[0], parameters.pop(level[0])
+        return dataclasses.replace(self, flow=self.flow.replace(**parameters), level=level)
+
+    @property
+    def conservative(self) -> bool:
+        return self.level is not None
+
+    @property
+    def _may_conserve(self) -> bool:
+        return self.level is None
+
+    @cached_property
+    def _level(self) -> Level | None:
+        return self.level and Level(self.flow, self.section, *self.level)
 
     @property
     def accuracy(self) -> float:
@@ -91,7 +140,7 @@ class PoincareMap(Map):
         if not isinstance(other, PoincareMap) or other.section is self.section:
             return states
         period = sum(other.return_time(state) for state in states)
-        at, left, found = other.section.lift(states[0]), period, list[Array]()
+        at, left, found = other._lifted(states[0]), period, list[Array]()
         # the orbit closes up to its error: a crossing at the start is found again at the end
         while left > _CLOSED * period:
             try:
@@ -118,7 +167,7 @@ class PoincareMap(Map):
         ValueError
             When the state is not finite, or not of that shape.
         """
-        start = self.section.lift(finite_array("state", state, (self.dimension,)))
+        start = self._lifted(finite_array("state", state, (self.dimension,)))
         if self.least_rate:
             rate = float(self.section.gradient(start) @ self.flow.velocity(start))
             if not self.section.direction * rate >= self.least_rate:
@@ -154,15 +203,43 @@ class PoincareMap(Map):
         """
         return self._factors(state, self.crossing(state))
 
+    def orbit_factors(self, state: Array, following: Array) -> tuple[Array, Array]:
+        """Return the `jacobian_factors`; on a level those of disturbances within the level.
+
+        The first integral's gradient and the flow's direction, each with the multiplier 1, are
+        split off: the factors are (n, d - 2, d - 2).
+        """
+        if self._level is None:
+            return self.jacobian_factors(state)
+        hit = self.crossing(state)
+        start = self._onto(state)
+        begin = self.section.lift_derivative(start) @ self._level.frame(start)
+        # not at the crossing itself, where a rounding may turn the frame
+        end = self._level.frame(self._onto(following)).T
+        return self._chained(state, hit, begin, end, self._across_on_level)
+
     @property
     def _by_differences(self) -> bool:
         return self.flow._by_differences
 
     def _factors(self, state: Array, hit: Crossing) -> tuple[Array, Array]:
-        parts = list(self.flow._parts(self.section.lift(state), hit.time, self._across))
-        frames = [self._across(part.end).T for part in parts[:-1]]
-        frames.append(self._on_section(hit, np.eye(self.flow.dimension)))
-        begin, factors, errors = self.section.lift_derivative(state), [], []
+        begin = self.section.lift_derivative(self._onto(state))
+        if self._level is not None:
+            begin = begin @ self._level.derivative(state)
+        return self._chained(state, hit, begin, None, self._across)
+
+    def _chained(
+        self, state: Array, hit: Crossing, begin: Array, last: Array | None, across: Basis
+    ) -> tuple[Array, Array]:
+        """Return factors over parts of the return, from `begin` (d, k) to `last` (k, d - 1).
+
+        By default `last` is the identity.
+        """
+        parts = list(self.flow._parts(self._lifted(state), hit.time, across))
+        frames = [across(part.end).T for part in parts[:-1]]
+        arrived = self._on_section(hit, np.eye(self.flow.dimension))
+        frames.append(arrived if last is None else last @ arrived)
+        factors, errors = [], []
         for part, end in zip(parts, frames, strict=True):
             factors.append(end @ part.derivative @ begin)
             errors.append(part.error * np.linalg.norm(begin, 2) * np.linalg.norm(end, 2))
@@ -177,6 +254,20 @@ class PoincareMap(Map):
         """Return orthonormal directions, (d, d - 1), across the flow at a state."""
         return np.linalg.qr(self.flow.velocity(state)[:, None], mode="complete")[0][:, 1:]
 
+    def _across_on_level(self, state: Array) -> Array:
+        """Return orthonormal directions, (d, d - 2), within the level across the flow."""
+        assert self.level is not None
+        gradient = self.flow.integral_gradient(self.level[0], state)
+        both = np.column_stack([self.flow.velocity(state), gradient])
+        return np.linalg.qr(both, mode="complete")[0][:, 2:]
+
+    def _onto(self, state: Array) -> Array:
+        return state if self._level is None else self._level.onto(state)[0]
+
+    def _lifted(self, state: Array) -> Array:
+        """Return the full state, (d,), from which the motion starts."""
+        return self.section.lift(self._onto(state))
+
     def parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative, (d - 1,), by a parameter, with the change of the crossing time.
 
@@ -190,8 +281,14 @@ class PoincareMap(Map):
             As the call itself; and when there is no such parameter.
         """
         self.value_of(name)
-        hit = self.crossing(state)
-        change = self.flow.parameter_derivative(self.section.lift(state), hit.time, name)
+        hit, start = self.crossing(state), self._lifted(state)
+        change = np.zeros(self.flow.dimension)
+        if name in self.flow.parameters:
+            change = self.flow.parameter_derivative(start, hit.time, name)
+        if self._level is not None:
+            onto = self.section.lift_derivative(self._onto(state))
+            moved = onto @ self._level.by_parameter(state, name)
+            change = change + self.flow.derivative(start, hit.time) @ moved
         return self._on_section(hit, change[:, None])[:, 0]
 
     def _on_section(self, hit: Crossing, change: Array) -> Array:

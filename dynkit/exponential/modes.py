@@ -40,6 +40,8 @@ class Pairs:
     cluster
         (n,) number of the cluster of a pair: pairs whose common norm never grows; by default each
         pair is a cluster.
+    growth
+        (n,) rate at which the norms, or numbers, of a pair may grow at most; by default zero.
     """
 
     generator: Array
@@ -48,11 +50,22 @@ class Pairs:
     links: NDArray[np.intp] = field(default_factory=lambda: np.empty((2, 0), dtype=np.intp))
     coupling: Array = field(default_factory=lambda: np.empty((4, 0)))
     cluster: NDArray[np.intp] | None = None
+    growth: Array | None = None
 
     @property
     def count(self) -> int:
         """Number of pairs."""
         return self.scale.size
+
+    @cached_property
+    def _growths(self) -> Array:
+        return np.zeros(self.count) if self.growth is None else self.growth
+
+    @property
+    def steadily(self) -> float:
+        """Longest time in which no number grows by more than a factor e."""
+        largest = float(self._growths.max(initial=0.0))
+        return 1.0 / largest if largest > 0.0 else math.inf
 
     @cached_property
     def _clusters(self) -> NDArray[np.intp]:
@@ -67,12 +80,15 @@ class Pairs:
     def independent(self) -> bool:
         """Whether no pair drives another or shares its norm, and none is a rigid body."""
         still = (self.scale == 0.0) & (self.generator[0] == 0.0)
-        return not (self.links.size or self._shared or still.any()) and self._parts is None
+        alone = not (self.links.size or self._shared or still.any() or self._growths.any())
+        return alone and self._parts is None
 
     @cached_property
     def grows(self) -> bool:
         """Whether a term may grow without bound."""
         parts = self._parts
+        if self._growths.any():
+            return True
         return parts is not None and not np.isfinite(_majorant(*parts[1:], math.inf)).all()
 
     @staticmethod
@@ -86,6 +102,7 @@ class Pairs:
             np.concatenate([p.links + b for p, b in zip(parts, before, strict=False)], axis=1),
             np.concatenate([p.coupling for p in parts], axis=1),
             np.concatenate([p._clusters + b for p, b in zip(parts, before, strict=False)]),
+            np.concatenate([p._growths for p in parts]),
         )
 
     def linked(self, links: Any, coupling: Array) -> Pairs:
@@ -97,6 +114,7 @@ class Pairs:
             np.concatenate([self.links, np.asarray(links, dtype=np.intp)], axis=1),
             np.concatenate([self.coupling, coupling], axis=1),
             self.cluster,
+            self.growth,
         )
 
     def placed(self, slots: NDArray[np.intp], count: int) -> Pairs:
@@ -106,7 +124,11 @@ class Pairs:
         scale[slots] = self.scale
         cluster = np.arange(count)
         cluster[slots] = slots[self._clusters]
-        return Pairs(generator, low, scale, slots[self.links], self.coupling, cluster)
+        growth = None
+        if self.growth is not None:
+            growth = np.zeros(count)
+            growth[slots] = self.growth
+        return Pairs(generator, low, scale, slots[self.links], self.coupling, cluster, growth)
 
     def turning(self, slot: int, frequency: float) -> Pairs:
         """Return the pairs with another frequency of a rotation that drives nothing."""
@@ -223,7 +245,18 @@ class Pairs:
             total = (own * np.where(own > 0.0, larger, 0.0)).sum(axis=-2)
             weights = np.where(involved, total[..., number], weights)
         weights[..., 1, :] *= scale
-        return weights
+        return self._grown(weights, window) if self._growths.any() else weights
+
+    def _grown(self, weights: Array, window: float | Array) -> Array:
+        """Return weights (..., n) for a time in which numbers grow, from those without growth."""
+        rate = self._growths
+        if self._parts is not None:
+            # Times exp(-rate t), with the largest rate of all that are coupled, none of them grows.
+            involved = self._parts[0].max(axis=0) >= 0
+            rate = np.where(involved, rate[involved].max(initial=0.0), rate)
+        with np.errstate(over="ignore", invalid="ignore"):
+            factor = np.exp(np.multiply.outer(window, rate))[..., None, None, :]
+            return np.where((weights > 0.0) & (rate > 0.0), weights * factor, weights)
 
     def _together(self, norm: Array) -> Array:
         """Return the norm (n,) of each pair's cluster from the norms of pairs."""

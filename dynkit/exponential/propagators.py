@@ -55,6 +55,8 @@ def rung_sizes(pairs: Pairs) -> tuple[float, int]:
         slowest = min(slowest, 1e-9 * fastest)
     smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
     rungs = int(np.ceil(np.log2(8.0 * np.pi / smallest) - np.log2(slowest))) + 1
+    if pairs.steadily < inf:  # bounds hold for the longest step
+        rungs = min(rungs, int(np.log2(max(pairs.steadily / smallest, 1.0))) + 1)
     return float(smallest), min(max(rungs, 2), MAXIMUM_RUNGS)
 
 

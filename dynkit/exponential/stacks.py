@@ -39,7 +39,8 @@ class Stack:
 
     def take(self, name: str, count: int) -> Any:
         """Return the first `count` arrays of this name; zeros where none was put."""
-        self._widen(name, count, self._rooms[name][0])
+        if count > len(self._rooms[name]):
+            self._widen(name, count, self._rooms[name][0])
         return self._rooms[name][:count]
 
     def drop(self, name: str) -> None:

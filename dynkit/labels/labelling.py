@@ -11,7 +11,7 @@ from dynkit.core.validation import Array, positive, positive_integer
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.recurrence import REPETITIONS, Recurrences
 from dynkit.labels.rotation import Rotation, rotation_of
-from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, product_eigenvalues
+from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, spectral_radius
 
 # Largest distance of the extrapolated orbit of a geometric decay: in tolerances, and relative to
 # the largest state when the budget ends.
@@ -199,7 +199,7 @@ def with_multiplier(
     """
     if not (np.isfinite(last).all() and np.isfinite(before).all()):
         return label
-    found, earlier = (float(abs(product_eigenvalues(factors)[0])) for factors in (last, before))
+    found, earlier = map(spectral_radius, (last, before))
     apart = abs(1.0 - found)
     change = abs(found - earlier)
     series = change * max(1.0, found / apart) if apart else np.inf

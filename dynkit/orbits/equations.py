@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar, Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Problem(ABC):
     these contracts.
     """
 
-    stability: ClassVar[Spectrum] = Spectrum.EIGENVALUES
+    stability: Spectrum = Spectrum.EIGENVALUES
     """Kind of the numbers that `spectrum` returns."""
 
     @property

@@ -16,6 +16,8 @@ class BifurcationKind(StrEnum):
     """Period doubling: a multiplier is -1."""
     NS = "NS"
     """Neimark-Sacker: a pair of complex multipliers is on the unit circle."""
+    RS = "RS"
+    """Resonance: multipliers of a conservative orbit are k-th roots of one, k from 3 to 6."""
     HB = "HB"
     """Hopf: a pair of complex eigenvalues of an equilibrium is on the imaginary axis."""
     GR = "GR"

@@ -19,11 +19,16 @@ from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem
+from dynkit.orbits.spectrum import Spectrum
 
 TURN = 2.0 * np.pi
 
 # Largest difference of equal states, in units of their size.
 _REPEATED = 1e-7
+
+# Ratio of singular values of a derivative that may be singular; distance of another solution, in
+# scaled unknowns; the number of steps to it, and its residual.
+_SINGULAR, _BESIDE, _STEPS, _SOLVED = 1e-6, 1e-3, 6, 1e-10
 
 ROUNDINGS = 4.0
 """Error of the equations, and of derivatives, in units of the accuracy of a call."""
@@ -52,6 +57,8 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
     def __init__(self, system: SmoothMap, states: Array, names: Sequence[str] = ()) -> None:
         super().__init__(system, names)
+        if system.conservative:
+            self.stability = Spectrum.CONSERVATIVE
         self._like = states
         self._sizes = sizes(states)
         self.units = self._sizes * max(1.0, system.accuracy / NOISE)
@@ -88,7 +95,9 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return matrix.reshape(n * d, n * d)
 
     def multipliers(self, x: Array, p: Array) -> Any:
-        return product_eigenvalues(self.factors(x, p)[0])
+        matrices = self.factors(x, p)[0]
+        # a level of a flow in the plane is a single orbit
+        return product_eigenvalues(matrices) if matrices.size else np.empty(0, dtype=complex)
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> MapOrbit:
         past = history or (float(abs(self.residual(x, p)).max()),)
@@ -155,8 +164,42 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return np.stack(columns, axis=1) if columns else np.empty((self.size, 0))
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
-        self.jacobians(x, p)
-        return self._derivatives[3]
+        system = self.at(p)
+        if not system.conservative:
+            self.jacobians(x, p)
+            return self._derivatives[3]
+        try:
+            rows = self._rows(x)
+            known = [
+                system.orbit_factors(*pair) for pair in zip(rows, following(rows), strict=True)
+            ]
+        except NoMotion as end:
+            raise NoSolution(str(end)) from end
+        matrices, off = (np.concatenate(each) for each in zip(*known, strict=True))
+        return matrices, ROUNDINGS * off
+
+    def is_of_a_family(self, x: Array) -> bool:
+        """Whether a solution without free parameters belongs to a curve of solutions.
+
+        The derivative is then singular, and another solution lies beside it along the null vector;
+        it is sought by Gauss and Newton's method. At a bifurcation there is none.
+        """
+        none, scale = np.empty(0), self.scale(x)
+        identity = float((scale / np.tile(self.units, len(self._like))).max())
+        _, sizes, rows = np.linalg.svd(self.linearization(x, none) * scale)
+        if sizes[-1] > _SINGULAR * max(float(sizes[0]), identity):
+            return False
+        y, row = x + _BESIDE * scale * rows[-1], identity * rows[-1]
+        try:
+            for _ in range(_STEPS):
+                gap = self.residual(y, none)
+                if abs(gap).max() <= _SOLVED:
+                    return True
+                matrix = np.vstack([self.linearization(y, none) * scale, row])
+                y = y - scale * np.linalg.lstsq(matrix, np.append(gap, 0.0), rcond=None)[0]
+        except (NoSolution, np.linalg.LinAlgError):
+            pass
+        return False
 
     def states(self, x: Array) -> Array:
         """Return the orbit's states (n, d); angles are those that the map returns."""

@@ -63,6 +63,15 @@ def product_eigenvalues(factors: Any) -> Any:
         return np.ldexp(mantissas.real, exponents) + 1j * np.ldexp(mantissas.imag, exponents)
 
 
+def spectral_radius(factors: Any) -> float:
+    """Return the largest modulus of the `product_eigenvalues`."""
+    if len(factors) > 1:
+        return float(abs(product_eigenvalues(factors)[0]))
+    _, size = math.frexp(float(abs(factors[0]).max()))
+    values = np.linalg.eigvals(np.ldexp(factors[0], -size))
+    return math.ldexp(float(abs(values[np.argmax(abs(values))])), size)
+
+
 def disturbed_eigenvalues(factors: Array, errors: Array, random: np.random.Generator) -> Any:
     """Return the `product_eigenvalues` of factors whose entries are disturbed at random.
 

@@ -19,6 +19,10 @@ from dynkit.orbits.newton import NoConvergence, solve
 # this close only where the parameter is within the square of it, 1e-14, of the bifurcation.
 _SAME = 1e-7
 _NONE = np.empty(0)
+_FAMILY = (
+    "no isolated periodic orbit found from the guess: it is one of a family, as where an energy is "
+    "conserved; declare it in `integrals` of the flow, and give the Poincare map a `level` of it"
+)
 
 
 def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) -> MapOrbit:
@@ -48,7 +52,8 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
     NoMotion
         When a guess of one state has fewer than n - 1 iterates.
     NoConvergence
-        When Newton's method does not converge to an orbit.
+        When Newton's method does not converge to an orbit, or, of a flow, to one of a continuous
+        family, as where an energy is conserved.
 
     Examples
     --------
@@ -64,9 +69,11 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
     if shorter is not None:
         x, more = shorter
         history += more[1:]
+    problem = MapProblem(system, x.reshape(-1, system.dimension))
+    if system._may_conserve and problem.is_of_a_family(x):
+        raise NoConvergence(_FAMILY)
     cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
-    states = x.reshape(-1, system.dimension)
-    return MapOrbit(MapProblem(system, states), x, history, cost)
+    return MapOrbit(problem, x, history, cost)
 
 
 def _guessed(system: SmoothMap, guess: Any, period: int | None) -> Array:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class PeriodicProblem(Problem):
     7. ``returns(x, p)``, when the return map is not that of the orbit's system.
     """
 
-    stability: ClassVar[Spectrum] = Spectrum.MULTIPLIERS
+    stability: Spectrum = Spectrum.MULTIPLIERS
 
     @abstractmethod
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
@@ -175,8 +175,11 @@ class PeriodicOrbit(ProblemSolution):
     @property
     @final
     def stable(self) -> bool:
-        """Whether all multipliers lie inside the unit circle, including those not resolved."""
-        return bool(np.all(abs(self.multipliers) < 1.0))
+        """Whether all multipliers lie inside the unit circle, including those not resolved.
+
+        On a level of a first integral, whether none lies outside: linearly stable.
+        """
+        return bool(np.all(self.problem().stability.stable(self.multipliers)))
 
     @cached_property
     def isolated(self) -> bool:

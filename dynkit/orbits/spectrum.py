@@ -17,22 +17,30 @@ class Spectrum(Enum):
     """Kind of the numbers, which determines the border of stability."""
 
     MULTIPLIERS = "Floquet multipliers: stable inside the unit circle"
+    CONSERVATIVE = "Floquet multipliers on a level of an integral: stable not outside the circle"
     EIGENVALUES = "eigenvalues: stable where their real parts are negative"
+
+    @property
+    def periodic(self) -> bool:
+        """Whether they are multipliers of a periodic orbit."""
+        return self is not Spectrum.EIGENVALUES
 
     @property
     def neutral(self) -> float:
         """The number of a disturbance that is constant: 1 or 0."""
-        return 1.0 if self is Spectrum.MULTIPLIERS else 0.0
+        return 1.0 if self.periodic else 0.0
 
     def stable(self, values: Any) -> Any:
-        """Return whether the disturbance of each number decays."""
+        """Return whether the disturbance of each number decays; on a level, does not grow."""
+        if self is Spectrum.CONSERVATIVE:
+            return self.inside(values)
         if self is Spectrum.MULTIPLIERS:
             return abs(values) < 1.0
         return values.real < 0.0
 
     def inside(self, values: Any) -> Any:
         """Return whether each complex number is not beyond the border, up to rounding."""
-        if self is Spectrum.MULTIPLIERS:
+        if self.periodic:
             return abs(values) ** 2 <= 1.0 + _ROUNDING
         return values.real <= _ROUNDING * abs(values)
 
@@ -44,7 +52,7 @@ class Spectrum(Enum):
         complex pair outside makes none.
         """
         upper = np.triu_indices(len(real), 1)
-        if self is Spectrum.MULTIPLIERS:
+        if self.periodic:
             real = np.clip(real, -_HUGE, _HUGE)  # infinite where an orbit grazes
             return int(np.count_nonzero(np.outer(real, real)[upper] <= 1.0 + _ROUNDING))
         sizes = np.add.outer(abs(real), abs(real))
@@ -52,11 +60,11 @@ class Spectrum(Enum):
 
     def from_border(self, values: Any) -> Any:
         """Return distances of numbers to the border, for eigenvalues relative to their modulus."""
-        if self is Spectrum.MULTIPLIERS:
+        if self.periodic:
             return abs(abs(values) - 1.0)
         return abs(values.real) / np.where(values == 0.0, 1.0, abs(values))
 
     def from_number(self, values: Any, critical: float) -> Any:
         """Return distances to a critical number, for eigenvalues relative to the largest."""
-        size = 1.0 if self is Spectrum.MULTIPLIERS else float(abs(values).max(initial=0.0)) or 1.0
+        size = 1.0 if self.periodic else float(abs(values).max(initial=0.0)) or 1.0
         return abs(values - critical) / size

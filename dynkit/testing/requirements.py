@@ -89,12 +89,13 @@ def require_derivative(
     *,
     difference: Callable[[Array, Array], Array] = np.subtract,
     accuracy: float = 2.0**-52,
+    least: float = 0.0,
 ) -> None:
     """Require equality to differences, within twenty times the estimated error of these."""
     lost = f"{name} can be compared", f"differences do not converge at {point}"
     try:
         found, error = numerical_derivative(
-            function, point, difference=difference, accuracy=accuracy
+            function, point, difference=difference, accuracy=accuracy, least=least
         )
     except Refused as end:
         raise AssertionError(": ".join(lost)) from end

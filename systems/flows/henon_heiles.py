@@ -11,8 +11,8 @@ class HenonHeiles(SymbolicFlow):
     """A star in a galaxy: x'' = -x - 2 k x y, y'' = -y - k (x^2 - y^2).
 
     The state is x, y and their rates u, v. The energy (u^2 + v^2 + x^2 + y^2)/2 + k (x^2 y - y^3/3)
-    is kept; with k = 1, motions of energies below 1/6 stay in a triangle. The Poincare map of x = 0
-    has one curve of states for each energy: its periodic orbits come in families.
+    is conserved; with k = 1, motions of energies below 1/6 stay in a triangle. Periodic orbits form
+    families; a `PoincareMap` at one energy, ``level=("energy", 0.1)``, has isolated ones.
 
     Parameters
     ----------
@@ -35,7 +35,12 @@ class HenonHeiles(SymbolicFlow):
     array([ 0.275959,  0.106957,  0.018541, -0.187764])
     """
 
+    integrals = ("energy",)
     k: float = 1.0
 
     def velocity(self, x: Any, y: Any, u: Any, v: Any) -> tuple[Any, ...]:
         return u, v, -x - 2 * self.k * x * y, -y - self.k * (x**2 - y**2)
+
+    def energy(self, x: Any, y: Any, u: Any, v: Any) -> Any:
+        """Return the energy."""
+        return (u**2 + v**2 + x**2 + y**2) / 2 + self.k * (x**2 * y - y**3 / 3)

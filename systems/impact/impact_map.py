@@ -111,7 +111,8 @@ class ImpactMap(DrivenStructure, Map):
         of_law = {"law": tuple(map(law_text, laws))} if any(map(law_text, laws)) else {}
         if of_law:
             found["restitution"] = repr(self.restitution)
-        return found | of_law | {"elements": tuple(map(repr, self.elements))}
+        smooth = {} if self._motion is None else {"energies": self._motion.text}
+        return found | of_law | smooth | {"elements": tuple(map(repr, self.elements))}
 
     @property
     def _numbers(self) -> dict[str, float]:

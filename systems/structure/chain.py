@@ -48,6 +48,25 @@ def chain_links(strengths: Sequence[float | Fraction], x: tuple[sympy.Symbol, ..
     )
 
 
+def extensions(x: tuple[sympy.Symbol, ...]) -> tuple[sympy.Expr, ...]:
+    """The extensions (x_1, x_2 - x_1, ...) of the springs of a chain, from the wall outwards.
+
+    Examples
+    --------
+    A chain with springs of one's own:
+
+    >>> from dynkit.systems import ImpactChain
+    >>> class Hardening(ImpactChain):
+    ...     def potential(self, x):
+    ...         return sum(e**2 / 2 + e**4 / 4 for e in extensions(x))
+    >>> print(Hardening(masses=2, frequency=0.9).attractor().label)
+    P(1,1)
+    """
+    from sympy import Integer
+
+    return tuple(after - behind for after, behind in zip(x, (Integer(0), *x[:-1]), strict=True))
+
+
 @dataclass(frozen=True, init=False)
 class Chain(LagrangianStructure):
     """N masses in a line, the first tied to a wall and each to the next (Cusumano & Bai 1993).

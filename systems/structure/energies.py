@@ -30,8 +30,16 @@ _HIGHEST_DEGREE = 4
 _DIGITS = 60
 
 
+class NotQuadraticError(ValueError):
+    """An energy has other functions than powers, or higher powers than squares."""
+
+
 class _RefusedError(Exception):
     """Why a term cannot be read."""
+
+
+class _HigherError(_RefusedError):
+    """A term is no quadratic polynomial."""
 
 
 def symbols(letter: str, count: int) -> tuple[sympy.Symbol, ...]:
@@ -65,7 +73,7 @@ def quadratic_form(
     ValueError
         Naming the energy and the offending term: when the expression holds other symbols, is no
         polynomial, has terms that are not quadratic, or coefficients that are not finite real
-        numbers.
+        numbers. It is a `NotQuadraticError` where there are other functions or higher powers.
 
     Examples
     --------
@@ -76,7 +84,8 @@ def quadratic_form(
     >>> quadratic_form("potential", x[0] ** 2 + 0.2 * x[1] ** 4, x)
     Traceback (most recent call last):
     ...
-    ValueError: potential must be a quadratic form in x_1, x_2; the term 0.2*x_2**4 is of degree 4
+    dynkit.systems.structure.energies.NotQuadraticError: potential must be a quadratic form in x_1,
+    x_2; the term 0.2*x_2**4 is of degree 4
     """
     reader = _Reader(arguments)
     total: _Polynomial = {}
@@ -85,7 +94,8 @@ def quadratic_form(
         try:
             polynomial = reader.polynomial(term)
         except _RefusedError as reason:
-            raise _refusal(energy, arguments, f"the term {_shown(term)} {reason}") from None
+            kind = NotQuadraticError if isinstance(reason, _HigherError) else ValueError
+            raise _refusal(energy, arguments, f"the term {shown(term)} {reason}", kind) from None
         for monomial, coefficient in polynomial.items():
             total[monomial] = total.get(monomial, Fraction(0)) + coefficient
             if len(monomial) != 2:
@@ -95,7 +105,8 @@ def quadratic_form(
             fault = f"is of degree {len(monomial)}" if monomial else "is a constant"
             if len(monomial) == 1 and energy == "potential":
                 fault += ", a constant force: give it as constant_forces"
-            raise _refusal(energy, arguments, f"the term {_shown(term)} {fault}")
+            kind = NotQuadraticError if len(monomial) > 2 else ValueError
+            raise _refusal(energy, arguments, f"the term {shown(term)} {fault}", kind)
     elements = {
         (pair[0], pair[1]): coefficient * (2 if pair[0] == pair[1] else 1)
         for pair, coefficient in total.items()
@@ -107,14 +118,27 @@ def quadratic_form(
         raise _refusal(energy, arguments, "a coefficient exceeds the range of floats") from None
 
 
-def _terms(energy: str, expression: object) -> tuple[Any, ...]:
-    from sympy import Add, Expr, sympify
+def expression_of(energy: str, expression: object) -> sympy.Expr:
+    """The expression that an energy returns, which may be a number.
+
+    Raises
+    ------
+    ValueError
+        When it is neither.
+    """
+    from sympy import Expr, sympify
 
     if isinstance(expression, int | float | np.number) and not isinstance(expression, bool):
         expression = sympify(expression, strict=True)
     if not isinstance(expression, Expr) or not expression.is_commutative:
         raise ValueError(f"{energy} must return a SymPy expression; got {expression!r}")
-    terms: tuple[Any, ...] = Add.make_args(expression)
+    return expression
+
+
+def _terms(energy: str, expression: object) -> tuple[Any, ...]:
+    from sympy import Add
+
+    terms: tuple[Any, ...] = Add.make_args(expression_of(energy, expression))
     return terms
 
 
@@ -138,7 +162,7 @@ class _Reader:
             return _constant(expression)
         if expression.is_Pow and expression.exp.is_Number:
             return self._power(expression)
-        raise _RefusedError(f"holds {_shown(expression)}, which is not a polynomial")
+        raise _HigherError(f"holds {shown(expression)}, which is not a polynomial")
 
     def _symbol(self, symbol: Any) -> _Polynomial:
         if symbol not in self._numbers:
@@ -149,9 +173,9 @@ class _Reader:
         base, exponent = expression.args
         times = _constant(exponent)[()]
         if times.denominator != 1 or times < 0:
-            raise _RefusedError(f"holds {_shown(expression)}, which is not a polynomial")
+            raise _HigherError(f"holds {shown(expression)}, which is not a polynomial")
         if times > _HIGHEST_DEGREE:
-            raise _RefusedError(f"holds {_shown(expression)}, which is of too high a degree")
+            raise _HigherError(f"holds {shown(expression)}, which is of too high a degree")
         return product([self.polynomial(base)] * int(times))
 
 
@@ -161,9 +185,9 @@ def _constant(number: Any) -> _Polynomial:
     if not number.is_Number:
         number = number.evalf(_DIGITS)
     if number.is_infinite or (number.is_Number and number.is_finite is not True):
-        raise _RefusedError(f"has the coefficient {_shown(given)}, which is not finite")
+        raise _RefusedError(f"has the coefficient {shown(given)}, which is not finite")
     if not number.is_Number:
-        raise _RefusedError(f"has the coefficient {_shown(given)}, which is not a real number")
+        raise _RefusedError(f"has the coefficient {shown(given)}, which is not a real number")
     if number.is_Rational:
         return {(): Fraction(int(number.p), int(number.q))}
     sign, mantissa, exponent, _ = number._mpf_
@@ -188,20 +212,26 @@ def product(parts: Iterable[_Polynomial]) -> _Polynomial:
             for right, second in part.items():
                 monomial = tuple(sorted(left + right))
                 if len(monomial) > _HIGHEST_DEGREE:
-                    raise _RefusedError(f"is of degree {len(monomial)}")
+                    raise _HigherError(f"is of degree {len(monomial)}")
                 total[monomial] = total.get(monomial, Fraction(0)) + first * second
         found = total
     return found
 
 
-def _refusal(energy: str, arguments: tuple[sympy.Symbol, ...], fault: str) -> ValueError:
+def _refusal(
+    energy: str,
+    arguments: tuple[sympy.Symbol, ...],
+    fault: str,
+    kind: type[ValueError] = ValueError,
+) -> ValueError:
     names = [str(argument) for argument in arguments]
     if len(names) > 3:
         names = [names[0], "...", names[-1]]
     listed = ", ".join(names)
-    return ValueError(f"{energy} must be a quadratic form in {listed}; {fault}")
+    return kind(f"{energy} must be a quadratic form in {listed}; {fault}")
 
 
-def _shown(expression: object) -> str:
+def shown(expression: object) -> str:
+    """The expression as text, shortened."""
     text = str(expression)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
 from threading import RLock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from dynkit.systems.structure.double_double import (
 )
 from dynkit.systems.structure.refinement import Eigenpairs, refine
 from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure.traction import Traction
 
 # Larger ratios of damping to stiffness or mass may overflow: such damping is not proportional.
 _LARGEST_RATIO = Fraction(2) ** 1000
@@ -144,12 +146,20 @@ class Derivation:
     exact : bool
         Whether they are exact to double-double precision; otherwise they are assumed rounded to
         doubles.
+    motion : Motion, optional
+        Equations of motion where the energies are not quadratic. The matrices are then those of
+        small oscillations about zero; the stiffness need not be semidefinite.
+    traction : Traction or None
+        Friction in proportion to contact forces, which adds to C and K what is not symmetric. The
+        modes are those without it.
     """
 
     mass: SymmetricMatrix
     damping: SymmetricMatrix
     stiffness: SymmetricMatrix
     exact: bool
+    motion: Any = None
+    traction: Traction | None = None
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Derivation":
@@ -178,11 +188,20 @@ class Derivation:
             self.damping.without(places, ties),
             self.stiffness.without(places, ties),
             self.exact,
+            traction=None if self.traction is None else self.traction.without(places, ties),
         )
 
     @cached_property
     def modes(self) -> Modes:
-        """Normal modes, derived at first access; they decide which motions are rigid."""
+        """Normal modes, derived at first access; they decide which motions are rigid.
+
+        Raises
+        ------
+        ValueError
+            When the energies are not quadratic and zero is not a stable equilibrium.
+        """
+        if self.motion is not None:
+            check_semidefinite("the stiffness matrix of small oscillations", self.stiffness.dense)
         with _lock:
             return _modes_of(self)
 

@@ -84,9 +84,15 @@ def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
 
 
 def expressions_of(
-    kind: type, method: str, parameters: tuple[str, ...], structure: Structure
+    kind: type,
+    method: str,
+    parameters: tuple[str, ...],
+    structure: Structure,
+    scalar: bool = False,
 ) -> Expressions:
     """Call a method of a class with symbols, and return its expressions.
+
+    A scalar method returns one expression, not a tuple of as many as there are coordinates.
 
     The attributes of ``self`` that are parameters are symbols there, too.
 
@@ -117,7 +123,10 @@ def expressions_of(
             ) from fault
         fault.add_note(f"{called} is called with SymPy symbols: use sympy.sin, not math.sin")
         raise
-    values = _checked(called, found, len(coordinates), {*coordinates, *symbols})
+    count = len(coordinates)
+    if scalar:
+        found, count = (found,), 1
+    values = _checked(called, found, count, {*coordinates, *symbols})
     return Expressions(coordinates, symbols, values)
 
 

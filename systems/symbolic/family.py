@@ -53,7 +53,8 @@ class CodedFamily(Family):
         """The derivative, (d,), of a program's expressions by a parameter."""
         self.value_of(name)
         names = list(self.parameters)
-        found = self._filled(program.by_parameters, state, (self.dimension, len(names)))
+        shape = len(program.expressions.values), len(names)
+        found = self._filled(program.by_parameters, state, shape)
         return found[:, names.index(name)].copy()
 
     @cached_property
@@ -71,10 +72,15 @@ class Program:
     """The code of a class's expressions, each part made when it is first called."""
 
     def __init__(
-        self, kind: type, method: str, parameters: tuple[str, ...], structure: Structure
+        self,
+        kind: type,
+        method: str,
+        parameters: tuple[str, ...],
+        structure: Structure,
+        scalar: bool = False,
     ) -> None:
         self.name = f"{kind.__name__}.{method}"
-        self.expressions = expressions_of(kind, method, parameters, structure)
+        self.expressions = expressions_of(kind, method, parameters, structure, scalar)
 
     def _compiled(self, values: Sequence[Any]) -> Code:
         from dynkit.systems.symbolic.machine_code import compiled
@@ -89,7 +95,7 @@ class Program:
 
     @cached_property
     def tangent(self) -> Code:
-        """Fills (d + 1, d) with the expressions and below them their jacobian."""
+        """Fills an array with the expressions, (d,), then their jacobian, (d, d) by rows."""
         return self._compiled([*self.expressions.values, *self.expressions.jacobian])
 
     @cached_property
@@ -101,8 +107,8 @@ class Program:
 _programs = cache(Program)
 
 
-def program_of(system: Family, method: str) -> Program:
+def program_of(system: Family, method: str, scalar: bool = False) -> Program:
     """Return the program of a system's class, which all values of its parameters share."""
     kind: Any = type(system)
     names = tuple(system.parameters)
-    return _programs(kind, method, names, structure_of(system, names))
+    return _programs(kind, method, names, structure_of(system, names), scalar)

@@ -17,6 +17,7 @@ from dynkit.core.validation import (
     finite_array,
     non_negative,
     non_negative_integer,
+    one_of,
     positive,
 )
 from dynkit.dynamics.flow import Crossing, Flow, Part
@@ -44,6 +45,9 @@ class SymbolicFlow(CodedFamily, Flow):
     parameters: within the method ``self.alpha`` is a symbol, too. A flow that is driven carries its
     phase, or its time, as the last coordinate: an argument of the name ``t`` is time, whose rate
     need not be returned.
+
+    First integrals are methods of the same coordinates that return one expression; the class
+    variable `integrals` has their names. Called with a state, they return a number.
 
     The method is called once for a class, not for each value of a parameter, and what it returns
     must be smooth: no comparisons, Abs, Min, Max or steps. `IntegratedFlow` takes any velocity.
@@ -97,9 +101,14 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        own = vars(cls).get("velocity")
-        if own is not None:
-            cls.velocity = _of_states_too(own)
+        own = vars(cls)
+        if "velocity" in own:
+            cls.velocity = _of_states_too(own["velocity"])
+        if not isinstance(cls.integrals, tuple):
+            raise TypeError(f"integrals must be a tuple of names of methods; got {cls.integrals!r}")
+        for name in cls.integrals:
+            if name in own:
+                setattr(cls, name, _integral_of_states_too(own[name]))
 
     @property
     def accuracy(self) -> float:
@@ -112,6 +121,24 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
         return self._by_parameter(self._program, state, name)
+
+    def integral_gradient(self, name: str, state: Array) -> Array:
+        code = self._integral_program(name).tangent
+        return self._filled(code, state, (self.dimension + 1,))[1:].copy()
+
+    def integral_parameter_derivative(self, name: str, state: Array, parameter: str) -> float:
+        return float(self._by_parameter(self._integral_program(name), state, parameter)[0])
+
+    def _integral_program(self, name: str) -> Program:
+        program = program_of(self, one_of("integral", name, self.integrals), scalar=True)
+        found = tuple(symbol.name for symbol in program.expressions.coordinates)
+        if found != self._coordinates:
+            wanted = ", ".join(self._coordinates)
+            raise TypeError(
+                f"{program.name} must take the coordinates of velocity, {wanted}; "
+                f"got {', '.join(found)}"
+            )
+        return program
 
     def advance(self, state: Array, duration: float) -> Array:
         """Return the state, (d,), a duration >= 0 after a state, (d,).
@@ -278,6 +305,21 @@ def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
         return self._filled(self._program.step, arguments[0], (self.dimension,))
 
     return velocity
+
+
+def _integral_of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a first integral of symbols that takes one state, (d,), of numbers as well."""
+
+    @wraps(function)
+    def integral(self: SymbolicFlow, *arguments: Any) -> Any:
+        from sympy import Expr
+
+        if len(arguments) != 1 or isinstance(arguments[0], Expr):
+            return function(self, *arguments)
+        code = self._integral_program(function.__name__).step
+        return float(self._filled(code, arguments[0], (1,))[0])
+
+    return integral
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from threading import RLock
 from types import ModuleType
@@ -18,6 +18,8 @@ from dynkit.systems.flows.integration import Step
 from dynkit.systems.symbolic.translation import Value, translate
 
 if TYPE_CHECKING:
+    import sympy
+
     from dynkit.dynamics.section import PoincareSection
     from dynkit.systems.symbolic.derivation import Expressions
 
@@ -34,8 +36,8 @@ _SMOOTH = {
 
 
 @cache
-def heyoka() -> ModuleType:
-    """Return the library, silenced.
+def heyoka(user: str = "SymbolicFlow") -> ModuleType:
+    """Return the library, silenced, for what a message calls `user`.
 
     Raises
     ------
@@ -46,7 +48,7 @@ def heyoka() -> ModuleType:
         import heyoka as module
     except ImportError as missing:
         raise ImportError(
-            "SymbolicFlow needs heyoka, which is not installed: pip install 'dynkit[flows]'"
+            f"{user} needs heyoka, which is not installed: pip install 'dynkit[flows]'"
         ) from missing
     module.set_logger_level_critical()  # it writes warnings to stdout
     found: ModuleType = module
@@ -194,6 +196,19 @@ class TaylorStep(Step):
             return False
         terms = abs(row @ self.coefficients[:, 1:])
         return float(terms @ (self.time - self.begin) ** self._powers[1:]) < 0.99 * distance
+
+
+def series(
+    name: str, expressions: Sequence[sympy.Expr], symbols: Mapping[sympy.Symbol, Value]
+) -> list[Any]:
+    """Return heyoka's expressions of expressions, by those of their symbols.
+
+    Raises
+    ------
+    ValueError
+        When an expression is not smooth.
+    """
+    return translate(name, expressions, symbols, _Series(name, heyoka()))
 
 
 @final

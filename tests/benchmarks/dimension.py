@@ -5,10 +5,12 @@ Seconds are those of all processors together, but where they are said to pass.
 
 from __future__ import annotations
 
+import importlib
 import tracemalloc
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter, process_time
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +20,12 @@ from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.sums import CorrelationSums, Norm, correlation_sums
 from dynkit.systems import Henon, ImpactChain
 from tests.benchmarks.report import table
+from tests.flows.symbolic_flows import SymbolicLorenz
 
 Array = NDArray[np.float64]
 
 TURN = 2.0 * np.pi
-STATES = 100_000
+STATES, LARGE = 100_000, 1_000_000
 PEER = 10_000
 """States for the comparison: the peer takes a minute for 1e5."""
 
@@ -80,6 +83,46 @@ def beside_the_tree_of_scipy(states: Array, angles: dict[int, float], norm: Norm
     return ratio
 
 
+def large_sets() -> dict[str, Array]:
+    """A million states in three dimensions, and 1e5 in twenty without any structure."""
+    flow = SymbolicLorenz()
+    states = np.empty((LARGE, 3))
+    states[0] = flow.advance(np.array([1.0, 2.0, 20.0]), 20.0)
+    for i in range(1, LARGE):
+        states[i] = flow.advance(states[i - 1], 0.05)
+    scattered = np.random.default_rng(0).normal(size=(STATES, 20))
+    return {"Lorenz, 3 coordinates": states, "normal numbers, 20 coordinates": scattered}
+
+
+def nolds_seconds(states: Array, radii: Array) -> str:
+    """Seconds of nolds for the sums of 3000 states at as many radii; it has no tree."""
+    try:
+        nolds: Any = importlib.import_module("nolds")
+    except ModuleNotFoundError:
+        return "not installed"
+    column = states[:3000, 0]
+    return f"{seconds_of(partial(nolds.corr_dim, column, 3, rvals=radii.tolist())):.1f}"
+
+
+def large() -> None:
+    """Print what sums of large sets cost, and cKDTree for the same counts of fewer states."""
+    rows = []
+    for name, states in large_sets().items():
+        for norm in get_args(Norm):
+            radii = radii_of(states[:PEER], {}, norm)
+            correlation_sums(states[:100], radii, norm=norm)
+            began, passed = process_time(), perf_counter()
+            sums = correlation_sums(states, radii, norm=norm)
+            cost, passed = process_time() - began, perf_counter() - passed
+            ratio = beside_the_tree_of_scipy(states, {}, norm)
+            pairs = f"{sums.pairs[-1]:.2e}"
+            row = (name, norm, len(states), pairs, f"{cost:.1f}", f"{passed:.1f}", f"{ratio:.0f}")
+            rows.append((*row, nolds_seconds(states, radii)))
+    head = ("set", "norm", "states", "pairs within", "s", "passed (s)",
+            f"cKDTree / sums, {PEER:,} states", "nolds, 3,000 states (s)")  # fmt: skip
+    table("Correlation sums of large sets, radii up to a tenth of the diameter", head, rows)
+
+
 def dimensions() -> None:
     rows = []
     growth = []
@@ -124,3 +167,4 @@ def dimensions() -> None:
             f"cKDTree / sums, {PEER:,} states", "dimension")  # fmt: skip
     table(f"Correlation sums of {STATES:,} states, radii up to a tenth of the diameter", head, rows)
     table("Growth of correlation sums", ("set", "norm", "states", "s", "distances"), growth)
+    large()

@@ -1,6 +1,7 @@
 """Benchmarks: speed beside accuracy, as Markdown tables. Run by ``make bench``.
 
-Error against run time is drawn too: ``results/error-time.png``, the figure of the README.
+Error against run time is drawn too: ``results/error-time.png``, the figure of the README, and
+``results/error-time-flows.png``.
 
 Times are minima over several runs on one core of whatever machine this is; ratios within one run
 are what may be compared. Nothing here is asserted.
@@ -19,12 +20,13 @@ from time import perf_counter
 
 import numpy as np
 
-from dynkit import sweep
 from dynkit.systems import ImpactChain
 from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.extremes import extremes
+from tests.benchmarks.flows import flows
 from tests.benchmarks.lyapunov import lyapunov_speed
+from tests.benchmarks.overheads import overheads
 from tests.benchmarks.report import table
 from tests.benchmarks.scaling import scaling
 from tests.benchmarks.sticking import sticking
@@ -55,10 +57,6 @@ def impact_speed() -> None:
         cells = record.cost.counts["cells"] / len(record)
         rows.append((frequency, motion, f"{1e6 * seconds / len(record):.2f}", f"{cells:.1f}"))
     table("Microseconds per impact, N = 10", ("frequency", "motion", "us", "cells"), rows)
-    values = np.linspace(0.14, 2.0, 931)
-    chain = ImpactChain(frequency=0.14)
-    seconds = fastest(lambda: sweep(chain, "frequency", values, progress=False), 3)
-    print(f"\nFigure 4, 931 x 800 impacts: {seconds:.2f} s")
 
 
 def growth_with_size() -> None:
@@ -108,6 +106,7 @@ def start_up() -> None:
 
 def main() -> None:
     impact_speed()
+    overheads()
     lyapunov_speed()
     growth_with_size()
     structures()
@@ -120,6 +119,7 @@ def main() -> None:
     print("\n### Error against run time\n", flush=True)
     RESULTS.mkdir(exist_ok=True)
     work_precision(str(RESULTS / "error-time.png"), log=sys.stdout)
+    flows(RESULTS / "error-time-flows.png")
     print("\n### Extreme cases\n", flush=True)
     extremes(log=sys.stdout)
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from time import process_time
 from typing import Any
 
@@ -17,11 +19,11 @@ import numpy as np
 from dynkit import MapAttractor, PoincareMap, Stroboscope, continue_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.validation import Array
-from dynkit.systems import Duffing, Henon
+from dynkit.systems import Duffing, Henon, TodaChain
 from tests.benchmarks.report import table
 from tests.flows.symbolic_flows import SymbolicDuffing, SymbolicLorenz
 
-ITERATES, TIME = 1_000_000, 1000
+ITERATES, TIME, IMPACTS = 1_000_000, 1000, 2000
 START = np.array([1.0, 2.0, 20.0])
 
 
@@ -62,6 +64,40 @@ def lorenz_by_heyoka() -> Callable[[], None]:
             integrator.propagate_until(0.5)
             frame, _ = np.linalg.qr(integrator.state[3:].reshape(3, 3))
             integrator.state[3:] = frame.ravel()
+
+    return follow
+
+
+def toda_by_heyoka(impacts: int) -> Callable[[], None]:
+    """Toda's chain of ten masses above a table: heyoka's event loop, with a callback in Python."""
+    n, w, amplitude, damping = 10, 0.9, 0.1, 0.1
+    x, v = ([hy.expression(f"{letter}{i}") for i in range(n)] for letter in "xv")
+    stretch = [x[0], *(b - a for a, b in pairwise(x))]
+    rate = [v[0], *(b - a for a, b in pairwise(v))]
+    pull = [hy.exp(e) - 1.0 + damping * d for e, d in zip(stretch, rate, strict=True)]
+    force = [b - a for a, b in zip(pull, [*pull[1:], hy.expression(0.0)], strict=True)]
+    hits: list[tuple[float, Array]] = []
+
+    def bounce(integrator: Any, _: int) -> bool:
+        speed = amplitude * w * math.cos(w * integrator.time)
+        integrator.state[-1] = speed - 0.85 * (integrator.state[-1] - speed)
+        hits.append((integrator.time, integrator.state.copy()))
+        return len(hits) < impacts
+
+    down = hy.event_direction.negative
+    gap = x[-1] - amplitude * hy.sin(w * hy.time)
+    integrator = hy.taylor_adaptive(
+        list(zip((*x, *v), (*v, *force), strict=True)),
+        [0.0] * (2 * n),
+        t_events=[hy.t_event(gap, direction=down, callback=bounce)],
+    )
+    start = TodaChain(frequency=w).default_start
+
+    def follow() -> None:
+        hits.clear()
+        integrator.time = 0.0
+        integrator.state[:] = np.concatenate([start.position, start.velocity])
+        integrator.propagate_until(1e9)
 
     return follow
 
@@ -126,6 +162,14 @@ def symbols() -> None:
             branch(Duffing(force=0.2)),
         ),
     ]
+    toda = TodaChain(frequency=0.9)
+    jobs.append(
+        (
+            f"{IMPACTS} impacts of Toda's chain of ten, beside heyoka's event loop in Python",
+            lambda: toda.simulate(impacts=IMPACTS),
+            toda_by_heyoka(IMPACTS),
+        )
+    )
     rows = []
     for name, ours, peer in jobs:
         runs = 2 if "Duffing" in name else 5
@@ -136,6 +180,7 @@ def symbols() -> None:
     for name, code in (
         ("a map", "from dynkit.systems import Ikeda as S; S().stretching([0.1, 0.1], 10)"),
         ("a flow", "from dynkit.systems import Chua as S; S().stretching([1.0, 0.1, 0.2], 1.0, 3)"),
+        ("a structure", "from dynkit.systems import TodaChain as S; S(frequency=0.9).attractor()"),
     ):
         (whole,) = in_turns(partial(subprocess.run, [sys.executable, "-c", code], check=True))
         first.append((name, f"{whole:.2f}"))

@@ -154,7 +154,7 @@ def _nothing_is_simulated(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         raise AssertionError("a table must not simulate")
 
     with monkeypatch.context() as patch:
-        patch.setattr(records, "Course", refuse)
+        patch.setattr(records, "course_from", refuse)
         patch.setattr(Sweep, "attractor", refuse)
         patch.setattr(ParameterMap, "attractor", refuse)
         yield

@@ -86,3 +86,33 @@ def test_derivatives_stay_within_their_bounds(pairs: Pairs, order: int) -> None:
                 terms = derivative * (flow @ state)
                 rounding = 1e-12 * (1.0 + abs(terms).sum())
                 assert abs(terms.sum()) <= bound + rounding
+
+
+def test_bounds_of_pairs_that_grow_hold_within_their_window() -> None:
+    # One that grows drives one that decays; the bounds are those of matrix exponentials.
+    random = np.random.default_rng(3)
+    for growth in (0.05, 0.7):
+        own = np.array([[growth, -0.2], [1.5, 0.9], [-1.5, -0.9], [growth, -0.2]])
+        coupling = random.normal(size=(4, 1))
+        pairs = Pairs(
+            own,
+            np.zeros((4, 2)),
+            np.ones(2),
+            np.array([[1], [0]]),
+            coupling,
+            growth=np.array([growth, 0.0]),
+        )
+        assert pairs.grows
+        assert not pairs.independent
+        assert pairs.steadily == 1.0 / growth
+        matrix = generator(pairs)
+        windows = np.array([0.5, 4.0])
+        for _ in range(20):
+            row, state = random.normal(size=(2, 2)), random.normal(size=4)
+            bounds = pairs.bounds(row[None], windows)[:, 0]
+            for window, weights in zip(windows, bounds, strict=True):
+                most = float((weights.T.ravel() * abs(state)).sum())
+                times = np.linspace(0.0, window, 41)
+                values = [row.T.ravel() @ expm(matrix * t) @ state for t in times]
+                assert max(map(abs, values)) <= most * (1.0 + 1e-12)
+            assert np.isinf(pairs.bound(row, 0)).any()

@@ -145,14 +145,20 @@ def in_many_digits(flow: IntegratedFlow, number: Callable[[float], Many]) -> Vel
 def advanced_in_many_digits(flow: IntegratedFlow, state: list[Many], duration: Many) -> list[Many]:
     """By Taylor series of order 40, in steps whose last term is 1e-32, at sixty digits."""
     with ctx.workprec(BITS):
-        velocity, left = in_many_digits(flow, arb), arb(duration)
-        here = [arb(x) for x in state]
+        return followed_in_many_digits(in_many_digits(flow, arb), state, duration)
+
+
+def followed_in_many_digits(velocity: VelocityOf, state: list[Many], duration: Many) -> list[Many]:
+    """The same of a velocity in flint's numbers."""
+    with ctx.workprec(BITS):
+        left, here = arb(duration), [arb(x) for x in state]
         while left > 0:
             paths = _taylor(velocity, here)
             last = max(float(abs(path[ORDER])) for path in paths)
             step = arb((TRUNCATION / max(last, TRUNCATION)) ** (1.0 / ORDER))
             step = step if step < left else left
-            here = [arb_poly(path.coeffs())(step) for path in paths]
+            # radii of balls grow in every step, also where the motion is stable
+            here = [arb_poly(path.coeffs())(step).mid() for path in paths]
             left = left - step
         return here
 

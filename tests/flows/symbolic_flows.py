@@ -91,3 +91,43 @@ class TodaRing(SymbolicFlow):
     def velocity(self, x: Any, y: Any, z: Any, u: Any, v: Any, w: Any) -> tuple[Any, ...]:
         pulls = [self.k * (sp.exp(b - a) - 1) for a, b in ((x, y), (y, z), (z, x))]
         return u, v, w, pulls[0] - pulls[2], pulls[1] - pulls[0], pulls[2] - pulls[1]
+
+
+class Undamped(SymbolicFlow):
+    """A pendulum without damping: in the plane, a level of the energy is one orbit."""
+
+    integrals = ("energy",)
+    pull: float = 1.0
+
+    def velocity(self, angle: Any, rate: Any) -> tuple[Any, ...]:
+        return rate, -self.pull * sp.sin(angle)
+
+    def energy(self, angle: Any, rate: Any) -> Any:
+        return rate**2 / 2 - self.pull * sp.cos(angle)
+
+
+class TwoSprings(SymbolicFlow):
+    """Two oscillators with a weak coupling, whose frequencies have no ratio of integers."""
+
+    integrals = ("energy",)
+    second: float = 2.0
+    coupling: float = 0.3
+
+    def velocity(self, x: Any, y: Any, u: Any, v: Any) -> tuple[Any, ...]:
+        return u, v, -x - 2 * self.coupling * x * y, -self.second * y - self.coupling * x**2
+
+    def energy(self, x: Any, y: Any, u: Any, v: Any) -> Any:
+        return (u**2 + v**2 + x**2 + self.second * y**2) / 2 + self.coupling * x**2 * y
+
+
+class RigidBody(SymbolicFlow):
+    """Euler's equations of a free body with the moments of inertia 1, 2 and 3."""
+
+    integrals = ("energy",)
+    first: float = 1.0
+
+    def velocity(self, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+        return -y * z / self.first, (3 - self.first) * x * z / 2, (self.first - 2) * x * y / 3
+
+    def energy(self, x: Any, y: Any, z: Any) -> Any:
+        return (self.first * x**2 + 2 * y**2 + 3 * z**2) / 2

@@ -110,7 +110,8 @@ def test_cycles_of_a_machine_with_several_elements() -> None:
     assert again.period == label.period
     assert label.harmonics is not None
     per_crossing = np.log(abs(label.multiplier)) / n
-    assert LyapunovSpectrum(attractor).exponents[0] == pytest.approx(per_crossing, abs=1e-3)
+    spectrum = LyapunovSpectrum(attractor, iterations=200 * n)
+    assert spectrum.exponents[0] == pytest.approx(per_crossing, abs=1e-3)
     orbit = attractor.periodic_orbit()
     assert abs(orbit.multipliers[0]) == pytest.approx(label.multiplier, abs=1e-6)
     assert record.energy_balance().error < 1e-11

@@ -198,7 +198,7 @@ def test_twins_search_for_no_longer_than_the_run_whose_error_they_give(
         twins.append(Course(*given, **choices))
         return twins[-1]
 
-    monkeypatch.setattr("dynkit.systems.impact.records.record.Course", counted)
+    monkeypatch.setattr("dynkit.systems.impact.records.record.course_from", counted)
     assert len(record.error) == len(record) > 0
     assert len(twins) == 3
     # a search to its own end would take a million cells
@@ -225,7 +225,7 @@ def test_the_error_is_infinite_from_the_impact_that_a_twin_cannot_decide(
             monkeypatch.setattr(course, "advance", advance)
         return course
 
-    monkeypatch.setattr("dynkit.systems.impact.records.record.Course", cut)
+    monkeypatch.setattr("dynkit.systems.impact.records.record.course_from", cut)
     error = record.error
     assert seeds == [1, 2, 3]
     assert np.isinf(error).tolist() == [i >= decided for i in range(5)]

@@ -239,9 +239,11 @@ def test_derivatives_through_an_impact_that_breaks_what_sticks_are_differences()
 
 def test_what_is_measured_of_friction() -> None:
     attractor = MACHINE.attractor()
+    iterates = attractor.label.iterates
     assert attractor.label.periods is not None
-    spectrum = LyapunovSpectrum(attractor)
-    per_impact = np.log(abs(attractor.label.multiplier)) / attractor.label.iterates
+    assert iterates is not None
+    spectrum = LyapunovSpectrum(attractor, iterations=200 * iterates)
+    per_impact = np.log(abs(attractor.label.multiplier)) / iterates
     assert spectrum.exponents[0] == pytest.approx(per_impact, abs=1e-3)
     record = attractor.record
     moments = record.second_moments()

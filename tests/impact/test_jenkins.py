@@ -20,6 +20,7 @@ from dynkit.systems import (
     iwan,
 )
 from tests.reference.soft_stops import DIGITS, SoftStopReference
+from tests.validation.machines import compared
 
 
 def block(*elements: Any, frequency: float = 0.8, drive: float = 0.5, **more: Any) -> ImpactChain:
@@ -100,6 +101,18 @@ def test_a_free_decay_in_closed_form() -> None:
     swing = far - f / k + f / k * np.cos(k**0.5 * (t - first - left / f))
     assert record.sample(t)[0][:, 0] == pytest.approx(swing, abs=1e-13)
     assert record.sliders[:, 0] == pytest.approx(np.full(4, far - f / k), abs=1e-14)
+
+
+def test_sliders_along_one_row_share_their_changes_of_basis() -> None:
+    joint = iwan(0, stiffness=2.0, force=0.5, elements=50)
+    machine = ImpactChain(masses=1, frequency=0.8, harmonic_forces=[0.8], elements=joint)
+    record = machine.simulate(impacts=4)
+    automaton = machine._automaton
+    assert len(automaton._rows) <= 2 * len(automaton.modes) < 300
+    fewer = machine.replace(elements=iwan(0, stiffness=2.0, force=0.5, elements=49))
+    # more elements change the joint by their number to the power -2
+    apart = abs(fewer.simulate(impacts=4).position - record.position).max()
+    assert 0.0 < apart < 1e-4
 
 
 def test_a_slider_that_nothing_moves_is_a_spring() -> None:
@@ -305,6 +318,22 @@ def test_joints_that_are_none_are_refused(numbers: dict[str, Any], message: str)
         iwan(0, **{"stiffness": 1.0, "force": 1.0, **numbers})
 
 
+@pytest.mark.parametrize("seed", [9, 30])
+def test_a_machine_begins_at_the_sliders_of_a_state(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    inertia, springs = (part @ part.T for part in random.normal(size=(2, 6, 6)))
+    machine = MatrixOscillator(
+        M=0.5 * np.eye(6) + inertia,
+        C=np.zeros((6, 6)),
+        K=np.eye(6) + springs,
+        frequency=0.9,
+        elements=[Jenkins((i, i + 1), stiffness=2.0, force=1e-3) for i in range(5)],
+    )
+    state = machine.state(random.normal(size=6), phase=1.0)  # all are as far off as they may be
+    again = machine.state(state.position, phase=1.0, sliders=state.sliders)
+    assert again.sliders == pytest.approx(state.sliders, abs=1e-14)
+
+
 def test_sliders_that_are_too_far_off_are_refused() -> None:
     one = block(JOINT)
     with pytest.raises(ValueError, match=r"sliders\[0\] must lie in \[0.35, 0.65\]; got 0.9"):
@@ -427,6 +456,41 @@ def test_where_a_slider_turns_friction_along_the_same_halts() -> None:
     parts = machine._automaton.parts
     assert parts.halted([1, 1, 2], 0, jumps=False) == [0, 3, 2]
     assert parts.halted([1, 1, 2], 0, jumps=True) == [0, 1, 2]
+
+
+def test_where_a_shaker_that_holds_a_block_turns_so_do_sliders_and_friction() -> None:
+    joint, guide = Jenkins(0, stiffness=2.0, force=0.05), DryFriction(0, force=0.05)
+    shaker = DryFriction(0, force=5.0, amplitude=0.3)
+    machine = block(joint, guide, shaker)
+    parts = machine._automaton.parts
+    assert parts.halted([1, 1, 3], 0, jumps=False) == [0, 1, 3]
+    rates = 0.3 * machine.frequency * np.cos(1.0)  # those of the shaker
+    start = machine.state([0.0], [rates], phase=1.0)
+    found = compared(machine, start)
+    assert not found.wrong
+    assert not found.ended
+    assert found.events > 20
+
+
+@pytest.mark.parametrize(("restitution", "spring", "slip"), [(0.3, 4.0, 0.3), (0.6, 1.0, 0.2)])
+def test_a_slider_is_about_to_slide_where_a_stop_on_its_surface_is_hit(
+    restitution: float, spring: float, slip: float
+) -> None:
+    # each bounce ends at the place where the slider slid in the one before
+    elements = [HardStop(0, restitution=restitution), Jenkins(0, stiffness=spring, force=slip)]
+    machine = ImpactChain(
+        masses=1,
+        damping=0.1,
+        frequency=0.8,
+        harmonic_forces=[0.5],
+        constant_forces=[-1.0],
+        elements=elements,
+    )
+    start = machine.state([1.0], [0.0])
+    assert machine.simulate(impacts=12, start=start).error.max() < 1e-12
+    found = compared(machine, start)
+    assert not found.wrong
+    assert all(actual <= claimed for actual, claimed in found.states)
 
 
 def test_a_block_that_halts_on_sliders_and_friction_sticks() -> None:

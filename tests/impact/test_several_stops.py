@@ -8,10 +8,20 @@ import pytest
 
 import dynkit
 from dynkit.analysis import LyapunovSpectrum
+from dynkit.core.differences import numerical_derivative
 from dynkit.core.no_motion import NoDerivative, Refused
-from dynkit.systems import HardStop, ImpactChain, MatrixOscillator, PlayOscillator
+from dynkit.systems import (
+    DryFriction,
+    Element,
+    HardStop,
+    ImpactChain,
+    Jenkins,
+    MatrixOscillator,
+    PlayOscillator,
+)
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.simulation.trajectory import Ending
+from tests.validation.machines import compared
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.85, name="table")
 GEAR = HardStop((0, 1), offset=-0.02, restitution=0.5, name="gear")
@@ -217,6 +227,29 @@ def test_what_a_stop_holds_jams_against_another_one() -> None:
     assert jammed.simulate(impacts=5, start=record.final).ending is Ending.JAMMED
 
 
+def test_another_stop_lifts_what_a_stop_holds() -> None:
+    # Two lifts below one mass: it lies on the slow one until the fast one comes from below.
+    lifts = [
+        HardStop(0, amplitude=0.1, restitution=0.0),
+        HardStop(0, offset=-0.4, amplitude=0.6, restitution=0.5, name="fast"),
+    ]
+    machine = free(lifts, 1.0)
+    start = machine.state([0.0], [0.1])
+    record = machine.simulate(impacts=8, start=start)
+    found = compared(machine, start)
+    assert not found.wrong
+    assert not found.ended
+    assert len(record) == 8
+    # on the slow lift until 0.5 sin = 0.4, where the fast one is faster by 0.5 cos = 0.3
+    assert record.element[0] == 1
+    assert record.time[0] == pytest.approx(np.arcsin(0.8), abs=1e-13)
+    assert record.relative_velocity[0] == pytest.approx(0.15, abs=1e-13)
+    assert record.error[0] < 1e-12
+    for state in record.states[:3]:
+        expected, error = numerical_derivative(machine, state)
+        assert (abs(machine.jacobian(state) - expected) <= 1e-8 + error).all()
+
+
 def test_no_clearance() -> None:
     walls = [
         HardStop(0, amplitude=0.2, restitution=0.3),
@@ -229,6 +262,30 @@ def test_no_clearance() -> None:
     times = np.linspace(0.0, record.time[-1], 50)
     position = record.sample(times)[0][:, 0]
     assert abs(position - 0.2 * np.sin(0.7 * times)).max() < 1e-11
+
+
+@pytest.mark.parametrize("rub", [DryFriction(0, force=0.1), Jenkins(0, stiffness=2.0, force=0.1)])
+def test_no_clearance_beside_friction(rub: Element) -> None:
+    def between(*more: Element, swing: float = 0.2) -> MatrixOscillator:
+        walls = [
+            HardStop(0, amplitude=swing, restitution=0.3, side=side) for side in ("above", "below")
+        ]
+        return MatrixOscillator(
+            M=[[1.0]],
+            C=[[0.1]],
+            K=[[0.2]],
+            frequency=0.7,
+            harmonic_forces=[0.6],
+            elements=[*walls, *more],
+        )
+
+    record = between(rub).simulate(impacts=20)
+    times = np.linspace(0.0, record.time[-1], 50)
+    position = record.sample(times)[0][:, 0]
+    assert abs(position - 0.2 * np.sin(0.7 * times)).max() < 1e-11
+    still = between(rub, swing=0.0)
+    assert still.state([0.0], [0.0]).closed == ()  # two along one row are not held both
+    assert abs(still.simulate(impacts=3).position).max() == 0.0
 
 
 def test_stops_that_leave_no_room_are_refused() -> None:
@@ -311,7 +368,8 @@ def test_what_is_measured_of_several_stops() -> None:
     attractor = MACHINE.attractor()
     label = attractor.label
     assert label.periods is not None
-    spectrum = LyapunovSpectrum(attractor)
+    assert label.iterates is not None
+    spectrum = LyapunovSpectrum(attractor, iterations=200 * label.iterates)
     assert spectrum.exponents.max() < 0.0
     per_impact = np.log(abs(label.multiplier)) / label.iterates
     assert per_impact == pytest.approx(spectrum.exponents.max(), abs=5e-3)

@@ -73,28 +73,43 @@ class Cushion(Gap):
     def __init__(self, stop: SoftStop, masses: list[Any], frequency: Any, springs: int = 0) -> None:
         super().__init__(stop, masses, frequency, springs)
         self.force = -mp.mpf(stop.stiffness) * self.gap - mp.mpf(stop.damping) * self.rate
-        self.force[self.force.cols - 1] += mp.mpf(stop.preload)
+        self.preload = mp.mpf(stop.preload)
+        self.force += self.preload * self.one
         # of each regime what is positive in it, and what follows
         lifts, left = [(self.force, 2)] * bool(stop.damping), [(-self.gap, 0)]
         self.watched = [
             [(self.gap, 1)],
             lifts if stop.damping and not stop.preload else [*lifts, *left],
             [(-self.force, 1), *left],
+            [],
         ]
+
+    def bounds(self, force: Any) -> list[tuple[Any, int]]:
+        """Of a mass that rests by this force, a row, what is positive, and what follows."""
+        return [(force, 0), (self.preload * self.one - force, 1)]
 
 
 class Rub(Gap):
-    """What friction adds: forces as rows of the state, of which its rate is that of slip."""
+    """What friction adds: forces as rows of the state, of which its rate is that of slip.
+
+    With a coefficient it leans on the hard stop of this number; the forces are without traction.
+    """
 
     def __init__(
-        self, friction: DryFriction, masses: list[Any], frequency: Any, springs: int = 0
+        self,
+        friction: DryFriction,
+        masses: list[Any],
+        frequency: Any,
+        springs: int = 0,
+        stop: int | None = None,
     ) -> None:
         super().__init__(friction, masses, frequency, springs)
+        self.stop, self.coefficient = stop, mp.mpf(friction.coefficient or 0.0)
         one = self.one
         self.rate -= (1 if friction.side == "above" else -1) * mp.mpf(friction.velocity) * one
         self.static = mp.mpf(friction.most)
         self.most = self.static * one
-        way, along = mp.mpf(friction.force) * one, mp.mpf(friction.slope) * self.rate
+        way, along = mp.mpf(friction.force or 0.0) * one, mp.mpf(friction.slope) * self.rate
         self.forces = [-way - along, way - along]
 
 

@@ -7,7 +7,8 @@ from typing import Any
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems import DryFriction, Element, HardStop, ImpactChain, Jenkins, SoftStop
+from dynkit.systems import DryFriction, Element, HardStop, Jenkins, SoftStop
+from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from tests.reference.friction import BACKWARD, FORWARD, STICK, Cushion, Gap, Joint, Rub, Table
 
 DIGITS = 40
@@ -22,6 +23,9 @@ IMPACT, RELEASE, SWITCH, SLIP, HALT, SLIDE = range(6)
 REST = -1
 """Of friction that takes no force."""
 
+RESTING = 3
+"""Of a cushion at whose edge a mass rests."""
+
 
 class SoftStopReference:
     """The motion of a chain with stops, hard and soft, and friction; the mass matrix is diagonal.
@@ -35,7 +39,7 @@ class SoftStopReference:
     """
 
     def __init__(
-        self, chain: ImpactChain, step: float = 0.02, elements: Sequence[Element] | None = None
+        self, chain: ImpactOscillator, step: float = 0.02, elements: Sequence[Element] | None = None
     ) -> None:
         self.step, self.size, w = mp.mpf(step), chain.degrees_of_freedom, mp.mpf(chain.frequency)
         n, elements = self.size, chain.elements if elements is None else elements
@@ -44,7 +48,12 @@ class SoftStopReference:
         given = self.masses, w, len(joints)
         self.tables = [Table(e, *given) for e in elements if isinstance(e, HardStop)]
         self.cushions = [Cushion(e, *given) for e in elements if isinstance(e, SoftStop)]
-        self.rubs = [Rub(e, *given) for e in elements if isinstance(e, DryFriction)]
+        stops = [e.name for e in elements if isinstance(e, HardStop)]
+        self.rubs = [
+            Rub(e, *given, stops.index(e.normal) if e.normal else None)
+            for e in elements
+            if isinstance(e, DryFriction)
+        ]
         self.joints = [Joint(e, *given, which) for which, e in enumerate(joints)]
         k, c = (mp.matrix(part.tolist()) for part in (chain.stiffness, chain.damping_matrix))
         self.free = mp.zeros(2 * n + 3 + len(joints))
@@ -83,9 +92,10 @@ class SoftStopReference:
         stuck = dict(zip(self.sticking(held), sticking, strict=True))
         none = 0 * self.free[0, :]
         rows = [by.get(k, none) for k in range(len(self.tables))]
+        rests = self.resting(held)
         rows += [
-            part.force if regime == 1 else none
-            for part, regime in zip(self.cushions, self.regimes, strict=True)
+            part.force if regime == 1 else rests.get(k, none)
+            for k, (part, regime) in enumerate(zip(self.cushions, self.regimes, strict=True))
         ]
         for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
             rows.append(rub.forces[way] if way in (FORWARD, BACKWARD) else stuck.get(k, none))
@@ -93,14 +103,13 @@ class SoftStopReference:
 
     def flow(self, held: tuple[int, ...]) -> tuple[Any, list[Any], list[Any]]:
         """The generator of the motion, and rows of forces: that hold stops, by which it sticks."""
-        pressed = tuple(regime == 1 for regime in self.regimes)
-        key = pressed, tuple(self.ways), tuple(self.sliding), held
+        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
         if key not in self.known:
             flow = self.free.copy()
-            for cushion, pushes in zip(self.cushions, pressed, strict=True):
-                flow += cushion.kick * cushion.force * int(pushes)
+            for cushion, regime in zip(self.cushions, self.regimes, strict=True):
+                flow += cushion.kick * cushion.force * int(regime == 1)
             for rub, way in zip(self.rubs, self.ways, strict=True):
-                slips = way in (FORWARD, BACKWARD)
+                slips = way in (FORWARD, BACKWARD) and rub.stop in (None, *held)
                 flow += rub.kick * rub.forces[way] if slips else mp.zeros(flow.rows)
             for joint, way in zip(self.joints, self.sliding, strict=True):
                 flow += joint.kick * joint.forces[way]
@@ -108,23 +117,48 @@ class SoftStopReference:
                     flow[joint.place, :] = joint.rate
             fixed = [*(self.tables[k] for k in held), *self.stuck(held)]
             rates, forces = [part.rate * flow for part in fixed], []
+            kicks = [part.kick for part in fixed]
+            for rub, way in zip(self.rubs, self.ways, strict=True):
+                if rub.stop in held and way in (FORWARD, BACKWARD):
+                    sign = -1 if way == FORWARD else 1
+                    kicks[held.index(rub.stop)] += sign * rub.coefficient * rub.kick
             if fixed:
-                matrix = mp.matrix(inertia(fixed, fixed))
-                if dependent(matrix):
+                matrix = mp.matrix([[(part.rate * kick)[0] for kick in kicks] for part in fixed])
+                if dependent(mp.matrix(inertia(fixed, fixed))):
                     raise RuntimeError(f"rows of what holds or sticks depend: {held}, {self.ways}")
                 inverse = (-mp.inverse(matrix)).tolist()
                 forces = [combined(numbers, rates) for numbers in inverse]
-            for part, force in zip(fixed, forces, strict=True):
-                flow += part.kick * force
-            m = len(held)
-            self.known[key] = flow, forces[:m], forces[m:]
-        found: tuple[Any, list[Any], list[Any]] = self.known[key]
+            for kick, force in zip(kicks, forces, strict=True):
+                flow += kick * force
+            m, s = len(held), len(self.sticking(held))
+            self.known[key] = flow, forces[:m], forces[m : m + s], forces[m + s :]
+        found: tuple[Any, list[Any], list[Any]] = self.known[key][:3]
         return found
+
+    def resting(self, held: tuple[int, ...]) -> dict[int, Any]:
+        """Rows of the forces of cushions on which a mass rests."""
+        self.flow(held)
+        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
+        rests = [k for k, regime in enumerate(self.regimes) if regime == RESTING]
+        return dict(zip(rests, self.known[key][3], strict=True))
+
+    def most(self, rub: Rub, held: tuple[int, ...]) -> Any:
+        """The largest force with which friction sticks, as a row."""
+        if rub.stop is None:
+            return rub.most
+        return rub.static * self.flow(held)[1][held.index(rub.stop)]
+
+    def lean(self, z: Any, held: tuple[int, ...]) -> None:
+        """Friction at contacts is off while these are open, and begins with them."""
+        for k, rub in enumerate(self.rubs):
+            if rub.stop is not None and rub.stop not in held:
+                self.ways[k] = REST
+            elif rub.stop is not None and self.ways[k] == REST:
+                self.ways[k] = self.way(rub, z)
 
     def stepped(self, z: Any, held: tuple[int, ...]) -> Any:
         """The state a step later, where nothing happens."""
-        pressed = tuple(regime == 1 for regime in self.regimes)
-        key = pressed, tuple(self.ways), tuple(self.sliding), held
+        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
         if key not in self.steps:
             self.steps[key] = mp.expm(self.flow(held)[0] * self.step)
         return self.steps[key] * z
@@ -153,9 +187,11 @@ class SoftStopReference:
             if rides and all(abs((rate * z)[0]) <= TINY for rate in rates):
                 self.ways[k] = STICK
 
-    def stuck(self, held: Sequence[int] = ()) -> list[Rub]:
-        """The friction that `sticking` numbers."""
-        return [self.rubs[k] for k in self.sticking(held)]
+    def stuck(self, held: Sequence[int] = ()) -> list[Gap]:
+        """The friction that `sticking` numbers, and the cushions on which a mass rests."""
+        rests = zip(self.cushions, self.regimes, strict=True)
+        resting = [part for part, regime in rests if regime == RESTING]
+        return [*(self.rubs[k] for k in self.sticking(held)), *resting]
 
     def lain(self, z: Any, held: Sequence[int]) -> list[int]:
         """Stops that are closed, or at which friction holds what they stop."""
@@ -169,6 +205,17 @@ class SoftStopReference:
             watched = cushion.watched
             while left := [to for row, to in watched[self.regimes[k]] if (row * z)[0] < 0]:
                 self.regimes[k] = left[0]
+
+    def begin(self, z: Any) -> None:
+        """A mass that is at rest at the edge of a preloaded cushion rests there, if it can."""
+        for k, part in enumerate(self.cushions):
+            still = abs((part.gap * z)[0]) + abs((part.rate * z)[0]) <= NUDGE
+            if part.preload > 0 and still:
+                self.regimes[k] = RESTING
+                z -= part.kick * ((part.rate * z)[0] / (part.rate * part.kick)[0])
+                for row, to in part.bounds(self.resting(())[k]):
+                    if (row * z)[0] < 0:
+                        self.regimes[k] = to
 
     def staying(self, z: Any, touching: Iterable[int]) -> tuple[int, ...]:
         """Stops that stay closed: forces and accelerations of the gaps are complementary."""
@@ -207,11 +254,13 @@ class SoftStopReference:
         """
         for _ in range(30):
             held = self.staying(z, touching)
+            self.lean(z, held)
             self.rest(z, held)
             flow, _, forces = self.flow(held)
             sticking = self.sticking(held)
             force = {k: (row * z)[0] for k, row in zip(sticking, forces, strict=True)}
-            excess = {k: abs(by) - self.rubs[k].static for k, by in force.items()}
+            most = {k: (self.most(self.rubs[k], held) * z)[0] for k in sticking}
+            excess = {k: abs(by) - most[k] for k, by in force.items()}
             if torn := [k for k in sticking if excess[k] > TINY]:
                 first = halted if halted in torn else max(torn, key=lambda k: excess[k])
                 self.ways[first] = BACKWARD if force[first] > 0 else FORWARD
@@ -219,7 +268,7 @@ class SoftStopReference:
             for k, rub in enumerate(self.rubs):
                 way = 1 if self.ways[k] == FORWARD else -1
                 if (
-                    self.ways[k] != STICK
+                    self.ways[k] in (FORWARD, BACKWARD)
                     and self.way(rub, z) == STICK
                     and (rub.rate * flow * z)[0] * way < -TINY
                 ):
@@ -247,9 +296,19 @@ class SoftStopReference:
         old = z
         for part, impulse in zip(tables, impulses, strict=True):
             z = z + impulse * part.kick
+        for rub in self.rubs:
+            if rub.stop in stops:  # Coulomb's law for impulses
+                w, change = (rub.rate * z)[0], (rub.rate * rub.kick)[0]
+                most = rub.coefficient * impulses[stops.index(rub.stop)] * change
+                taken = w if abs(w) <= most else mp.sign(w) * most
+                z = z - rub.kick * (taken / change)
         for k, rub in enumerate(self.rubs):
-            if abs((rub.rate * (z - old))[0]) > TINY:
+            if abs((rub.rate * (z - old))[0]) > TINY and self.ways[k] != REST:
                 self.ways[k] = self.way(rub, z)
+        for k, cushion in enumerate(self.cushions):
+            rate = (cushion.rate * z)[0]
+            if self.regimes[k] == RESTING and abs(rate) > TINY:
+                self.regimes[k] = int(rate < 0)
         touching = [k for k, rate in zip(stops, after, strict=True) if rate <= TINY]
         return z, touching, any(impulse > TINY for impulse in impulses[1:])
 
@@ -262,19 +321,21 @@ class SoftStopReference:
             fixed = [*(self.tables[j] for j in held), *self.stuck(held), table]
             if k not in still or not dependent(mp.matrix(inertia(fixed, fixed))):
                 found.append((table.gap, IMPACT, k, 0))
+        rests = self.resting(held)
         for k, cushion in enumerate(self.cushions):
-            found += [(row, SWITCH, k, to) for row, to in cushion.watched[self.regimes[k]]]
+            watched = cushion.bounds(rests[k]) if k in rests else cushion.watched[self.regimes[k]]
+            found += [(row, SWITCH, k, to) for row, to in watched]
         for k, (joint, way) in enumerate(zip(self.joints, self.sliding, strict=True)):
             found += [(row, SLIDE, k, to) for row, to in joint.watched[way]]
         left = dict(zip(self.sticking(held), sticking, strict=True))
         for k, (rub, way) in enumerate(zip(self.rubs, self.ways, strict=True)):
             if k in left:
-                force = left[k]
+                force, most = left[k], self.most(rub, held)
                 found += [
-                    (rub.most - force, SLIP, k, BACKWARD),
-                    (rub.most + force, SLIP, k, FORWARD),
+                    (most - force, SLIP, k, BACKWARD),
+                    (most + force, SLIP, k, FORWARD),
                 ]
-            elif way != STICK:
+            elif way in (FORWARD, BACKWARD):
                 found.append((rub.rate if way == FORWARD else -rub.rate, HALT, k, STICK))
         return found
 
@@ -301,6 +362,7 @@ class SoftStopReference:
                 z[joint.place] = joint.reach * mp.sign(z[joint.place])
         self.regimes, self.ways = [0] * len(self.cushions), [self.way(rub, z) for rub in self.rubs]
         self.settle(z)
+        self.begin(z)
         held, before = self.decide(z, closed), [STICK] * len(self.rubs)
         self.follow(z, held, time)
         found: list[tuple[Any, Any]] = []

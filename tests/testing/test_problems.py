@@ -155,6 +155,19 @@ def test_a_broken_problem_is_caught_by_name(
         check(problem, np.array(found.unknowns), problem.values)
 
 
+def test_parameters_may_be_zero() -> None:
+    # where the residual is only rounding as well, nothing else says how large steps are
+    at_zero = Balance(force=0.0, coupling=0.3)
+    found = find_solution(BalanceProblem(at_zero), [0.15, 0.02])
+    x, p = np.array(found.unknowns) * (1.0 + 2.0**-51), np.zeros(1)
+    problem = BalanceProblem(at_zero, ("force",))
+    assert 0.0 < abs(problem.residual(x, p)).max() < 1e-16
+    testing.parameter_derivative_is_the_derivative(problem, x, p)
+    wrong = WrongParameterDerivative(at_zero, ("force",))
+    with pytest.raises(AssertionError, match="is the derivative"):
+        testing.parameter_derivative_is_the_derivative(wrong, x, p)
+
+
 class HalfDoubled(CycleProblem):
     """Twice the period, with a direction that does not turn its sign."""
 

@@ -15,6 +15,8 @@ from tests.validation import (
     derivatives,
     dimensions,
     flows,
+    itineraries,
+    machines,
     maps,
     multipliers,
     orbits,
@@ -43,9 +45,14 @@ class Quantity(NamedTuple):
 MAPS = 43
 """Every so manieth random map, one truth for all claims of it; and the oscillators beside them."""
 
+MACHINES = 400
+"""Every so manieth random machine."""
+
 QUANTITIES = {
     "`ImpactRecord.error`, states": Quantity(records.states_of_records, 8),
     "`ImpactRecord.error`, times": Quantity(records.times_of_records, 8),
+    "`ImpactRecord.error`, states of machines": Quantity(machines.states_of_machines, MACHINES),
+    "`ImpactRecord.error`, times of machines": Quantity(machines.times_of_machines, MACHINES),
     "`ImpactAttractor.error`": Quantity(records.states_of_attractors, 8),
     "`MapAttractor.error`": Quantity(maps.states_of_attractors, 10),
     "`MapOrbit.error`": Quantity(maps.states_of_orbits, 6),
@@ -59,6 +66,11 @@ QUANTITIES = {
     "`ExponentialSum.first_root`, times": Quantity(sums.times_of_roots, 20),
     "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
     "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 28),
+    "`ImpactOrbit.error`, machines": Quantity(
+        itineraries.states_of_machines,
+        1,
+        partial(itineraries.states_of_machines, numbers=itineraries.SETTLED),
+    ),
     "`multipliers_error`, maps": Quantity(multipliers.of_maps, 120),
     "`multipliers_error`, maps without jacobian": Quantity(
         multipliers.of_maps_without_jacobian, 60

@@ -20,10 +20,10 @@ from dynkit.core.validation import (
     one_of,
 )
 
-IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
+IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
 """Kinds of events at the zero of a guard: an impact in the same regime, another regime, the end of
-the motion, another regime because a rate has become zero, or another regime only if the guard is
-negative just after an event."""
+the motion, another regime because a rate has become zero, another regime only if the guard is
+negative just after an event, or only where a motion begins at rest there."""
 
 RELEASED = 3
 """Order of the gap after contact: gap, rate and acceleration are zero."""
@@ -35,10 +35,11 @@ LAIN = 2
 @final
 @dataclass(frozen=True)
 class Watch:
-    """A guard of a regime: ``gap * g + rate * g' + force * f + stretch * e + level`` is positive.
+    """A guard of a regime: a sum of what it watches, times numbers, and of its level is positive.
 
-    Here g is the element's gap, f the force along its row while it holds or sticks, and e the
-    stretch of the spring to its slider.
+    It is ``gap * g + rate * g' + force * f + normal * n + stretch * e + level``. Here g is the
+    element's gap, f the force along its row while it holds or sticks, n the force of the closed
+    stop that is its normal, and e the stretch of the spring to its slider.
 
     Attributes
     ----------
@@ -46,8 +47,9 @@ class Watch:
         Regime that follows; for an impact, the regime after a complete chatter.
     order : int
         Number of leading Taylor coefficients of the next guard that are zero after a switch.
-    event : SWITCH, IMPACT, JAM, HALT or JUMP
-        IMPACT and JAM are for hard stops, ``Watch.HALT`` and ``Watch.JUMP`` for friction.
+    event : SWITCH, IMPACT, JAM, HALT, JUMP or REST
+        IMPACT and JAM are for hard stops, ``Watch.HALT`` and ``Watch.JUMP`` for friction, REST for
+        soft stops with a preload.
     """
 
     HALT: ClassVar = HALT
@@ -60,6 +62,7 @@ class Watch:
     level: float = 0.0
     order: int = 0
     event: int = SWITCH
+    normal: float = 0.0
 
     @property
     def hits(self) -> bool:
@@ -73,27 +76,31 @@ class Watch:
 
     @property
     def at_once(self) -> bool:
-        """Whether it acts only just after an event, if it is negative then."""
-        return self.event == JUMP
+        """Whether it acts only at a start, or just after an event, if it is negative then."""
+        return self.event in (JUMP, REST)
 
 
 @final
 @dataclass(frozen=True)
 class Regime:
-    """A regime of an element: a force p - k g - c g' or a constraint, and the guards that end it.
+    """A regime of an element: its force or constraint, and the guards that end it.
 
-    A constraint holds the gap at zero (``holds``) or its rate at zero (``sticks``).
+    The force is p - k g - c g' + t n, with the force n of the closed stop that is its normal. A
+    constraint holds the gap at zero (``holds``) or its rate at zero (``sticks``).
 
     Attributes
     ----------
     guards : tuple of Watch
-        The search for the next event starts with the first one.
+        The search for the next event starts with the first one. There are none in the first regime
+        of an element with a normal, which lasts while that stop is open.
     push, stiffness, damping : float
         p, k and c.
     anchored : bool
         Whether the spring ends at a slider that sticks to its surface.
     stretch : float
         Stretch of the spring to the slider while that slides.
+    traction : float
+        t, for `DryFriction`.
     """
 
     guards: tuple[Watch, ...]
@@ -104,16 +111,17 @@ class Regime:
     damping: float = 0.0
     anchored: bool = False
     stretch: float = 0.0
+    traction: float = 0.0
 
     @property
     def acts(self) -> bool:
         """Whether it pushes."""
-        return bool(self.push or self.stiffness or self.damping)
+        return bool(self.push or self.stiffness or self.damping or self.traction)
 
     @property
     def halts(self) -> bool:
         """Whether it slips, and may come to a halt."""
-        return self.guards[0].halts
+        return bool(self.guards) and self.guards[0].halts
 
 
 class EventKind(IntEnum):
@@ -208,6 +216,11 @@ class Element(ABC):
         return self.phasor.real * frequency * cosine - turned
 
     @property
+    def leans_on(self) -> str:
+        """Name of the hard stop whose contact force is its normal force; empty for none."""
+        return ""
+
+    @property
     @abstractmethod
     def regimes(self) -> tuple[Regime, ...]:
         """The regimes of the element; free flight is in the first one."""
@@ -233,10 +246,11 @@ class Element(ABC):
     @final
     @property
     def doing(self) -> list[str]:
-        """One word for each regime: contacts, sticks, presses, or an empty text."""
+        """One word for each regime: contacts, rests, sticks, presses, or an empty text."""
         first, apart = self.regimes[0], not any(regime.sticks for regime in self.regimes)
+        hit = any(watch.hits for regime in self.regimes for watch in regime.guards)
         return [
-            "contacts"
+            ("contacts" if hit else "rests")
             if regime.holds
             else "sticks"
             if regime.sticks or regime.anchored
@@ -249,11 +263,13 @@ class Element(ABC):
     @final
     def row(self, size: int) -> Array:
         """The row J, (N,), padded with zeros to a given size."""
-        row, places = np.zeros(size), np.atleast_1d(self.coordinate)
-        if places.dtype != int:
-            row[: len(places)] = places
-            return row
-        row[places] = [1.0] if len(places) == 1 else [-1.0, 1.0]
+        row, given = np.zeros(size), self.coordinate
+        if isinstance(given, Integral):
+            row[given] = 1.0
+        elif _is_index(given[0]):
+            row[given[0]], row[given[1]] = -1.0, 1.0
+        else:
+            row[: len(given)] = given
         return row
 
     @final

@@ -1,4 +1,4 @@
-"""Dry friction: slipping and sticking."""
+"""Dry friction: slipping and sticking, by a given force or by that of a hard stop."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from dynkit.systems.impact.elements.element import HALT, JUMP, Element, Regime, 
 TURNED = (0, 2, 1, 3)
 """Regimes, seen from the other side."""
 
+OFF, FORWARD, STICKS, LANDED = 0, 1, 3, 4
+"""Some regimes of friction at a contact: while that is open, and as it begins."""
+
 
 @final
 @dataclass(frozen=True)
@@ -21,20 +24,35 @@ class DryFriction(Element):
     slope w. It sticks, w = 0, as long as this requires at most the static force. An impact that
     changes w makes it slip, since friction forces are finite and transmit no impulse.
 
+    With a coefficient in place of a force, friction acts at the contact with a hard stop: the force
+    is the coefficient times the contact force, and zero while the stop is open. An impact at the
+    stop takes as much from w as its impulse times the coefficient can, at most until w is zero
+    (Coulomb's law for impulses).
+
     Parameters
     ----------
     coordinate, amplitude, phase, name
         As for every `Element`: the motion of the surface.
     force : float
-        Kinetic friction force, not negative.
+        Kinetic friction force, not negative. Either this or `coefficient` is given.
     static : float, optional
-        Largest force while it sticks, at least `force`. By default it equals `force`, also where
-        that is changed.
+        Largest force while it sticks, at least `force`; with a coefficient the static coefficient.
+        By default it equals `force`, or `coefficient`, also where that is changed.
     velocity : float
         Constant velocity of the surface (a belt), added to its harmonic motion.
     slope : float
         Slope of the force over the slip velocity. It may be negative as long as dashpots of the
         structure keep the damping positive.
+    coefficient : float
+        Kinetic coefficient of friction, not negative.
+    normal : str
+        Name of the hard stop whose contact force is the normal force: the stop's `name`, or
+        ``elements[k]`` by its number. Its restitution is a number.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the limit and the value.
 
     Examples
     --------
@@ -46,30 +64,65 @@ class DryFriction(Element):
     ... ])
     >>> block.simulate(impacts=20).events
     <Events: 0 impacts, 0 contacts, 0 releases, 39 other switches>
+
+    A block that bounces on a table, y >= 0, as it slides along x: each impact slows it down.
+
+    >>> import numpy as np
+    >>> from dynkit.systems import HardStop, MatrixOscillator
+    >>> sliding = MatrixOscillator(
+    ...     M=np.eye(2), C=np.zeros((2, 2)), K=np.zeros((2, 2)), frequency=1.0,
+    ...     constant_forces=[0.0, -1.0], elements=[
+    ...         HardStop(1, restitution=0.5, name="table"),
+    ...         DryFriction(0, coefficient=0.25, normal="table"),
+    ... ])
+    >>> start = sliding.state(position=[0.0, 0.5], velocity=[2.0, 0.0])
+    >>> sliding.simulate(impacts=3, start=start).velocity[:, 0]
+    array([1.625  , 1.4375 , 1.34375])
     """
 
     _: KW_ONLY
-    force: float
+    force: float | None = None
     static: float | None = None
     velocity: float = 0.0
     slope: float = 0.0
+    coefficient: float | None = None
+    normal: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set("force", non_negative("force", self.force))
+        if (self.force is None) is (self.coefficient is None):
+            raise ValueError(
+                "force must be given, or else coefficient; "
+                f"got {self.force!r} and {self.coefficient!r}"
+            )
+        kinetic = "force" if self.coefficient is None else "coefficient"
+        self._set(kinetic, non_negative(kinetic, getattr(self, kinetic)))
+        if type(self.normal) is not str or bool(self.normal) is (self.coefficient is None):
+            raise ValueError(
+                f"normal must name a hard stop, beside a coefficient only; got {self.normal!r}"
+            )
         for name in ("velocity", "slope"):
             self._set(name, finite_scalar(name, getattr(self, name)))
         if self.static is not None:
             self._set("static", finite_scalar("static", self.static))
-        if self.most < self.force:
+        if self.most < self.kinetic:
             raise ValueError(
-                f"static must not be less than the force {self.force}; got {self.static}"
+                f"static must not be less than the {kinetic} {self.kinetic}; got {self.static}"
             )
 
     @property
+    def kinetic(self) -> float:
+        """The force with which it slips, or the coefficient."""
+        return (self.force if self.coefficient is None else self.coefficient) or 0.0
+
+    @property
     def most(self) -> float:
-        """The force with which it sticks at most."""
-        return self.force if self.static is None else self.static
+        """The force with which it sticks at most, or the static coefficient."""
+        return self.kinetic if self.static is None else self.static
+
+    @property
+    def leans_on(self) -> str:
+        return self.normal
 
     @property
     def drift(self) -> float:
@@ -77,14 +130,21 @@ class DryFriction(Element):
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
-        """Not known at a start, slipping forward, backward; sticking."""
-        order = 2 if self.most == self.force else 1
+        """Not known at a start, or off; slipping forward, backward; sticking; as contact begins."""
+        order = 2 if self.most == self.kinetic else 1
         forward, backward = (Watch(to=to, rate=r, event=JUMP) for to, r in ((1, -1.0), (2, 1.0)))
         halts = [Watch(to=3, rate=sign, event=HALT) for sign in (1.0, -1.0)]
-        yields = Watch(to=2, force=-1.0, level=self.most, order=order)
+        yields = Watch(to=2, force=-1.0, order=order)
+        slips = (halts[0], backward), (halts[1], forward)
+        leans = self.coefficient is not None
+        push, traction = (0.0, self.kinetic) if leans else (self.kinetic, 0.0)
+        yields = replace(yields, normal=self.most) if leans else replace(yields, level=self.most)
+        still = Watch(to=STICKS, level=-1.0, order=1, event=JUMP)  # where it slips in neither way
+        landed = Regime((forward, backward, still))
         return (
-            Regime((halts[0], forward, backward)),
-            Regime((halts[0], backward), push=-self.force, damping=self.slope),
-            Regime((halts[1], forward), push=self.force, damping=self.slope),
+            Regime(() if leans else (halts[0], forward, backward)),
+            Regime(slips[0], push=-push, damping=self.slope, traction=-traction),
+            Regime(slips[1], push=push, damping=self.slope, traction=traction),
             Regime((yields, replace(yields, to=1, force=1.0)), sticks=True),
+            *((landed,) if leans else ()),
         )

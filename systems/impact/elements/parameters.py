@@ -7,9 +7,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from dynkit.systems.impact.elements.element import IMPACT, Element
+from dynkit.systems.impact.elements.friction import DryFriction
 from dynkit.systems.impact.elements.laws import ImpactLaw
-from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.elements.stops import HardStop, SoftStop
 
 
 def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
@@ -23,7 +26,8 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
         if not isinstance(element, Element):
             raise ValueError(f"elements[{k}] must be an element like HardStop; got {element!r}")
         hits = any(watch.event == IMPACT for regime in element.regimes for watch in regime.guards)
-        if (hits or any(r.holds for r in element.regimes)) and not isinstance(element, HardStop):
+        holds = any(r.holds for r in element.regimes) and not isinstance(element, SoftStop)
+        if (hits or holds) and not isinstance(element, HardStop):
             raise ValueError(
                 f"elements[{k}] must not be hit, nor hold, which is for HardStop; got {element!r}"
             )
@@ -35,7 +39,39 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"elements must have different names; got {name!r} twice")
-    return tuple(element.of(size, f"elements[{k}]") for k, element in enumerate(elements))
+    found = tuple(element.of(size, f"elements[{k}]") for k, element in enumerate(elements))
+    for k, element in enumerate(found):
+        if element.leans_on or any(regime.traction for regime in element.regimes):
+            _check_normal(found, k, size)
+    return found
+
+
+def _check_normal(elements: tuple[Element, ...], k: int, size: int) -> None:
+    """Raise ValueError, or NotImplementedError, where no such friction is known."""
+    own, names = elements[k], names_of(elements)
+    if not isinstance(own, DryFriction):
+        raise ValueError(
+            f"elements[{k}] must not lean on others, which is for DryFriction; got {own!r}"
+        )
+    stops = [n for n, e in zip(names, elements, strict=True) if isinstance(e, HardStop)]
+    if own.leans_on not in stops:
+        raise ValueError(
+            f"elements[{k}].normal must be the name of a hard stop, one of {stops}; "
+            f"got {own.leans_on!r}"
+        )
+    stop = elements[names.index(own.leans_on)]
+    if isinstance(getattr(stop, "restitution", None), ImpactLaw):
+        raise NotImplementedError(
+            f"elements[{k}].normal must be a stop whose restitution is a number; got {stop!r}"
+        )
+    for other in elements[:k] + elements[k + 1 :]:
+        if isinstance(other, HardStop | DryFriction):
+            rows = [own.row(size), other.row(size)]
+            if np.linalg.matrix_rank(np.array(rows)) < 2:
+                raise NotImplementedError(
+                    f"elements[{k}], friction with a coefficient, must not act along a hard stop "
+                    f"or along other friction; got {other!r}"
+                )
 
 
 def names_of(elements: tuple[Element, ...]) -> list[str]:

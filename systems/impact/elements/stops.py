@@ -6,7 +6,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import final
 
 from dynkit.core.validation import non_negative
-from dynkit.systems.impact.elements.element import IMPACT, RELEASED, Element, Regime, Watch
+from dynkit.systems.impact.elements.element import IMPACT, RELEASED, REST, Element, Regime, Watch
 from dynkit.systems.impact.elements.laws import Restitution, checked_restitution
 
 
@@ -68,7 +68,8 @@ class SoftStop(Element):
         k and c, not negative.
     preload : float
         p, not negative: the spring is compressed when it is met, and the force jumps to p there. A
-        mass that is pressed against it by less than p crosses the place g = 0 more and more often,
+        mass that begins at g = 0 and at rest there stays, by a force from 0 to p, until more would
+        be needed, or less. One that comes there with a velocity crosses g = 0 more and more often,
         and a motion that does so without end stops with a name (`record.ending`). One of k, c and p
         is positive; with p alone the force is constant.
 
@@ -99,15 +100,20 @@ class SoftStop(Element):
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
-        """Outside, pressing, lifted; with a preload pressing again, entered by the force."""
+        """Outside, pressing, lifted; with a preload pressing again, by the force, and at rest."""
         k, c, p = self.stiffness, self.damping, self.preload
         # The gap is what vanishes where pressing begins, but for a force of the dashpot alone.
         touched = Watch(to=1, gap=1.0, order=0 if c and not p else 1)
         left = Watch(to=0, gap=-1.0 if c else -(k or 1.0), order=1)
+        rests = Watch(to=4 if c else 2, gap=1.0, event=REST)
+        # Where the force is 0 or p, the gap, its rate and its acceleration are zero.
+        bounds = Watch(to=0, force=1.0, order=RELEASED), Watch(to=1, force=-1.0, level=p, order=3)
+        first, last = Regime((touched, rests) if p else (touched,)), Regime(bounds, holds=True)
+        resting = (last,) if p else ()
         if c == 0.0:
-            return Regime((touched,)), Regime((left,), push=p, stiffness=k)
+            return first, Regime((left,), push=p, stiffness=k), *resting
         lifted = Watch(to=2, gap=-k, rate=-c, level=p, order=1)
         pressed = Watch(to=3 if p else 1, gap=k, rate=c, level=-p, order=1)
         guards = [(left, lifted), (lifted, left)] if p else [(lifted,)]
         pressing = [Regime(own, push=p, stiffness=k, damping=c) for own in guards]
-        return Regime((touched,)), pressing[0], Regime((pressed, left)), *pressing[1:]
+        return first, pressing[0], Regime((pressed, left)), *pressing[1:], *resting

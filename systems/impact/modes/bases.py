@@ -9,10 +9,11 @@ from functools import cached_property
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
-from dynkit.systems.impact.modes.block_schur import real_blocks
+from dynkit.systems.impact.modes.block_schur import Blocks, real_blocks
 from dynkit.systems.structure.modes import Derivation, Modes
 
 _CACHED = 2**14
@@ -228,6 +229,7 @@ class CoupledModes(Basis):
         for target, source in links.T.tolist():  # from the first target of a cluster on
             if not (rigid[target] or rigid[source]):
                 cluster[source] = min(cluster[source], cluster[target])
+        growth = None if given.traction is None else _growths(blocks, apart, cluster)
         return CoupledModes(
             Pairs(
                 g,
@@ -236,6 +238,7 @@ class CoupledModes(Basis):
                 links,
                 blocks.coupling.T,
                 cluster,
+                growth,
             ),
             blocks.matrix[:n],
             blocks.matrix[n:],
@@ -271,8 +274,28 @@ class CoupledModes(Basis):
         return np.asarray(0.5 * (row_by_row(self._flat(y), self.energy) ** 2).sum(axis=-1))
 
 
+def _growths(blocks: Blocks, apart: NDArray[np.bool_], cluster: NDArray[np.intp]) -> Array:
+    """Rates (N,) at which the norms of clusters, and numbers that are apart, grow at most.
+
+    For a norm it is the largest eigenvalue of the symmetric part of the cluster's matrix.
+    """
+    n, g = len(cluster), blocks.generator
+    matrix = np.zeros((n, 2, n, 2))
+    matrix[np.arange(n), :, np.arange(n), :] = g.T.reshape(n, 2, 2)
+    for target, source, b in zip(blocks.target, blocks.source, blocks.coupling, strict=True):
+        matrix[target, :, source] = b.reshape(2, 2)
+    growth = np.where(apart, np.maximum(g[0], g[3]), 0.0)
+    for number in np.unique(cluster[~apart]).tolist():
+        own = np.flatnonzero((cluster == number) & ~apart)
+        part = matrix[own][:, :, own].reshape(2 * len(own), -1)
+        even = 0.5 * (part + part.T)
+        rounding = 0.0 if np.array_equal(even, np.diag(np.diag(even))) else 2.0**-48
+        growth[own] = np.linalg.eigvalsh(even)[-1] + rounding * abs(part).max()
+    return np.maximum(growth, 0.0)
+
+
 def basis_of(given: Derivation) -> Basis:
     """Normal modes if the damping leaves them uncoupled, else coupled modes."""
-    if given.modes.proportional:
+    if given.modes.proportional and given.traction is None:
         return NormalModes.of(given.modes, given.mass.dense)
     return CoupledModes.of(given)

@@ -58,7 +58,8 @@ class Blocks:
 
     The basis of each pair, and of linked pairs, is orthonormal in the energy norm. Energy never
     grows, except that rigid-body positions have none. Therefore damping bounds the couplings,
-    ``norm(B_ts)^2 <= norm(G_t + G_t') norm(G_s + G_s')``, and doubles suffice for them.
+    ``norm(B_ts)^2 <= norm(G_t + G_t') norm(G_s + G_s')``, and doubles suffice for them. Traction
+    may feed energy in; then an unlinked pair of complex eigenvalues has the form (a, b; -b, a).
     """
 
     generator: Array
@@ -92,6 +93,8 @@ def real_blocks(given: Derivation) -> Blocks:
     """
     coordinates = EnergyCoordinates.of(given)
     clusters = clusters_of(coordinates)
+    if given.traction is not None:  # energy may grow; these norms do not, if their motion does not
+        clusters = [cluster.circular() for cluster in clusters]
     vectors = DoubleDouble(
         *(np.concatenate(part, axis=1) for part in zip(*(c.vectors for c in clusters), strict=True))
     )

@@ -7,12 +7,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Watch
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.modes.steady_response import HIDDEN, Forced, Load
 from dynkit.systems.impact.modes.sticking import stuck
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Held, Structure
+
+
+class ContactParadox(NoMotion):
+    """Friction so large that no contact force, or more than one, fits the motion (Painleve)."""
+
+
+class Slip(NamedTuple):
+    """Friction that slips at a contact, the stop there, and its force over the contact force.
+
+    Both forces are counted along the rows of their elements.
+    """
+
+    friction: Element
+    stop: Element
+    traction: float
 
 
 class Slider(NamedTuple):
@@ -31,16 +47,25 @@ def mode_of(
     watched: Sequence[Array],
     hit: Sequence[Array],
     sliders: Sequence[Slider] = (),
+    slips: Sequence[Slip] = (),
 ) -> Mode:
     """The mode in which some elements hold their row, or its rate.
 
     Guards depend on some rows (N,) of all coordinates, and impulses act along some of them. Sliders
     stick to their surfaces, or follow the rows of their elements.
+
+    Raises
+    ------
+    ContactParadox
+        When friction that slips at contacts leaves their forces open.
     """
     w, s = excitation.frequency, structure
     others, pivots, ties = np.arange(s.size), None, None
     shape, rest = np.zeros(s.size, complex), np.zeros(s.size)
     inner: Structure | None = s
+    if slips:
+        along, weights = _tractions(s, held, sticking, slips)
+        s = s.dragged(along, weights)
     grip = _grip(s, held) if held else None
     if grip is not None:
         others, pivots, ties, inner = grip.others, grip.pivots, grip.ties, grip.structure
@@ -68,12 +93,9 @@ def mode_of(
         assert inner is not None
         rests = [slider.element.drift == 0.0 for slider in anchored]
         inner = stuck(inner, rows, np.array(rests + [False] * len(sticking)))
-    harmonic, constant = excitation.harmonic, excitation.constant
-    for p in np.flatnonzero(shape).tolist():
-        dynamic = s.stiffness[:, p] + 1j * w * s.damping[:, p] - w * w * s.mass[:, p]
-        harmonic = harmonic - dynamic * shape[p]
-    for p in np.flatnonzero(rest).tolist():
-        constant = constant - s.stiffness[:, p] * rest[p]
+    harmonic, constant = _loads(structure, excitation, shape, rest)
+    if slips:
+        harmonic, constant = (part + along @ (weights @ part) for part in (harmonic, constant))
     turning, still = harmonic[others], constant[others]
     if loose and ties is not None:
         ties = ties[:, ~away]
@@ -92,15 +114,80 @@ def mode_of(
         pivots, ties = np.append(pivots if pivots is not None else [], places).astype(int), behind
     load = Load(w, turning, still, shape, rest)
     forced = Forced(None if inner is None else inner.free, others, load, pivots, ties)
-    pulls = []
-    if held or sticking:
-        for row in _grip(s, [*held, *sticking]).weights:
-            pulls += [row @ part for part in (s.stiffness, s.damping, s.mass)]
+    pulls = _pulls(structure, [*held, *sticking], slips)
     mode = _mode(inner, forced, excitation, [*pulls, *watched], hit)
     drifts = np.array([slider.element.drift for slider in anchored])
     places = [slider.place for slider in anchored]
     mode.anchor(len(anchored) + len(sticking), places, drifts, s.size - s.sliders)
     return mode
+
+
+def _pulls(structure: Structure, fixed: Sequence[Element], slips: Sequence[Slip]) -> list[Array]:
+    """Rows (N,) on which the forces of what holds or sticks depend."""
+    matrices = structure.stiffness, structure.damping, structure.mass
+    weights: Any = forces_along(structure, fixed, slips) if fixed else ()
+    return [row @ part for row in weights for part in matrices]
+
+
+def _loads(
+    structure: Structure, excitation: Excitation, shape: Any, rest: Array
+) -> tuple[Any, Array]:
+    """Harmonic and constant forces (N,) while some coordinates have a given motion."""
+    harmonic, constant, w = excitation.harmonic, excitation.constant, excitation.frequency
+    s = structure
+    for p in np.flatnonzero(shape).tolist():
+        dynamic = s.stiffness[:, p] + 1j * w * s.damping[:, p] - w * w * s.mass[:, p]
+        harmonic = harmonic - dynamic * shape[p]
+    for p in np.flatnonzero(rest).tolist():
+        constant = constant - s.stiffness[:, p] * rest[p]
+    return harmonic, constant
+
+
+def forces_along(structure: Structure, fixed: Sequence[Element], slips: Sequence[Slip]) -> Array:
+    """Forces (h, N) along the rows of what holds or sticks, as sums of forces on coordinates."""
+    if not slips:
+        return _grip(structure, fixed).weights
+    rows = _rows(structure, fixed)
+    push = rows.T.copy()  # what a unit force of each does, with the friction that it causes
+    for friction, stop, traction in slips:
+        push[:, list(fixed).index(stop)] += traction * friction.row(structure.size)
+    inertia = np.linalg.solve(structure.mass, rows.T).T
+    effect = inertia @ push
+    size = np.sqrt(np.diag(inertia @ rows.T))
+    scaled = effect / np.outer(size, size)
+    with np.errstate(divide="ignore"):
+        inverse = np.linalg.inv(scaled) if np.linalg.det(scaled) > ROUNDING else -np.eye(len(rows))
+    if not (np.diag(scaled) > ROUNDING).all() or not (np.diag(inverse) > 0.0).all():
+        raise ContactParadox(
+            "friction at a contact is so large that the contact force has no unique value; "
+            f"got {slips[0].friction!r}"
+        )
+    return np.asarray(np.linalg.solve(effect, inertia))
+
+
+def _tractions(
+    structure: Structure,
+    held: Sequence[Element],
+    sticking: Sequence[Element],
+    slips: Sequence[Slip],
+) -> tuple[Array, Array]:
+    """Directions (N, p) and weights (p, N) of friction that slips, less what stops take of it.
+
+    The forces on the other coordinates are those without contact, f, plus ``along @ weights @ f``.
+    """
+    stops = list(dict.fromkeys(slip.stop for slip in slips))
+    weights = forces_along(structure, held, slips)[[list(held).index(stop) for stop in stops]]
+    along = np.zeros((structure.size, len(stops)))
+    for friction, stop, traction in slips:
+        along[:, stops.index(stop)] -= traction * friction.row(structure.size)
+    for element in sticking:
+        row = element.row(structure.size)
+        if (abs(weights @ row) > ROUNDING * (abs(weights) @ abs(row))).any():
+            raise NotImplementedError(
+                "friction that slips at a contact must not share masses with other friction that "
+                f"sticks; got {element!r}"
+            )
+    return along, weights
 
 
 def _rows(structure: Structure, elements: Sequence[Element]) -> Array:
@@ -212,12 +299,21 @@ def force_of(
     held: Sequence[Element],
     element: Element,
     watch: Watch,
+    slips: Sequence[Slip] = (),
+    normal: Element | None = None,
 ) -> Any:
     """The exponential sum of a guard that depends on the force of a holding or sticking element.
 
-    The force is towards the element's side; other elements may hold at the same time.
+    The force is towards the element's side; other elements may hold at the same time. The normal of
+    friction at a contact is the stop there.
     """
-    s, weights = structure, _grip(structure, held).weights[list(held).index(element)]
+    s, weights = structure, forces_along(structure, held, slips)
+    sign, own = element.sign * watch.force, list(held).index(element)
+    if normal is None:
+        weights = weights[own]
+    else:
+        closed = weights[list(held).index(normal)]
+        sign, weights = 1.0, sign * weights[own] + watch.normal * normal.sign * closed
     row = mode.row(weights @ s.stiffness)
     row = row + mode.pairs.derivative_rows(mode.row(weights @ s.damping), 1)
     row = row + mode.pairs.derivative_rows(mode.row(weights @ s.mass), 2)
@@ -229,5 +325,4 @@ def force_of(
         # Accelerations of what nothing holds.
         offset += row[0, mode.layout.constant]
         row[0, mode.layout.constant] = 0.0
-    sign = element.sign * watch.force
     return mode.sum(sign * row, sign * float(offset) + watch.level)

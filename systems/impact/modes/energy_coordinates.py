@@ -11,6 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import ROUNDING, DoubleDouble, add, divide, negative
 from dynkit.systems.structure.modes import Derivation
 from dynkit.systems.structure.symmetric import SymmetricMatrix, exact_slices_product
+from dynkit.systems.structure.traction import product_of
 
 
 @final
@@ -57,6 +58,14 @@ class EnergyCoordinates:
         inertia, drag, springs = (_congruent(shapes, part) for part in parts)
         for part in springs:
             part[:rigid] = part[:, :rigid] = 0.0
+        if given.traction is not None:
+            own = shapes.T @ given.traction.along
+            drag, springs = (
+                add(part, _times(own, product_of(by, shapes)))
+                for part, by in zip((drag, springs), given.traction[1:], strict=True)
+            )
+            for part in springs:
+                part[:, :rigid] = 0.0
         deviation = add(inertia, _double_double(-np.eye(len(scale))))
         drag = _divided(drag, deviation)
         springs = divide(_divided(springs, deviation), _double_double(scale[None]))
@@ -66,6 +75,9 @@ class EnergyCoordinates:
             np.block([[zero, zero], [-springs.low, -drag.low]]),
         )
         drag_rounding = given.rounding * np.abs(given.damping.dense)
+        if given.traction is not None:
+            rubbed = abs(given.traction.along) @ abs(given.traction.damping.high)
+            drag_rounding = drag_rounding + given.rounding * rubbed
         return EnergyCoordinates(shapes, rigid, scale, matrix, given.mass.dense, drag_rounding)
 
     def states(self, columns: DoubleDouble) -> DoubleDouble:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal, localcontext
 from typing import final
 
 import numpy as np
 
 from dynkit.systems.impact.modes.energy_coordinates import EnergyCoordinates
 from dynkit.systems.impact.modes.schur import SchurForm
-from dynkit.systems.structure.double_double import DoubleDouble
+from dynkit.systems.structure.double_double import DoubleDouble, add, multiply
 
 SMALL_PROJECTOR = 1e3
 """Largest norm of a projector onto a cluster along the others, as long as the clusters have fewer
@@ -20,6 +21,9 @@ LARGEST_PROJECTOR = 1e5
 times their rounding: about 1e-11 of the states' size."""
 
 FEW_LINKS = 64
+
+# Largest condition number of a basis in which a pair moves on circles.
+_FLATTEST = 100.0
 
 # Rates below this, relative to the fastest one, are zero to double-double rounding.
 _UNRESOLVED = 2.0**-90
@@ -57,6 +61,36 @@ class Cluster:
         for part in matrix:
             part[:still, :still] = 0.0
         return Cluster(numbers, vectors, matrix, len(real))
+
+    def circular(self) -> Cluster:
+        """With a matrix (a, b; -b, a), if it is one of two complex eigenvalues far from merging."""
+        if len(self.matrix.high) != 2 or self.real:
+            return self
+        with localcontext() as context:
+            context.prec = 50
+            high, low = (part.ravel().tolist() for part in self.matrix)
+            p, q, r, t = (Decimal(x) + Decimal(y) for x, y in zip(high, low, strict=True))
+            a = (p + t) / 2
+            square = p * t - q * r - a * a
+            if square <= 0:
+                return self
+            b = square.sqrt()
+            change = [Decimal(1), (a - p) / b, Decimal(0), -r / b]
+            if np.linalg.cond(np.array(change, dtype=float).reshape(2, 2)) > _FLATTEST:
+                return self
+            matrix, turned = (_double_double(numbers) for numbers in ([a, b, -b, a], change))
+        first, second = (DoubleDouble(*(part[:, [k]] for part in self.vectors)) for k in (0, 1))
+        by = [DoubleDouble(*(part[k, 1:] for part in turned)) for k in (0, 1)]
+        second = add(multiply(first, by[0]), multiply(second, by[1]))
+        vectors = (np.concatenate(parts, axis=1) for parts in zip(first, second, strict=True))
+        return Cluster(self.numbers, DoubleDouble(*vectors), matrix, 0)
+
+
+def _double_double(numbers: list[Decimal]) -> DoubleDouble:
+    """A matrix (2, 2) of numbers."""
+    high = np.array([float(number) for number in numbers])
+    low = [float(x - Decimal(y)) for x, y in zip(numbers, high.tolist(), strict=True)]
+    return DoubleDouble(high.reshape(2, 2), np.array(low).reshape(2, 2))
 
 
 def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:

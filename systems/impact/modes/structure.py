@@ -17,6 +17,7 @@ from dynkit.systems.impact.elements.element import Element, Regime
 from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
+from dynkit.systems.structure.traction import Traction
 
 
 @final
@@ -42,12 +43,17 @@ class Structure:
         self.mass = given.mass.dense
         self.damping = given.damping.dense
         self.stiffness = given.stiffness.dense
+        if given.traction is not None:
+            along, damping, stiffness = given.traction
+            self.damping = self.damping + along @ damping.high
+            self.stiffness = self.stiffness + along @ stiffness.high
         self.size, self.sliders = len(self.mass), sliders
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
         self._stiffened: dict[tuple[tuple[bytes, float, float], ...], Structure] = {}
         self._contacts: dict[bytes, Contact] = {}
         self._held: dict[bytes, Held] = {}
+        self._dragged: dict[bytes, Structure] = {}
         self._without: dict[bytes, Structure | None] = {}
         self._beside: dict[int, Structure] = {}
         self.stuck: dict[bytes, Structure] = {}
@@ -104,6 +110,15 @@ class Structure:
             self._stiffened[key] = Structure(given, self.sliders)
         return self._stiffened[key]
 
+    def dragged(self, along: Array, weights: Array) -> Structure:
+        """The same structure with traction ``along @ weights`` of spring forces; cached."""
+        key = along.tobytes() + weights.tobytes()
+        if key not in self._dragged:
+            given = self._given
+            traction = Traction.of(along, weights, given.damping, given.stiffness)
+            self._dragged[key] = Structure(replace(given, traction=traction), self.sliders)
+        return self._dragged[key]
+
     def contact(self, row: Array) -> Contact:
         """The contact along a row (N,) of coordinates; cached."""
         key = row.tobytes()
@@ -138,7 +153,7 @@ class Held:
     """
 
     def __init__(self, given: Derivation, rows: Array, sliders: int) -> None:
-        self.pivots = pivots = np.array(_pivots(rows), dtype=np.intp)
+        self.pivots = pivots = np.array(pivots_of(rows), dtype=np.intp)
         self.others = np.delete(np.arange(rows.shape[1]), pivots)
         self.by_sums: Array = np.asarray(np.linalg.inv(rows[:, pivots]), dtype=float)
         ties = -self.by_sums @ rows[:, self.others]
@@ -172,7 +187,7 @@ def place_of(row: Array) -> int:
     return int(len(row) - 1 - np.argmax(abs(row[::-1])))
 
 
-def _pivots(rows: Array) -> list[int]:
+def pivots_of(rows: Array) -> list[int]:
     """Pivots (h,) of rows (h, N): index of the largest number after elimination."""
     left, found = rows.copy(), []
     for k, row in enumerate(left):
@@ -199,12 +214,12 @@ class Contact:
         self.structure, self.row = structure, row
         self.place = place_of(row)
         self.others = np.delete(np.arange(structure.size), self.place)
+        self._rest = row[None, self.others]
 
     def put(self, x: Array, total: Any) -> None:
         """Set the row's sums (...) of positions or velocities (..., N) by coordinate `place`."""
-        rest = self.row[None, self.others]
-        if rest.any():
-            total = total - row_by_row(x[..., self.others], rest)[..., 0]
+        if self._rest.any():
+            total = total - row_by_row(x[..., self.others], self._rest)[..., 0]
         x[..., self.place] = total / self.row[self.place]
 
     @cached_property
@@ -255,6 +270,16 @@ class Contact:
         # no other, or none that is tied to it: then the contact coordinate itself
         return float(largest) or 1.0
 
+    @cached_property
+    def dragged(self) -> Array:
+        """Changes (2, N) of positions and velocities by brief excursions by impulses along J.
+
+        As an `excursion`, to leading order, but nothing keeps J x where it was.
+        """
+        s, k = self.structure, self.kick_velocity
+        x = -np.linalg.solve(s.mass, s.damping @ k)
+        return np.stack([x, -np.linalg.solve(s.mass, s.stiffness @ k + s.damping @ x)])
+
     @property
     def _back(self) -> Array:
         """The coordinate at its place as a sum (N,) of the others and, there, J x."""
@@ -288,7 +313,10 @@ def structure_of(given: LagrangianStructure) -> Structure:
     """The structure of an oscillator, shared by all oscillators with equal matrices."""
     if given._derivation not in _structures:
         derivation = given._derivation
-        _structures[derivation] = Structure(derivation, free=basis_of(derivation))
+        smooth = derivation.motion is not None  # without a basis of its own
+        _structures[derivation] = Structure(
+            derivation, free=None if smooth else basis_of(derivation)
+        )
     return _structures[given._derivation]
 
 

@@ -37,7 +37,12 @@ AnySolution = TypeVar("AnySolution", bound=Solution)
 
 
 def has_table_alone(oscillator: ImpactMap) -> None:
-    """Raise NotImplementedError where other elements than a table act."""
+    """Raise NotImplementedError where other elements than a table act, or energies are smooth."""
+    if oscillator._motion is not None:
+        raise NotImplementedError(
+            "these orbits need quadratic energies, and those of this structure are not: "
+            "dynkit.periodic_orbit and attractor.periodic_orbit() find orbits of the map"
+        )
     for element in oscillator._own:
         raise NotImplementedError(
             f"these orbits are those of a table of one coordinate, alone; got {element!r}: "

@@ -22,7 +22,7 @@ from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, displacement, draw_
 from dynkit.systems.impact.records.cycles import period_of
 from dynkit.systems.impact.records.event_counts import event_counts
 from dynkit.systems.impact.records.record import ImpactRecord, batch_size, twin_errors
-from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
+from dynkit.systems.impact.simulation.runs import course_from
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 from dynkit.systems.impact.variational.tangents import growth, returned
@@ -130,7 +130,7 @@ class ImpactAttractor(Attractor):
 
     def _anew(self, whole: Trajectory, count: int) -> Iterator[ImpactRecord]:
         """All impacts from the start of the transient on, in batches."""
-        course = Course(self._system, whole.start, noise=0.0, seed=1, most_cells=MOST_CELLS)
+        course = course_from(self._system, whole.start)
         size = batch_size(self._system)
         for low in range(0, count, size):
             log = course.advance(min(size, count - low), store=True)
@@ -167,7 +167,7 @@ class ImpactAttractor(Attractor):
         Returns
         -------
         ImpactOrbit
-            With sliders or impact laws, a `MapOrbit`.
+            With sliders, impact laws or energies that are not quadratic, a `MapOrbit`.
 
         Raises
         ------
@@ -184,7 +184,8 @@ class ImpactAttractor(Attractor):
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
         from dynkit.systems.impact.orbits.itineraries.itinerary import unknown_element
 
-        known = unknown_element(self._system) is None
+        smooth = self._system._motion is not None
+        known = unknown_element(self._system) is None and not smooth
         if known and self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
@@ -340,6 +341,8 @@ class _ImpactOrbit:
 
 def _after_releases(record: ImpactRecord) -> Any:
     """The next impact after each release; the release determines it, so it can represent it."""
+    if not len(record.sticking):
+        return np.empty(0, dtype=np.intp)
     ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
     after = np.searchsorted(record.time, np.sort(ends))
     return after[after < len(record)]

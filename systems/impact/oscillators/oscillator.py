@@ -30,10 +30,15 @@ _OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactOscillator(ImpactMap):
-    """A linear structure that hits a vibrating table; as a `Map`, from one impact to the next.
+    """A structure that hits a vibrating table; as a `Map`, from one impact to the next.
 
-    A subclass must implement its energies, as every `LagrangianStructure`. The equation of motion
-    is M x'' + C x' + K x = g + Im(F exp(i phase)), with phase' = frequency. One coordinate x_c can
+    A subclass must implement its energies, as every `LagrangianStructure`. Where they are quadratic
+    the equation of motion is M x'' + C x' + K x = g + Im(F exp(i phase)), with phase' = frequency,
+    and motions are exact to rounding. Energies of any other smooth form are followed by Taylor's
+    method (`engine` says which); they may also have further arguments, by name: ``kinetic(self, x,
+    v, phase)``, ``potential(self, x, phase)`` and ``dissipation(self, x, v, phase)``. The damping
+    force is then minus the derivative of the dissipation by v, and the matrices and modes are those
+    of small oscillations about x = 0. One coordinate x_c can
     hit the table at x_T = amplitude sin(phase) + offset. The gap is never negative: it is x_c - x_T
     above the table, x_T - x_c below it. An impact is an impulse on this coordinate that changes the
     rate of the gap from u- < 0 to -restitution u-. Other stops, several stops and friction are
@@ -210,7 +215,8 @@ class ImpactOscillator(ImpactMap):
         NoConvergence
             When Newton's method does not converge from the guess.
         NotImplementedError
-            When an orbit on other elements than a table chatters.
+            When an orbit on other elements than a table chatters, or the energies are not
+            quadratic: ``attractor.periodic_orbit()`` finds the orbits of their map.
 
         Examples
         --------

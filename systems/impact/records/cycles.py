@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.labels.label import OrbitLabel
-from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
+from dynkit.systems.impact.simulation.runs import course_from
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def period_of(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> tuple
     n = label.iterates or 1
 
     def twice(noise: float, seed: int) -> tuple[float, float]:
-        course = Course(system, start, noise=noise, seed=seed, most_cells=MOST_CELLS)
+        course = course_from(system, start, noise=noise, seed=seed)
         times = course.advance(2 * n, store=True).time
         return float(times[n - 1]), float(times[2 * n - 1] - times[n - 1])
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.records.observables import applied, forces_on, gap_of, jumps
 from dynkit.systems.impact.records.second_moments import (
@@ -89,16 +90,21 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
             raise ValueError(f"record must not need more than {MOST_NODES} nodes of quadrature")
         for _, weights, states in quadrature(part):
             _flights(system, part, regimes, weights, states, sums)
-        nodes += count
+            nodes += len(weights)
     events = _impacts(system, run, sums)
     s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
     first = min(int(np.searchsorted(s.begin, 0.0, side="right")) - 1, last)
     energies = []
+    mode: Any
     for i, sign in ((first, 1.0), (last, -1.0)):
         (mode, _) = next(run.modes(s.mode[[i]]))
         x, v = mode.motion(s.of(mode, [i]))
-        energies.append(0.5 * float(v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]))
+        if system._motion is not None:
+            energies.append(float(mode.powers(s.of(mode, [i]))[0, 0]))
+        else:
+            own = v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]
+            energies.append(0.5 * float(own))
         # Springs of elements may be pressed as the motion begins, and as it ends.
         now = parts.now(run.regimes[int(s.mode[i])])
         for k, (name, element, regime) in enumerate(zip(names, system._elements, now, strict=True)):
@@ -107,7 +113,7 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
             gap = float(gap_of(system, mode, k, s.of(mode, [i]))[0][0])
             sums.dissipated[name] += sign * (0.5 * spring * gap**2 - preload * gap)
     change = energies[1] - energies[0]
-    rounding = 2.0**-50 * (sums.size + sum(energies))
+    rounding = 2.0**-50 * (sums.size + sum(map(abs, energies)))
     missed = abs(change - sum(sums.work.values()))
     cost = Cost(time.perf_counter() - began, {"events": events, "nodes": nodes})
     return EnergyBalance(change, sums.work, sums.dissipated, max(missed, rounding), cost)
@@ -125,7 +131,12 @@ def _flights(
     mode, now = part.mode, system._automaton.parts.now(regimes)
     _, v = mode.motion(states)
     sums.add("forces", weights * (applied(system, mode, states) * v).sum(axis=1))
-    lost = weights * ((v @ system.damping_matrix) * v).sum(axis=1)
+    if isinstance(mode, TaylorMode):
+        _, losses, gains = mode.powers(states).T
+        lost = weights * losses
+        sums.add("forces", weights * gains)
+    else:
+        lost = weights * ((v @ system.damping_matrix) * v).sum(axis=1)
     sums.add("damping", -lost, lost)
     forces = forces_on(system, mode, regimes, states)
     for k, (name, regime, force) in enumerate(zip(element_names(system), now, forces, strict=True)):
@@ -139,11 +150,21 @@ def _flights(
 def _impacts(system: ImpactMap, run: Trajectory, sums: _Sums) -> int:
     """Work of impacts, and of the bounces that are left out; how many there are."""
     found, names = jumps(system, run), element_names(system)
-    change, middle = found.after - found.before, found.after + found.before
-    work = 0.5 * ((change @ system.mass) * middle).sum(axis=1)
-    own = [e.sign * e.swing_rate(system.frequency, *found.turn) for e in system._elements]
+    middle = found.after + found.before
+    work = 0.5 * (found.momentum * middle).sum(axis=1)
+    own = [
+        e.sign * (e.swing_rate(system.frequency, *found.turn) + e.drift) for e in system._elements
+    ]
     lost = (found.impulse.T * own).sum(axis=0) - work
     hit = run.segments.element[1 : len(work) + 1]
+    for k, stop in system._automaton.parts.normal.items():
+        here, element = found.hits & (hit == stop), system._elements[k]
+        row = 0.5 * element.sign * element.row(middle.shape[1])
+        rubbed = (found.impulse[:, k] * (middle @ row))[here]
+        heat = found.impulse[here, k] * own[k][here] - rubbed
+        sums.add(names[k], rubbed, heat)
+        work[here] -= rubbed
+        lost[here] -= heat
     for k in np.unique(hit[found.hits]).tolist():
         here = found.hits & (hit == k)
         sums.add(names[k], work[here], lost[here])

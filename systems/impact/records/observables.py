@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.core.validation import Array, one_of
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.mode import Mode
+from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.sampling import states_at
 from dynkit.systems.impact.simulation.trajectory import Ending
@@ -30,6 +30,7 @@ class Jumps(NamedTuple):
     Attributes
     ----------
     before, after : (k, N) velocities
+    momentum : (k, N) changes of momentum
     turn : (2, k) sine and cosine of the phase
     hits : (k,) whether an impact, or bounces that are left out, happen there
     impulse : (k, elements) towards the side of each
@@ -37,6 +38,7 @@ class Jumps(NamedTuple):
 
     before: Array
     after: Array
+    momentum: Array
     turn: Array
     hits: Any
     impulse: Array
@@ -117,7 +119,7 @@ def _settled(system: ImpactMap, run: Trajectory, times: Array) -> Iterator[Any]:
             yield more, mode, ends, states
 
 
-def gap_of(system: ImpactMap, mode: Mode, number: int, states: Array) -> tuple[Array, Array, Array]:
+def gap_of(system: ImpactMap, mode: Any, number: int, states: Array) -> tuple[Array, Array, Array]:
     """Gap of an element, its rate, and the velocity of the element itself, towards its side.
 
     With a slider it is the stretch of the spring to the slider in place of the gap.
@@ -134,7 +136,7 @@ def gap_of(system: ImpactMap, mode: Mode, number: int, states: Array) -> tuple[A
     return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
 
 
-def applied(system: ImpactMap, mode: Mode, states: Array) -> Array:
+def applied(system: ImpactMap, mode: Any, states: Array) -> Array:
     """The forces that drive the structure, (k, N)."""
     _, sine, cosine = mode.parts(states)
     excitation = system._excitation
@@ -142,20 +144,26 @@ def applied(system: ImpactMap, mode: Mode, states: Array) -> Array:
     return np.asarray(turning + excitation.constant)[:, : mode.bodies]
 
 
-def forces_on(system: ImpactMap, mode: Mode, regimes: tuple[int, ...], states: Array) -> Array:
+def forces_on(system: ImpactMap, mode: Any, regimes: tuple[int, ...], states: Array) -> Array:
     """Forces (elements, k) on the structure, towards the side of each element.
 
     What holds or sticks gives what else is missing from mass times acceleration; of elements along
     the same, what rests beside a closed stop nothing.
     """
+    if isinstance(mode, TaylorMode):
+        found = [mode.balance(state)[1] for state in states]
+        return np.array(found).reshape(-1, len(system._elements)).T
     (x, v), elements, automaton = mode.motion(states), system._elements, system._automaton
     out, rows = np.zeros((len(elements), len(states))), []
     held = sorted(sum(automaton.parts.grips(regimes), ()))
+    slips = automaton.parts.tractions(regimes)
     missing = applied(system, mode, states) - v @ system.damping_matrix - x @ system.stiffness
     for k, (element, regime) in enumerate(zip(elements, automaton.parts.now(regimes), strict=True)):
         row = element.sign * element.row(x.shape[1])
         if k in held:
-            rows.append(row)
+            by_it = [(t, j) for j, stop, t in slips if stop == k]
+            rubs = (t * element.sign * elements[j].row(x.shape[1]) for t, j in by_it)
+            rows.append(sum(rubs, row))
         elif regime.acts:
             gap, rate, _ = gap_of(system, mode, k, states)
             out[k] = regime.push - regime.stiffness * gap - regime.damping * rate
@@ -163,10 +171,12 @@ def forces_on(system: ImpactMap, mode: Mode, regimes: tuple[int, ...], states: A
     if held:
         pushed = _accelerations(mode, states) @ system.mass - missing
         out[held] = np.linalg.lstsq(np.array(rows).T, pushed.T)[0]
+    for k, stop, traction in slips:
+        out[k] += elements[k].sign * elements[stop].sign * traction * out[stop]
     return out
 
 
-def _accelerations(mode: Mode, states: Array) -> Array:
+def _accelerations(mode: Any, states: Array) -> Array:
     """Accelerations (k, N) of states."""
     rates = mode.rate(states)
     return np.asarray(mode.motion(rates)[1] - mode.motion(0.0 * rates)[1])
@@ -176,9 +186,10 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
     """What happens at the events from the start to the last impact."""
     s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
-    before, after = np.zeros((2, last, system.degrees_of_freedom))
+    before, after, momentum = np.zeros((3, last, system.degrees_of_freedom))
     turn, impulse = np.zeros((2, last)), np.zeros((last, len(system._elements)))
     durations = np.diff(s.begin)[:last]
+    mode: Any
     for mode, here in run.modes(s.mode[:last]):
         (some,) = np.nonzero(here)
         ends = mode.after(s.of(mode, some), np.arange(len(some)), durations[some])
@@ -187,15 +198,19 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
         (some,) = np.nonzero(here)
         states = s.of(mode, some + 1)
         after[some], turn[:, some] = mode.motion(states)[1], mode.parts(states)[1:]
+        change = after[some] - before[some]
+        smooth = isinstance(mode, TaylorMode)
+        momentum[some] = mode.momenta(states, change) if smooth else change @ system.mass
     kinds = s.kind[1 : last + 1]
     hits = (kinds == EventKind.CONTACT) | ((kinds == EventKind.IMPACT) & (not system._strobed))
     pairs = np.stack([s.mode[:last], s.element[1 : last + 1]], axis=1)
     for number, element in np.unique(pairs[hits], axis=0).tolist():
         here = hits & (pairs == (number, element)).all(axis=1)
-        held = [k for k in system._automaton.parts.grips(run.regimes[number])[0] if k != element]
+        parts = system._automaton.parts
+        held = [k for k in parts.grips(run.regimes[number])[0] if k != element]
+        held += [k for k, stop in parts.normal.items() if stop == element]
         stops = [system._elements[k] for k in (element, *held)]
         rows = np.array([stop.sign * stop.row(before.shape[1]) for stop in stops])
-        change = after[here] - before[here]
-        solved = np.linalg.lstsq(rows.T, system.mass @ change.T)[0].T
+        solved = np.linalg.lstsq(rows.T, momentum[here].T)[0].T
         impulse[np.ix_(here, (element, *held))] = solved
-    return Jumps(before, after, turn, hits, impulse)
+    return Jumps(before, after, momentum, turn, hits, impulse)

@@ -25,7 +25,7 @@ from dynkit.core.validation import (
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.modes.bases import row_by_row
-from dynkit.systems.impact.simulation.runs import MOST_CELLS, Course
+from dynkit.systems.impact.simulation.runs import MOST_CELLS, course_from
 from dynkit.systems.impact.simulation.sampling import (
     events_of,
     longest_sample,
@@ -33,7 +33,7 @@ from dynkit.systems.impact.simulation.sampling import (
     sample_sliders,
 )
 from dynkit.systems.impact.simulation.state import SHEET, ImpactState, phases, put_on
-from dynkit.systems.impact.simulation.trajectory import Ending, Events, Trajectory
+from dynkit.systems.impact.simulation.trajectory import Ending, Events, Trajectory, grouped
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -67,7 +67,7 @@ def twin_errors(
     # A twin that rests within rounding of the table may need a long search until it leaves.
     most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * whole.cells)
     twins = [
-        Course(
+        course_from(
             system,
             whole.start,
             noise=noise,
@@ -94,7 +94,7 @@ def twin_errors(
                 bar.update(len(batch))
 
 
-def _compare(batch: ImpactRecord, twin: Course, worst: Array) -> None:
+def _compare(batch: ImpactRecord, twin: Any, worst: Array) -> None:
     """Advance a twin by the batch's impacts; the largest distances, (n,), are modified in place."""
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
@@ -208,8 +208,7 @@ class ImpactRecord(Result):
         run, forced = self._run, self.system._free.forced
         q, sine, cosine = run.coordinates
         x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
-        for number in np.unique(run.log.guard).tolist() if self.system._stops else ():
-            (here,) = np.nonzero(run.log.guard == number)
+        for number, here in grouped(run.log.guard) if self.system._stops else ():
             element, closed = run.guards[number, 1], run.closed(number)
             some, turn = (x[here], v[here]), (sine[here], cosine[here])
             put_on(self.system, element, closed, some, *turn, run.log.speed[here])
@@ -454,6 +453,7 @@ class ImpactRecord(Result):
             Ending.JAMMED,
             Ending.COLLAPSED,
             Ending.HANGS,
+            Ending.PARADOX,
         ):
             last = self._run.duration
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():

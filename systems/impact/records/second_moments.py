@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, share
 from dynkit.systems.impact.modes.eigen_coordinates import EigenCoordinates
-from dynkit.systems.impact.modes.mode import Mode
+from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.simulation.runs import band_factor
 from dynkit.systems.impact.simulation.state import Motion
 from dynkit.systems.impact.simulation.trajectory import Trajectory, in_steps
@@ -37,6 +37,8 @@ _LOST = 1e-10
 # s) a panel is wrong by less than |z h|^32 (16!)^4 / (33 (32!)^3) = 3e-26 for |z h| = 8: ten digits
 # to spare for what grows like a polynomial.
 _NODES, _REACH = 16, 8.0
+# Error of averages over the steps of Taylor's method, in roundings of the largest.
+_OF_STEPS = 256.0
 # Products of two coordinates at which a call of the kernel ends: some ten milliseconds.
 _PRODUCTS_OF_A_CALL = 1 << 20
 
@@ -81,7 +83,7 @@ class SecondMoments:
 class Intervals:
     """Successive intervals in one mode: states at their begins, durations, numbers of impacts."""
 
-    mode: Mode
+    mode: Any
     starts: Array
     durations: Array
     impact: NDArray[np.intp]
@@ -94,8 +96,12 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
     edges = (np.arange(batches + 1) * run.impacts) // batches
     moments = np.zeros((batches, n + 1, n + 1))
     lost = np.zeros((n + 1, n + 1))
-    nodes = 0
+    nodes, smooth = 0, oscillator._motion is not None
     for part in intervals(run):
+        if smooth:
+            inner, own_lost, count = _by_steps(part, edges)
+            moments, lost, nodes = moments + inner, lost + own_lost, nodes + count
+            continue
         inner, own_lost = _closed_form(part, edges)
         largest = inner[:, :n, :n].sum(axis=0).max(initial=0.0)
         if not own_lost[:n, :n].max(initial=0.0) <= _LOST * largest:
@@ -108,7 +114,7 @@ def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -
     for element, kick in _kicks(oscillator):
         lost += np.outer(kick, _left_out(oscillator, run, moments, element))
     lost += _clock_error(oscillator, run)
-    if not oscillator._strobed:
+    if not (oscillator._strobed or smooth):
         lost += _impact_error(oscillator, run, moments.sum(axis=0))
     if not np.isfinite(lost).all():
         raise ValueError(
@@ -214,6 +220,12 @@ def quadrature(part: Intervals) -> Iterator[tuple[NDArray[np.intp], Array, Array
 
     (k,), (k,) and (k, 2, slots), in batches; fine enough for products of two sums.
     """
+    if isinstance(part.mode, TaylorMode):
+        pairs = zip(part.starts, part.durations.tolist(), strict=True)
+        for i, (start, duration) in enumerate(pairs):
+            weights, states = part.mode.quadrature(start, duration)
+            yield np.full(len(weights), i), weights, states
+        return
     panels = _panels(part)
     repeats = panels.astype(np.intp)
     which = np.repeat(np.arange(len(repeats)), repeats)
@@ -230,7 +242,9 @@ def quadrature(part: Intervals) -> Iterator[tuple[NDArray[np.intp], Array, Array
 
 
 def nodes_needed(part: Intervals) -> int | None:
-    """How many nodes these are; None for too many."""
+    """How many nodes these are; None for too many. Where steps are of Taylor's method, 0."""
+    if isinstance(part.mode, TaylorMode):
+        return 0
     count = _panels(part).sum() * _NODES
     return int(count) if count <= MOST_NODES else None
 
@@ -264,6 +278,20 @@ def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array,
     phases = _fastest(part) * float(part.durations.max(initial=0.0))
     lost = 0.5 * _EPS * (8.0 + 2.0 * n + phases) * (np.outer(terms, root) + np.outer(root, terms))
     return out, lost, count
+
+
+def _by_steps(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
+    """As `_quadrature`, over the steps of Taylor's method."""
+    n = part.mode.bodies
+    out, count = np.zeros((len(edges) - 1, n + 1, n + 1)), 0
+    batch = np.searchsorted(edges, part.impact, side="right") - 1
+    for row, weights, states in quadrature(part):
+        x = np.ones((len(row), n + 1))
+        x[:, :n] = part.mode.motion(states)[0]
+        out[batch[row[0]]] += (x * weights[:, None]).T @ x
+        count += len(row)
+    root = np.sqrt(np.diagonal(out.sum(axis=0)))
+    return out, _OF_STEPS * _EPS * np.outer(root, root), count
 
 
 def _terms(part: Intervals) -> Array:

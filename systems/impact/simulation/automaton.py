@@ -20,17 +20,24 @@ from dynkit.systems.impact.elements.element import (
     JUMP,
     LAIN,
     RELEASED,
+    REST,
     SWITCH,
     Element,
-    EventKind,
     Watch,
 )
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import Slider, force_of, mode_of, moves, pushed, sum_of
+from dynkit.systems.impact.modes.constrained import (
+    Slider,
+    Slip,
+    force_of,
+    mode_of,
+    sum_of,
+)
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
 from dynkit.systems.impact.simulation.regimes import Parts
+from dynkit.systems.impact.simulation.scraping import Scrape, packed, scrapes_of, stopping
 
 MOST_NUMBERS = 1 << 25
 """Limit on the numbers in all changes of basis between modes: 256 MB."""
@@ -55,7 +62,9 @@ class Guard:
     opens : int
         The closed stop that an impact opens, or the sticking element that it moves; -1 for none.
     ambiguous : bool
-        Whether an impact pushes against a closed stop.
+        Whether an impact pushes against a closed stop, or friction leaves its outcome open.
+    scrapes : tuple of Scrape
+        Friction at an impact.
     """
 
     mode: int
@@ -67,6 +76,7 @@ class Guard:
     change: Any = None
     opens: int = -1
     ambiguous: bool = False
+    scrapes: tuple[Scrape, ...] = ()
 
 
 class Grip(NamedTuple):
@@ -110,13 +120,15 @@ class Automaton:
         excitation: Excitation,
         elements: Sequence[Element],
         tolerance: float,
+        normal: dict[int, int],
     ) -> None:
         self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
         self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
         self._size, self._slots, self._joined = structure.size, 0, dict[int, int]()
+        self._rows, self._changes = dict[int, int](), dict[tuple[int, int], list[Array]]()
         places = iter(range(structure.size - structure.sliders, structure.size))
         self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
-        self.parts = Parts(self._elements, structure)
+        self.parts = Parts(self._elements, structure, normal)
         self._tolerance = tolerance
         hit = any(isinstance(element, HardStop) for element in self._elements)
         self._cycled = None if hit or excitation.turns else cycled_by(self._elements)
@@ -173,7 +185,10 @@ class Automaton:
             guard = self.guards[number]
             target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
-                if g.partner < 0 and g.opens < 0 and self._after(g) in self.regimes:
+                # no mode follows where stops jam; only a start rests, or opens what is not open
+                ahead = g.opens < 0 and g.watch.event != REST
+                loose = g.watch.event != JAM and (g is guard or ahead)
+                if g.partner < 0 and loose and self._after(g) in self.regimes:
                     self._join(g)
                     self._tables = None
 
@@ -209,7 +224,7 @@ class Automaton:
     def _after(self, guard: Guard) -> tuple[int, ...]:
         """The regimes that a guard leads to."""
         regimes = list(self.regimes[guard.mode])
-        released = self.parts.now(regimes)[guard.element].holds
+        released = self.parts.now(regimes)[guard.element].holds and self.parts.hard(guard.element)
         regimes[guard.element] = LAIN if released else guard.watch.to
         if guard.element in self.sliders and guard.watch.rate:
             regimes = self.parts.halted(regimes, guard.element, jumps=guard.watch.event == JUMP)
@@ -250,24 +265,38 @@ class Automaton:
             for k in moving
             if isinstance(self._elements[k], HardStop) and riding[k] is False
         ]
-        mode = mode_of(structure, excitation, held, sticking, watched, hit, sliders)
+        hit += [
+            self._elements[k].row(structure.size)
+            for k, stop in self.parts.normal.items()
+            if stop in moving and k in moving
+        ]
+        given = self._elements
+        slips = [Slip(given[k], given[n], t) for k, n, t in self.parts.tractions(regimes)]
+        mode = mode_of(structure, excitation, held, sticking, watched, hit, sliders, slips)
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             if k in both:
+                normal = given[self.parts.normal[k]] if k in self.parts.normal else None
                 for watch in map(partial(self._shared, k), regime.guards):
+                    fixed = [*held, *sticking]
                     force = force_of(
-                        mode, structure, excitation, [*held, *sticking], element, watch
+                        mode, structure, excitation, fixed, element, watch, slips, normal
                     )
                     self.guards.append(Guard(number, k, watch, force))
             elif k in moving:
                 for watch in _free_of(regime.guards, riding[k]):
                     sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
                     guard = Guard(number, k, watch, sum_)
-                    if watch.event == IMPACT and riding[k] is None:
-                        guard.watch = replace(watch, event=JAM)
-                    elif watch.event == IMPACT:
-                        guard.opens, guard.ambiguous = self._pushed(regimes, element)
+                    if watch.event == IMPACT:
+                        guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
+                        if riding[k] is not None:
+                            guard.scrapes, open_ = scrapes_of(
+                                self._structure, mode, given, self.parts, regimes, k
+                            )
+                            guard.ambiguous = guard.ambiguous or open_
+                        elif guard.opens < 0:
+                            guard.watch = replace(watch, event=JAM)
                     self.guards.append(guard)
 
     def _shared(self, element: int, watch: Watch) -> Watch:
@@ -277,41 +306,33 @@ class Automaton:
         force, static = self.parts.most(element)
         return replace(watch, level=static, order=2 if force == static else 1)
 
-    def _pushed(self, regimes: tuple[int, ...], hit: Element) -> tuple[int, bool]:
-        """Sticking element or closed stop moved by an impact; whether it pushes against a stop."""
-        structure, (closed, sticking) = self._structure, self.parts.grips(regimes)
-        own = [self._elements[k] for k in closed]
-        for k in sticking:
-            if moves(structure, own, hit, self._elements[k]):
-                return k, False
-        if not closed:
-            return -1, False
-        opened, ambiguous = pushed(structure, own, hit)
-        return closed[opened] if opened >= 0 else -1, ambiguous
-
     def _join(self, guard: Guard) -> None:
         """Set the change of the state at the zero of a guard."""
         one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
         guard.partner = self.guard(guard.target, guard.element)
-        stop = self._elements[guard.element] if guard.watch.event == IMPACT else None
+        rests = guard.watch.event in (IMPACT, REST)
+        stop = self._elements[guard.element] if rests else None
         guard.change = self.modes[guard.target].seen_from(one, stop)
+        lands = guard.watch.event == JUMP and guard.element in self.parts.normal
+        if lands and self.parts.now(self.regimes[guard.target])[guard.element].sticks:
+            guard.change = stopping(guard.change, one, self._elements[guard.element])
         before, sticking = (
             self.parts.grips(self.regimes[k])[1] for k in (guard.mode, guard.target)
         )
         halts = guard.watch.event == HALT or guard.element in self.sliders
+        halts = halts or guard.element in self.parts.normal
         for k in (k for k in sticking if halts and k not in before):
             # The rate is exactly that of the surface.
             layout = self.modes[guard.target].layout
             own = layout.modes[sticking.index(k) - len(sticking)]
             guard.change[layout.slots + own] = 0.0
             guard.change[layout.slots + own, -1] = self._elements[k].drift
-
-    def _kind(self, guard: Guard) -> EventKind:
-        """Kind of the event that leads to another mode."""
-        if guard.watch.event == IMPACT:
-            return EventKind.CONTACT
-        now = self.parts.now(self.regimes[guard.mode])[guard.element]
-        return EventKind.RELEASE if now.holds else EventKind.SWITCH
+        alike = self._changes.setdefault((guard.mode, guard.target), [])
+        for change in alike:
+            if np.array_equal(change, guard.change):
+                guard.change = change
+                return
+        alike.append(guard.change)
 
     def _stacked(self) -> Any:
         from dynkit.systems.impact.simulation.contact_kernels import Tables
@@ -320,8 +341,9 @@ class Automaton:
         for number in range(self._stacked_modes, len(modes)):
             own = [k for k, guard in enumerate(guards) if guard.mode == number]
             self._ladders.add([guards[k].sum for k in own])
-            layout = modes[number].layout
-            stack.put("slots", number, np.pad(layout.modes, (0, self._size - len(layout.modes))))
+            slots = np.zeros(self._size, dtype=np.intp)
+            slots[: len(modes[number].layout.modes)] = modes[number].layout.modes
+            stack.put("slots", number, slots)
             stack.put("lain", number, self.parts.lain(self.regimes[number]))
             for k in own:
                 self._stack_guard(k)
@@ -329,20 +351,22 @@ class Automaton:
         ladders = self._ladders.ladders
         slots = ladders.step.shape[3]
         joined = [k for k, guard in enumerate(guards) if guard.change is not None]
-        if len(joined) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
+        changes = [guards[k].change for k in joined]
+        # Sliders along one row lead to the same mode by the same change, which is kept once.
+        if len(set(map(id, changes))) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
             raise MemoryError(
                 f"elements must not lead to more modes than fit into 256 MB; got {len(modes)}, "
                 "one for each set of what was pressed, closed or slipping: give fewer elements"
             )
         if slots != self._slots:
             stack.drop("change")
-            self._joined, self._slots = {}, slots
+            self._joined, self._rows, self._slots = {}, {}, slots
             stack.put("change", 0, np.zeros((2 * slots, 2 * slots + 1)))
         for k in joined:
             if k not in self._joined:
-                row = self._joined[k] = len(self._joined)
+                row = self._joined[k] = self._rows.setdefault(id(guards[k].change), len(self._rows))
                 stack.put("change", row, _padded(guards[k].change, slots))
-        self.table = np.array([(g.mode, g.element, g.target, self._kind(g)) for g in guards])
+        self.table = self.parts.table(self.regimes, guards)
         given = {name: stack.take(name, len(guards)) for name in _OF_GUARDS}
         return Tables(
             ladders=ladders,
@@ -355,7 +379,7 @@ class Automaton:
             partner=np.array([g.partner for g in guards]),
             programs=self._programs,
             tails=self._tails,
-            change=stack.take("change", len(joined)),
+            change=stack.take("change", len(self._rows)),
             row=np.array([self._joined.get(k, 0) for k in range(len(guards))]),
             tolerance=self._tolerance,
             period=self._period,
@@ -373,12 +397,17 @@ class Automaton:
         law = -1
         coupled = [False] * len(self._elements)
         rubbed = coupled
-        if isinstance(element, HardStop) and watch.event == IMPACT:
+        scraped, scrape = packed(guard.scrapes, self.parts.most_rubs, slots)
+        free = self.parts.along(self.parts.grips(self.regimes[guard.mode])[0], guard.element)
+        if isinstance(element, HardStop) and watch.event == IMPACT and free is False:
             contact = mode.contact(element.row(self._size))
             seen = mode.layout.seen
             kick[:, :seen] = element.sign * mode.placed(contact.kick)[:, :seen]
             excursion = mode.placed(contact.brief)
             coupling = contact.coupling
+            for part in guard.scrapes:
+                coupling += part.coupling
+                excursion += mode.placed(part.excursion)
             if isinstance(element.restitution, ImpactLaw):
                 law = self._laws.index(element.restitution)
             else:
@@ -388,7 +417,7 @@ class Automaton:
             drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
         put("event", k, watch.event)
         put("order", k, watch.order)
-        put("torn", k, _torn(watch))
+        put("torn", k, _torn(watch, self.parts.hard(guard.element)))
         put("kick", k, kick)
         put("excursion", k, excursion)
         put("coupling", k, float(coupling))
@@ -401,6 +430,8 @@ class Automaton:
         put("coupled", k, coupled)
         put("rubbed", k, rubbed)
         put("marks", k, self.marks(guard))
+        put("scraped", k, scraped)
+        put("scrape", k, scrape)
 
     def marks(self, guard: Guard) -> bool:
         """Whether the zero of this guard is the section of an undriven machine."""
@@ -415,16 +446,18 @@ class Automaton:
         size, out = self._structure.size, [False] * len(self._elements)
         stops = [k for k, e in enumerate(self._elements) if isinstance(e, HardStop)]
         if len(stops) > 1:
-            change = self.modes[guard.mode].pushed(self._elements[guard.element].row(size))
-            for k in stops:
-                row = self._elements[k].row(size)
-                out[k] = bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+            for j in (guard.element, *(part.element for part in guard.scrapes)):
+                change = self.modes[guard.mode].pushed(self._elements[j].row(size))
+                for k in stops:
+                    row = self._elements[k].row(size)
+                    moved = abs(row @ change) > ROUNDING * (abs(row) @ abs(change))
+                    out[k] = out[k] or bool(moved)
         return out
 
 
 def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
     """Guards of an element, without a halt that other elements decide."""
-    if along is not None or guards[0].event != HALT:
+    if along is not None or not guards or guards[0].event != HALT:
         return guards
     return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
 
@@ -468,12 +501,14 @@ _OF_GUARDS = (
     "coupled",
     "rubbed",
     "marks",
+    "scraped",
+    "scrape",
 )
 
 
-def _torn(watch: Watch) -> int:
+def _torn(watch: Watch, hard: bool) -> int:
     """Code of the next guard's leading Taylor coefficients if a force is too large at once."""
-    return 0 if not watch.force else 2 if watch.order == RELEASED else 1
+    return 0 if not watch.force else (2 if hard else 3) if watch.order == RELEASED else 1
 
 
 def _padded(change: Array, slots: int) -> Array:

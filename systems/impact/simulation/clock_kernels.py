@@ -49,9 +49,9 @@ MOTION, ORDER, SPEED, GAP = range(4)
 its first guard vanish; the rate of its gap where that is one; and its gap, where that is known to
 more digits than the state has, else zero."""
 
-FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
+FLIGHT, BOUNCED, SWITCHED, BOUNCES, STILL = range(5)
 """Gap open; just after an impact (u >= 0), which may come to rest; just after a switch; just after
-an impact, and it does not come to rest."""
+an impact, and it does not come to rest. Of friction: an impact has stopped it, but for rounding."""
 
 
 @kernel()

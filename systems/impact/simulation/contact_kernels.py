@@ -45,7 +45,8 @@ class Tables(NamedTuple):
     target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
         guard of the same element there; -1 where it has not been entered
     order : (guards,) how many leading Taylor coefficients of the partner vanish after a switch
-    torn : (guards,) the same where the guard is negative at once: 1 or 2 of forces, 0 of others
+    torn : (guards,) the same where the guard is negative at once: 1 or 2 of forces, 0 of others; 3
+        for 2 of a soft stop, which has no bounces
     change : (k, 2 slots, 2 slots + 1) from the state (and 1) to that in the other mode
     row : (guards,) which of these is that of each guard whose mode has been entered
     kick : (guards, 4, slots) change of the state by a unit jump of the guard's rate, then the low
@@ -63,6 +64,11 @@ class Tables(NamedTuple):
     coupled : (guards, elements) whether an impact changes the rate of their gaps
     rubbed : (guards, elements) whether they are friction that rests where this stop is closed
     marks : (guards,) whether the section is there, where nothing drives the machine or is hit
+    scraped : (guards, frictions, 3) of friction at the contact by how much an impact may change its
+        slip velocity, over the change of the gap's rate; that velocity without the state; its
+        element
+    scrape : (guards, frictions, 8, slots) rows, two each, of the slip velocity and of its rate;
+        change of the state by a unit jump of it, then the low parts of the same
     tolerance : largest error of the state by which the rest of a chatter is replaced by contact
         (see `PLACE` for the contact coordinate before it)
     period : after which the state is written down where nothing impacts; 0 where stops are hit, or
@@ -97,6 +103,8 @@ class Tables(NamedTuple):
     coupled: NDArray[np.bool_]
     rubbed: NDArray[np.bool_]
     marks: NDArray[np.bool_]
+    scraped: Array
+    scrape: Array
     tolerance: float
     period: float
     clock_rate: float

@@ -22,9 +22,8 @@ from dynkit.core.validation import (
 )
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
-from dynkit.systems.impact.elements.parameters import checked_elements
+from dynkit.systems.impact.elements.parameters import checked_elements, names_of
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.modes.structure import (
     Contact,
     Excitation,
@@ -33,7 +32,14 @@ from dynkit.systems.impact.modes.structure import (
     structure_of,
 )
 from dynkit.systems.impact.simulation.automaton import Automaton, cycled_by, halts
+from dynkit.systems.structure.energies import NotQuadraticError
+from dynkit.systems.structure.equations import (
+    derivation_of,
+    has_arguments_of_its_own,
+    small_oscillations,
+)
 from dynkit.systems.structure.lagrangian import LagrangianStructure
+from dynkit.systems.structure.modes import Derivation
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
 OF_TABLE = (*_OF_STOP, "contact", "play")
@@ -141,13 +147,48 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def natural_frequencies(self) -> Array:
-        """Natural frequencies of the structure in free flight, undamped, ascending, (N,)."""
+        """Natural frequencies of the structure in free flight, undamped, ascending, (N,).
+
+        Where the energies are not quadratic they are those of small oscillations about zero.
+        """
         return self.modes.frequencies
 
     @property
     def modal_matrix(self) -> Array:
-        """Mass-normalised modal matrix, (N, N), one mode per column, its last row not negative."""
+        """Mass-normalised modal matrix, (N, N), one mode per column, its last row not negative.
+
+        Where the energies are not quadratic it is that of small oscillations about zero.
+        """
+        if self._motion is not None:
+            return small_oscillations(self.mass, self.stiffness)
         return self.modes.matrix
+
+    @property
+    def engine(self) -> str:
+        """Engine that follows its motions: ``"exponential sums"``, or ``"Taylor"``.
+
+        Quadratic energies have the first one, which is exact to rounding and misses no impact.
+        Energies of any other smooth form have Taylor's method.
+
+        Raises
+        ------
+        ValueError, TypeError
+            When an energy is neither quadratic nor smooth.
+        """
+        return "exponential sums" if self._motion is None else "Taylor"
+
+    @property
+    def _motion(self) -> Any:
+        """The equations of motion where the energies are not quadratic, else None."""
+        return self._derivation.motion
+
+    def _derive(self) -> Derivation:
+        if not has_arguments_of_its_own(self):
+            try:
+                return super()._derive()
+            except NotQuadraticError:
+                pass
+        return derivation_of(self, self.degrees_of_freedom)
 
     @cached_property
     def _structure(self) -> Structure:
@@ -185,6 +226,7 @@ class DrivenStructure(LagrangianStructure):
         harmonic = np.array((self.harmonic_forces or (0j,) * n) + (0j,) * sliders)
         constant = np.array((self.constant_forces or (0.0,) * n) + (0.0,) * sliders)
         moved = any(element.phasor for element in self._elements)
+        moved = moved or (self._motion is not None and self._motion.equations.turns)
         return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
 
     @cached_property
@@ -244,13 +286,13 @@ class DrivenStructure(LagrangianStructure):
     @property
     def _holding(self) -> int:
         """Number of elements whose contact or sticking a state stores; 0 for a table alone."""
-        sticky = any(regime.sticks for element in self._soft for regime in element.regimes)
+        sticky = any(r.sticks or r.holds for element in self._soft for r in element.regimes)
         return len(self._elements) if self._several or sticky else 0
 
     @property
     def _mapped(self) -> bool:
         """Whether tangent vectors use the derivative of the map in place of faster steps."""
-        return bool(self._soft) or self._several
+        return bool(self._soft) or self._several or self._motion is not None
 
     @property
     def _faces(self) -> bool:
@@ -263,12 +305,27 @@ class DrivenStructure(LagrangianStructure):
         return *self._stops, *self._soft
 
     @cached_property
-    def _automaton(self) -> Automaton:
-        tolerance = self.chatter_tolerance
-        return Automaton(self._structure, self._excitation, self._elements, tolerance)
+    def _automaton(self) -> Any:
+        if self._motion is not None:
+            return self._taylor_automaton()
+        tolerance, given = self.chatter_tolerance, self._elements
+        named = dict(zip(names_of(self.elements), self.elements, strict=True))
+        normal = {
+            k: next(j for j, stop in enumerate(given) if stop is named[e.leans_on])
+            for k, e in enumerate(given)
+            if e.leans_on
+        }
+        return Automaton(self._structure, self._excitation, given, tolerance, normal)
+
+    def _taylor_automaton(self) -> Any:
+        from dynkit.systems.impact.modes.taylor_mode import Scene
+        from dynkit.systems.impact.simulation.taylor_automaton import TaylorAutomaton
+
+        scene = Scene(self._motion, self._excitation, self._elements)
+        return TaylorAutomaton(self._structure, scene)
 
     @cached_property
-    def _free(self) -> Mode:
+    def _free(self) -> Any:
         return self._automaton.modes[0]
 
     @cached_property

@@ -23,14 +23,15 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     MOTION,
     ORDER,
     SPEED,
+    STILL,
     SWITCHED,
 )
 from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables, sign_of
 
-IMPACT, SWITCH, JAM, HALT, JUMP = range(5)
+IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
 """What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
 of the motion. Another mode, too, where a rate has become zero; or only where the guard is negative
-at once, after an event."""
+at once, after an event; or only where a motion begins at rest."""
 
 
 @kernel()
@@ -68,8 +69,11 @@ def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: floa
     first, guards = tables.first[m], tables.first[m + 1] - tables.first[m]
     for turn in range(guards):
         k = first + (g - first + turn) % guards
-        if tables.event[k] not in (SWITCH, JUMP) or left[tables.element[k], MOTION] == SWITCHED:
+        motion = left[tables.element[k], MOTION]
+        if tables.event[k] not in (SWITCH, JUMP) or motion == SWITCHED:
             continue
+        if motion == STILL and tables.event[k] == JUMP and tables.order[k] == 0:
+            continue  # what an impact has stopped moves by rounding
         if sign_of(ladder_at(tables.ladders, k), states, START, 0, band_factor) < 0:
             return int(k)
     return -1
@@ -101,7 +105,16 @@ def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) 
         for i in range(rows.shape[1]):
             at_once += rows[0, i] * kick[0, i] + rows[1, i] * kick[1, i]
             in_time += rows[2, i] * kick[0, i] + rows[3, i] * kick[1, i]
-        change = (abs(at_once) + abs(in_time) * lasts) * all_of_them
+        at_once, in_time = abs(at_once), abs(in_time)
+        for f in range(tables.scraped.shape[1]):
+            rub, ratio = tables.scrape[g, f], tables.scraped[g, f, 0]
+            more, later = 0.0, 0.0
+            for i in range(rows.shape[1]):
+                more += rows[0, i] * rub[4, i] + rows[1, i] * rub[5, i]
+                later += rows[2, i] * rub[4, i] + rows[3, i] * rub[5, i]
+            at_once += ratio * abs(more)
+            in_time += ratio * abs(later)
+        change = (at_once + in_time * lasts) * all_of_them
         value, rate = value_and_rates(rows, guard.offset, states, START)[:2]
         if change > least and value < 2.0 * (change + abs(rate) * lasts):
             return True
@@ -210,6 +223,27 @@ def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
             own[ORDER] = 0.0
             own[SPEED] = max(rate, 0.0)
     return closes
+
+
+@kernel()
+def jolt(tables: Tables, g: int, left: Array, states: Array) -> None:
+    """After an impact at guard `g`, what switched at the same time may switch back.
+
+    Its guard is zero but for rounding, and the rate of the guard is another one; or its guard is a
+    rate itself.
+    """
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        own = left[tables.element[k]]
+        begins = k == tables.first[m] or tables.element[k - 1] != tables.element[k]
+        if tables.element[k] == tables.element[g] or not begins or own[MOTION] != SWITCHED:
+            continue
+        if own[ORDER] == 1.0:
+            guard = ladder_at(tables.ladders, k)
+            own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
+        if own[ORDER] == 0.0 or own[SPEED] <= 0.0:
+            own[MOTION] = FLIGHT
+            own[ORDER] = 0.0
 
 
 @kernel()

@@ -46,6 +46,7 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     ORDER,
     REMAINING,
     SPEED,
+    STILL,
     SWITCHED,
     SWITCHES,
     TIME,
@@ -82,6 +83,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     copy,
     disturbs,
     guard_of,
+    jolt,
     jumped,
     know_gaps,
     lets_go,
@@ -92,6 +94,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
 )
 from dynkit.systems.impact.simulation.law_chatter_kernels import chatter_by_law
 from dynkit.systems.impact.simulation.log_kernels import Impacts, Switches, enter, note_impact
+from dynkit.systems.impact.simulation.scrape_kernels import scrape, scrapes_out
 
 Indices = NDArray[np.intp]
 
@@ -209,6 +212,8 @@ def run(
                 try_again(tables, there, left, y)
                 # By a force that jumped the gap has an acceleration at once, or its rate a rate.
                 own = left[tables.element[changed]]
+                if own[MOTION] == STILL:
+                    own[MOTION] = FLIGHT
                 if tables.torn[changed] == 2:
                     clock[GUARD] = tables.partner[changed]
                     own[MOTION] = BOUNCED
@@ -219,6 +224,10 @@ def run(
                     if own[SPEED] > 0.0:
                         own[MOTION] = SWITCHED
                         own[ORDER] = 1.0
+                elif tables.torn[changed] == 3:
+                    own[MOTION] = SWITCHED
+                    own[ORDER] = 2.0
+                    own[SPEED] = 0.0
                 continue
             k = bounced(tables, m, left)
             if k >= 0:
@@ -258,8 +267,14 @@ def run(
                         )
                     if sticks and left.shape[0] > 1 and disturbs(tables, k, rates, rest, y):
                         sticks = False
+                    scraping = sticks and tables.scraped.shape[1] > 0
+                    if scraping and tables.partner[k] >= 0:
+                        copy(y, START, KEPT)
+                        sticks, moved = scrapes_out(tables, k, r, u, second, left, y)
+                        lost += moved / tables.coupling[k]
                     loose = False
                 else:
+                    scraping = False
                     # Friction decides only what contact leaves to it.
                     loose = undecided(tables, k, left)
                     order = 0 if loose else order_at_rest(gap.rows, y, band_factor)
@@ -282,6 +297,8 @@ def run(
                             normalise(y, gap.steady)
                             order = order_at_rest(gap.rows, y, band_factor)
                         sticks = order <= 0
+                        if scraping and not sticks:
+                            copy(y, KEPT, START)
                 own[MOTION] = BOUNCES
                 own[ORDER] = order
                 if sticks:
@@ -291,7 +308,7 @@ def run(
                         if noise is not None:
                             perturb_cut(tables.excursion[k], lost, y, clock)
                             transform(tables.change[tables.row[k]], y, START, 0)
-                    copy(y, START, LEFT)
+                    copy(y, KEPT if scraping else START, LEFT)
                     clock[LEFT_FROM] = k
                     copy(y, 0, START)
                     appear(tables, m, tables.target[k], left)
@@ -332,7 +349,7 @@ def run(
             if at != k:
                 at = k
                 gap = ladder_at(ladders, at)
-            if tables.event[k] == JUMP:
+            if tables.event[k] >= JUMP:
                 turn += 1
                 continue
             begins = k == first or tables.element[k - 1] != tables.element[k]
@@ -474,6 +491,7 @@ def run(
                 clock[WANTED], waits[1] = best, -rate
                 return done, LAW_BROKEN
         add_jump(tables.kick[best], -(1.0 + r) * rate, y)
+        scrape(tables, best, -(1.0 + r) * rate, left, y)
         normalise(y, gap.steady)
         # What friction held at a stop is pushed against it.
         if push(tables, best, left, y) and appeared and clock[AMBIGUOUS] < 0.0:
@@ -483,6 +501,8 @@ def run(
         elif clock[GUARD] != best:
             clock[AT_ONCE] += 1.0
         clock[GUARD] = best
+        if left.shape[0] > 1:
+            jolt(tables, best, left, y)
         own[SPEED] = 0.0 - r * rate
         own[MOTION] = BOUNCED
         if noise is not None:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import LARGEST
-from dynkit.systems.impact.elements.element import LAIN, Element, Regime
-from dynkit.systems.impact.elements.friction import TURNED, DryFriction
+from dynkit.systems.impact.elements.element import (
+    IMPACT,
+    LAIN,
+    Element,
+    EventKind,
+    Regime,
+)
+from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import rides
+from dynkit.systems.impact.modes.constrained import moves, pushed, rides
 from dynkit.systems.impact.modes.structure import Structure
 
 
@@ -20,14 +27,21 @@ from dynkit.systems.impact.modes.structure import Structure
 class Parts:
     """The elements of a machine, by number, and the rules for their regimes.
 
+    Attributes
+    ----------
+    normal : dict
+        Number of the hard stop on which friction leans, by the number of that friction.
+
     Raises
     ------
     ValueError
         When springs or dashpots are too large for the masses on which they act.
     """
 
-    def __init__(self, elements: Sequence[Element], structure: Structure) -> None:
-        self._elements, self._structure = tuple(elements), structure
+    def __init__(
+        self, elements: Sequence[Element], structure: Structure, normal: dict[int, int]
+    ) -> None:
+        self._elements, self._structure, self.normal = tuple(elements), structure, normal
         self._regimes = [element.regimes for element in elements]
         self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
         self._sliders = [k for k, element in enumerate(elements) if element.slider]
@@ -62,12 +76,14 @@ class Parts:
     def halted(self, given: Sequence[int], element: int, *, jumps: bool) -> list[int]:
         """Regimes after a halt: friction on the same row and surface sticks as well.
 
-        After a jump of the rate this holds for sliders only.
+        After a jump of the rate, and where what holds moves the row, this holds for sliders only.
         """
         regimes, both = list(given), sum(self.grips(given), ())
-        along = (*both, element) if self.along(both, element) is False else (element,)
+        rides = self.along(both, element)
+        along = (*both, element) if rides is False else (element,)
+        turns = jumps or rides is None
         for k, own in enumerate(self._regimes):
-            slips = k in self._sliders or (own[regimes[k]].halts and not jumps)
+            slips = k in self._sliders or (own[regimes[k]].halts and not turns)
             if slips and self.along(along, k):
                 regimes[k] = next(j for j, r in enumerate(own) if r.sticks or r.anchored)
         return regimes
@@ -75,6 +91,7 @@ class Parts:
     def settled(self, given: Sequence[int]) -> tuple[int, ...]:
         """Make regimes consistent.
 
+        Friction at a contact is off while that is open, and undecided as the contact begins.
         Friction elements on one row and one surface slip and stick together. Friction on a row that
         stops hold rests: the shares of the force are not determined, and it takes none. When the
         stop opens, friction sticks, and a mass that then does not move lies at the stop. Sliders
@@ -82,8 +99,14 @@ class Parts:
         """
         regimes = list(given)
         held = self.grips(regimes)[0]
-        for k, own in enumerate(self._regimes):
-            for stuck in (j for j, regime in enumerate(own) if regime.sticks):
+        for k, stop in self.normal.items():
+            along = self.along(held, k)
+            if stop not in held:
+                regimes[k] = OFF
+            elif along or regimes[k] == OFF or (along is None and regimes[k] == STICKS):
+                regimes[k] = STICKS if along else LANDED
+        for k in (k for k in range(len(regimes)) if k not in self.normal):
+            for stuck in (j for j, regime in enumerate(self._regimes[k]) if regime.sticks):
                 along = self.along(held, k)
                 if along or (along is None and regimes[k] == stuck):
                     regimes[k] = stuck if along else 0
@@ -125,9 +148,74 @@ class Parts:
             self._along[others, element] = found
         return self._along[others, element]
 
+    def hard(self, element: int) -> bool:
+        """Whether an element is a hard stop."""
+        return isinstance(self._elements[element], HardStop)
+
+    def table(self, modes: Sequence[Sequence[int]], guards: Sequence[Any]) -> NDArray[np.intp]:
+        """Mode, element, next mode and kind of the event of each guard, (guards, 4).
+
+        `modes` are the regimes of all elements in each mode.
+        """
+
+        def kind(guard: Any) -> EventKind:
+            if guard.watch.event == IMPACT:
+                return EventKind.CONTACT
+            now = self.now(modes[guard.mode])[guard.element]
+            released = now.holds and self.hard(guard.element)
+            return EventKind.RELEASE if released else EventKind.SWITCH
+
+        rows = [(guard.mode, guard.element, guard.target, kind(guard)) for guard in guards]
+        return np.array(rows, dtype=np.intp).reshape(-1, 4)
+
+    def pushed(self, regimes: Sequence[int], hit: int) -> tuple[int, bool]:
+        """Sticking element or closed stop moved by an impact; whether it pushes against a stop.
+
+        A stop along a row that closed stops hold is hit if it pushes away from one of these.
+        """
+        held, sticking = self.grips(regimes)
+        closed = [k for k in held if self.hard(k)]
+        own, element = [self._elements[k] for k in closed], self._elements[hit]
+        if self.along(tuple(closed), hit) is not False:
+            opened = pushed(self._structure, own, element)[0]
+            others = tuple(k for k in closed if opened < 0 or k != closed[opened])
+            away = opened >= 0 and self.along(others, hit) is False
+            return closed[opened] if away else -1, False
+        for k in (*sticking, *(k for k in held if k not in closed)):  # they take no impulse
+            if moves(self._structure, own, element, self._elements[k]):
+                return k, False
+        if not closed:
+            return -1, False
+        opened, ambiguous = pushed(self._structure, own, element)
+        return closed[opened] if opened >= 0 else -1, ambiguous
+
+    @property
+    def most_rubs(self) -> int:
+        """The largest number of friction elements that lean on one stop."""
+        stops = list(self.normal.values())
+        return max(map(stops.count, stops), default=0)
+
+    def tractions(self, regimes: Sequence[int]) -> list[tuple[int, int, float]]:
+        """Friction at contacts that slips: its number, that of its stop, force over contact force.
+
+        The forces are counted along the rows of both.
+        """
+        found, now = [], self.now(regimes)
+        for k, stop in self.normal.items():
+            if now[k].traction:
+                sign = self._elements[k].sign * self._elements[stop].sign
+                found.append((k, stop, sign * now[k].traction))
+        return found
+
     def rubbed(self, regimes: Sequence[int], stop: int) -> list[bool]:
         """For each element, whether it is friction that rests while this stop is closed."""
         held = self.grips(regimes)[0]
+        for k in self.normal:
+            if self.along(held, k) is False and self.along((*held, stop), k) is not False:
+                raise NotImplementedError(
+                    "friction with a coefficient must not act along what stops hold together; "
+                    f"got {self._elements[k]!r}"
+                )
         return [
             any(regime.sticks for regime in own)
             and not self.follows(k)

@@ -10,13 +10,15 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.elements.element import HALT, IMPACT, REST
+from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+    from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
 
 MOST_CELLS = 1_000_000
 """Cells after which the search for the next event ends the run, with `Ending.SEARCH_LIMIT`."""
@@ -59,9 +61,26 @@ def trajectory_of(
 ) -> Trajectory:
     """Simulate `count` impacts from a state of this oscillator; see `Course`."""
     began = time.perf_counter()
-    course = Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
+    course = course_from(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
     log = course.advance(count, store=store)
     return course.trajectory(log, time.perf_counter() - began)
+
+
+def course_from(
+    oscillator: DrivenStructure,
+    start: ImpactState,
+    *,
+    noise: float = 0.0,
+    seed: int = 1,
+    most_cells: int = MOST_CELLS,
+    longest: float = 0.0,
+) -> Course | TaylorCourse:
+    """A simulation by the engine of this oscillator; see `Course`."""
+    if oscillator._motion is not None:
+        from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
+
+        return TaylorCourse(oscillator, start, noise=noise, seed=seed)
+    return Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest)
 
 
 @final
@@ -131,6 +150,8 @@ class Course:
             clock_kernels.perturb_reached(generator, slots, self._work.states, clock, noise)
         for element in start.closed:
             self._close(element)
+            if element in oscillator._automaton.parts.normal:
+                self._left[element, clock_kernels.MOTION] = clock_kernels.STILL
         if oscillator._cycled:
             self._leave_section()
         self.impacts, self.ending = 0, Ending.COUNT_REACHED
@@ -139,11 +160,13 @@ class Course:
         """Enter contact with a stop on which the motion starts."""
         clock_kernels = _kernels()[0]
         automaton, clock = self._oscillator._automaton, self._clock
-        number = automaton.guard(automaton.guards[int(clock[clock_kernels.GUARD])].mode, element)
-        guard = automaton.guards[number]
-        if guard.element != element or guard.watch.event not in (IMPACT, HALT):
-            return  # it stays where it is, as others hold it
-        self._switch(number)
+        mode = automaton.guards[int(clock[clock_kernels.GUARD])].mode
+        own = [k for k, g in enumerate(automaton.guards) if (g.mode, g.element) == (mode, element)]
+        number = next((k for k in own if automaton.guards[k].watch.event == REST), -1)
+        if number < 0 and own and automaton.guards[own[0]].watch.event in (IMPACT, HALT):
+            number = own[0]
+        if number >= 0:  # else it stays where it is, as others hold it
+            self._switch(number)
 
     def _switch(self, number: int) -> None:
         """Enter the mode that a guard leads to."""
@@ -238,7 +261,7 @@ class Course:
             np.empty((rows, 2, slots)),
             np.empty((rows if free.layout.table < 0 else 0, 2)),
         )
-        done, ending = 0, kernels.RUN_PAUSED
+        done, ending, paradox = 0, kernels.RUN_PAUSED, False
         while ending in (kernels.MODE_WANTED, kernels.SWITCHES_FULL, kernels.RUN_PAUSED):
             impacts, ending = kernels.run(
                 self._tables,
@@ -256,7 +279,11 @@ class Course:
             )
             done += impacts
             if ending == kernels.MODE_WANTED:
-                self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
+                try:
+                    self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
+                except ContactParadox:
+                    paradox = True
+                    break
                 self._prepare(0, self._work.states)
             elif ending == kernels.SWITCHES_FULL:
                 self._enlarge(self._work.states.shape[2])
@@ -264,7 +291,8 @@ class Course:
                     ending = kernels.SEARCH_LIMIT
         if ending == kernels.LAW_BROKEN:
             self._refuse_law()
-        self.impacts, self.ending = self.impacts + done, _ENDINGS[ending]
+        self.impacts += done
+        self.ending = Ending.PARADOX if paradox else _ENDINGS[ending]
         if self.ending is Ending.SEARCH_LIMIT and self._hits_nothing() and self._hangs():
             self.ending = Ending.HANGS
         kept = Impacts(*log)
@@ -287,6 +315,8 @@ class Course:
         closed: list[int] = []
         if mode:
             state, closed = automaton.freed(mode, state)
+        still = self._left[:, clock_kernels.MOTION] == clock_kernels.STILL
+        closed += [k for k in np.flatnonzero(still).tolist() if k not in closed]
         hard = [k for k in closed if k < len(oscillator._stops)]
         if hard and (element in hard or element >= len(oscillator._stops)):
             speed, element, motion = 0.0, hard[0], Motion.TABLE

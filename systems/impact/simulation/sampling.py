@@ -27,21 +27,36 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
     x, v = np.empty((2, len(times), oscillator.degrees_of_freedom))
     for mode, here, states in states_at(run, times):
         x[here], v[here] = mode.motion(states)
-    which = np.searchsorted(parts.begin, times, side="right") - 1
+    rested = np.append(-1, np.flatnonzero(parts.rest))
+    which = rested[np.searchsorted(parts.begin[rested[1:]], times, side="right")]
     since = times - parts.begin[which]
-    bouncing = np.flatnonzero(since < parts.rest[which])
+    bouncing = np.flatnonzero((which >= 0) & (since < parts.rest[which]))
     if len(bouncing):
         k = which[bouncing]
-        for element in np.unique(parts.element[k]).tolist():
-            here = bouncing[parts.element[k] == element]
-            stop, some = oscillator._stops[element], which[here]
+        for number in np.unique(parts.guard[k]).tolist():
+            here = bouncing[parts.guard[k] == number]
+            guard, some = oscillator._automaton.guards[number], which[here]
+            stop, mode = oscillator._stops[guard.element], oscillator._automaton.modes[guard.mode]
             given = parts.speed[some], parts.rest[some], since[here]
             lift, rise = _bounces(stop.restitution, *given)
-            for mode, now in run.modes(parts.mode[some - 1]):
-                kick = stop.sign * mode.pushed(oscillator._contacts[element].row)[: x.shape[1]]
-                x[here[now]] += np.outer(lift[now], kick)
-                v[here[now]] += np.outer(rise[now], kick)
+            kick = stop.sign * mode.pushed(oscillator._contacts[guard.element].row)
+            moved = np.tile(kick[: x.shape[1]], (len(here), 1))
+            for part in guard.scrapes:
+                friction = oscillator._elements[part.element]
+                rub = friction.sign * mode.pushed(friction.row(len(kick)))[: x.shape[1]]
+                pushed = _pushing(oscillator, run, part.element, some)
+                moved += part.ratio * np.outer(pushed, rub)
+            x[here] += lift[:, None] * moved
+            v[here] += rise[:, None] * moved
     return x, v
+
+
+def _pushing(oscillator: DrivenStructure, run: Trajectory, element: int, some: Array) -> Array:
+    """Signs (k,) of the force of friction just after some segments, and what follows at once."""
+    s, now = run.segments, oscillator._automaton.parts.now
+    after = np.searchsorted(s.begin, s.begin[some], side="right") - 1
+    tractions = np.array([now(regimes)[element].traction for regimes in run.regimes])
+    return np.asarray(np.sign(tractions[s.mode[after]]))
 
 
 def states_at(run: Trajectory, times: Array) -> Iterator[tuple[Mode, Any, Array]]:
@@ -76,6 +91,8 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
 
 def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
     """Time up to which a run that ended by itself can be sampled: 2^24 of the longest steps."""
+    if oscillator._motion is not None:
+        return run.duration
     ladders = list(oscillator._gaps)
     for number in np.unique(run.segments.mode).tolist():
         (guards,) = np.nonzero(run.guards[:, 0] == number)

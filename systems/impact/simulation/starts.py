@@ -10,17 +10,19 @@ import numpy as np
 
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
-from dynkit.systems.impact.modes.constrained import rides
 from dynkit.systems.impact.simulation.state import (
+    TOUCHED,
     ImpactState,
     Motion,
     along,
+    apart,
     beside,
     placed,
     put_on,
     state_at,
     sticking,
     touched,
+    unlike,
     within,
 )
 
@@ -162,13 +164,15 @@ def start(
                 )
             on[side] = 0.0 if u <= rounding else u
         first = first if side else abs(u)
-    sticks = sticking(oscillator, v, turn, tuple(on))
+    # the one that is left, of those that are; the others are lain on
+    element = max(on, key=lambda side: on[side] > 0.0, default=0)
+    touching = (element, *apart(oscillator, element, on)) if on else ()
+    sticks = sticking(oscillator, x, v, turn, touching)
     x, v = _sliding(oscillator, x, turn, sliders), beside(oscillator, v)
     if not on:
         return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
-    # the one that is left, of those that are; the others are lain on
-    element = max(on, key=lambda side: on[side] > 0.0)
-    closed = tuple(side for side, u in on.items() if side != element and u == 0.0)
+    lain = (side for side, u in on.items() if side != element and u == 0.0)
+    closed = unlike(oscillator, element, lain)
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
 
 
@@ -180,7 +184,8 @@ def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) 
         return placed(oscillator, x, np.array(middle))
     places = finite_array("sliders", given, (len(own),))
     out = placed(oscillator, x, places)
-    rounding = _rounding(float(abs(x).max()), float(abs(places).max(initial=0.0)), 0.0)
+    sizes = np.array([abs(element.row(len(x))) @ abs(x) for element in own])
+    rounding = TOUCHED * (sizes + abs(places))  # as places are from changes of coordinates
     for k in np.flatnonzero(abs(out[len(x) :] - places) > rounding)[:1].tolist():
         low, high = (float(part[k]) for part in within(oscillator, x))
         raise ValueError(f"sliders[{k}] must lie in [{low}, {high}]; got {places[k]}")
@@ -207,21 +212,17 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
             if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {place}")
-        sticks = sticking(oscillator, v, turn, ())
+        sticks = sticking(oscillator, x, v, turn, ())
         x, v = placed(oscillator, x, start.sliders), beside(oscillator, v)
         return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
     if start.element >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
-    closed: list[int] = []
-    for k in (k for k in start.closed if k < len(stands)):
-        held = [stands[j] for j in (start.element, *closed)]
-        if rides(oscillator._structure, held, stands[k]) is False:
-            closed.append(k)
+    closed = apart(oscillator, start.element, (k for k in start.closed if k < len(stands)))
     n, (x, v) = len(x), (beside(oscillator, part) for part in (x, v))
     put_on(oscillator, start.element, closed, (x, v), turn[0], turn[1], u)
     x, v = placed(oscillator, x[:n], start.sliders), v[:n]
     touched(oscillator, x[:n], v, turn, start.element)
-    closed += sticking(oscillator, v, turn, (start.element, *closed))
+    closed += sticking(oscillator, x[:n], v, turn, (start.element, *closed))
     v = beside(oscillator, v)
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))

@@ -16,6 +16,7 @@ from dynkit.core.validation import Array, finite_array
 from dynkit.systems.impact.modes.constrained import rides
 
 if TYPE_CHECKING:
+    from dynkit.systems.impact.elements.element import Element
     from dynkit.systems.impact.elements.stops import HardStop
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
@@ -146,15 +147,10 @@ def in_turn(angles: Any) -> Array:
     return np.where(turned < TWO_PI, turned, 0.0)
 
 
-def on_stop(
-    oscillator: DrivenStructure, element: Any, sine: Any, cosine: Any, speed: Any
-) -> tuple[Any, Any]:
+def on_stop(stop: HardStop, frequency: float, turn: Any, speed: Any) -> tuple[Any, Any]:
     """What a stop acts along, and its rate, on the stop: by phase and rate of the gap."""
-    stops = [(s.offset, s.sign, s.phasor.real, s.phasor.imag) for s in oscillator._stops]
-    offset, sign, real, imaginary = np.array(stops)[element].T
-    w = oscillator.frequency
-    moving = real * w * cosine - imaginary * w * sine
-    return real * sine + imaginary * cosine + offset, moving + sign * speed
+    rate = stop.swing_rate(frequency, *turn) + stop.sign * speed
+    return stop.swing(*turn) + stop.offset, rate
 
 
 def put_on(
@@ -167,18 +163,27 @@ def put_on(
     speed: Any,
 ) -> None:
     """Put positions and velocities (..., N) onto a stop, and onto others that are in contact."""
-    stands = np.array([element, *(k for k in closed if k < len(oscillator._stops))])
-    rates = np.zeros((*np.shape(speed), len(stands)))
-    rates[..., 0] = speed
-    totals = on_stop(
-        oscillator, stands, np.expand_dims(sine, -1), np.expand_dims(cosine, -1), rates
-    )
-    for x, total in zip(state, totals, strict=True):
-        if len(stands) == 1:
-            oscillator._contacts[element].put(x, total[..., 0])
+    stops, w, turn = oscillator._stops, oscillator.frequency, (sine, cosine)
+    others = [k for k in closed if k < len(stops)]
+    totals = [on_stop(stops[element], w, turn, speed)]
+    totals += [on_stop(stops[k], w, turn, 0.0) for k in others]
+    for x, own in zip(state, zip(*totals, strict=True), strict=True):
+        if not others:
+            oscillator._contacts[element].put(x, own[0])
         else:
-            rows = np.array([oscillator._contacts[k].row for k in stands])
-            oscillator._structure.holding(rows).put(x, total)
+            rows = np.array([oscillator._contacts[k].row for k in (element, *others)])
+            kept = independent(rows)  # what the others hold is where it is
+            values = np.stack(own, axis=-1)[..., kept]
+            oscillator._structure.holding(rows[kept]).put(x, values)
+
+
+def independent(rows: Array) -> list[int]:
+    """Numbers of rows (k, N), the first ones, of which all are combinations."""
+    found: list[int] = []
+    for k in range(len(rows)):
+        if np.linalg.matrix_rank(rows[[*found, k]]) > len(found):
+            found.append(k)
+    return found
 
 
 def state_at(
@@ -253,7 +258,8 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
         turn, (x, v) = np.array([0.0, 1.0]), np.zeros((2, oscillator._size))
         x[positions], v[velocities], sliders = np.split(y, ends)
         oscillator._crossed.put(x, v)
-        x, sticks = placed(oscillator, x[:n], sliders), sticking(oscillator, v[:n], turn, ())
+        sticks = sticking(oscillator, x[:n], v[:n], turn, ())
+        x = placed(oscillator, x[:n], sliders)
         return state_at(oscillator, x, v, turn, 0.0, 0, Motion.FLIGHT, sticks)
     u, phase = float(y[-2]), float(y[-1])
     if not oscillator._faces:
@@ -278,7 +284,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
     put_on(oscillator, element, (), (x, v), turn[0], turn[1], speed)
     x = placed(oscillator, x[:n], y[2 * n - 2 : -2])
     closed = touched(oscillator, x[:n], v[:n], turn, element)
-    closed += sticking(oscillator, v[:n], turn, (element, *closed))
+    closed += sticking(oscillator, x[:n], v[:n], turn, (element, *closed))
     return state_at(oscillator, x, v, turn, speed, element, Motion.TABLE, closed)
 
 
@@ -288,42 +294,87 @@ def touched(
     """Other stops that a structure lies on, but for rounding; Refused beyond one of them."""
     if not oscillator._several:
         return ()
-    places, speeds = on_stop(oscillator, np.arange(len(oscillator._stops)), turn[0], turn[1], 0.0)
     found = []
     stands = zip(oscillator._stops, oscillator._contacts, strict=True)
     for k, (stop, contact) in enumerate(stands):
         row = contact.row[: len(v)]
-        pairs = (x, places[k]), (v, speeds[k])
+        place, speed = on_stop(stop, oscillator.frequency, turn, 0.0)
+        pairs = (x, place), (v, speed)
         gap, rate = (stop.sign * (float(row @ part) - prescribed) for part, prescribed in pairs)
         near, slow = (
-            _TOUCHED * (float(abs(row) @ abs(part)) + size)
-            for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speeds[k])))
+            TOUCHED * (float(abs(row) @ abs(part)) + size)
+            for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speed)))
         )
         if k != element and gap < -near:
             raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")
         if k != element and gap <= near and abs(rate) <= slow:
             found.append(k)
-    return tuple(found)
+    return apart(oscillator, element, found)
+
+
+def apart(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
+    """Of other stops those along rows that the stop and the ones before them do not hold."""
+    found, stops = [element], oscillator._stops
+    for k in others:
+        if rides(oscillator._structure, [stops[j] for j in found], stops[k]) is False:
+            found.append(k)
+    return tuple(found[1:])
+
+
+def unlike(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
+    """Of other stops those along other rows than the stop and than each of the ones before them."""
+    found, stops = [element], oscillator._stops
+    for k in others:
+        if all(rides(oscillator._structure, [stops[j]], stops[k]) is False for j in found):
+            found.append(k)
+    return tuple(found[1:])
 
 
 def sticking(
-    oscillator: DrivenStructure, v: Array, turn: Array, touched: tuple[int, ...]
+    oscillator: DrivenStructure, x: Array, v: Array, turn: Array, touched: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Elements whose friction does not slip, but for rounding, and that the stops do not hold."""
-    found, elements = [], oscillator._elements
+    """Elements whose friction does not slip, but for rounding, and that the stops do not hold.
+
+    And soft stops with a preload on which a mass rests, if these act along no other element.
+    """
+    found, elements, normal = [], oscillator._elements, oscillator._automaton.parts.normal
     held = [elements[k] for k in touched]
     for k, element in enumerate(elements):
-        if any(regime.sticks for regime in element.regimes):
+        off = normal.get(k, -1) not in (-1, *touched)
+        if any(regime.sticks for regime in element.regimes) and not off:
             row = element.row(len(v))
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
-            slow = _TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            slow = TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
+            if k in normal:  # an impact may have stopped it, but for the rounding of all velocities
+                slow = TOUCHED * (float(abs(row).sum()) * float(abs(v).max()) + abs(speed))
             still = abs(float(row @ v) - speed) <= slow
             if still and rides(oscillator._structure, held, element) is False:
                 found.append(k)
+        elif any(regime.holds for regime in element.regimes) and k >= len(oscillator._stops):
+            rows = [e.row(len(v)) for e in elements if e is not element and _binds(e)]
+            alone = all(np.linalg.matrix_rank(np.array([element.row(len(v)), r])) > 1 for r in rows)
+            if alone and rides(oscillator._structure, held, element) is False:
+                found += [k] * _rests(oscillator, element, x, v, turn)
     return tuple(found)
 
 
-_TOUCHED = 2.0**-46
+def _binds(element: Element) -> bool:
+    return any(regime.holds or regime.sticks for regime in element.regimes)
+
+
+def _rests(oscillator: DrivenStructure, element: Element, x: Array, v: Array, turn: Array) -> bool:
+    """Whether a gap and its rate are zero, but for rounding."""
+    row, swing = element.row(len(v)), float(element.swing(*turn.tolist()))
+    speed = float(element.swing_rate(oscillator.frequency, *turn.tolist()))
+    pairs = (x, (swing, element.offset)), (v, (speed,))
+    return all(
+        abs(float(row @ part) - sum(own))
+        <= TOUCHED * (float(abs(row).sum() * abs(part).max()) + sum(map(abs, own)))
+        for part, own in pairs  # rounding is that of all coordinates
+    )
+
+
+TOUCHED = 2.0**-46
 """Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
 
 

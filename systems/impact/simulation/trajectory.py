@@ -34,6 +34,7 @@ class Ending(Enum):
     COLLAPSED = "stops are hit in turn without end, and in no time"
     HANGS = "a mass hangs at the edge of a preloaded stop, which it crosses without end"
     CYCLE_ENDED = "nothing drives the motion, and it does not return to its section any more"
+    PARADOX = "friction at a contact is so large that the contact force has no unique value"
 
 
 @final
@@ -253,8 +254,9 @@ class Trajectory:
     @property
     def relative_velocity(self) -> Array:
         """Rates of the gap just after the impacts; negative at the far stop of a play."""
-        far = (self.element == 1) & self.start._system._faces
-        return np.where(far, -self.log.speed, self.log.speed)
+        if not self.start._system._faces:
+            return self.log.speed
+        return np.where(self.element == 1, -self.log.speed, self.log.speed)
 
     @property
     def coordinates(self) -> tuple[Array, Array, Array]:
@@ -299,7 +301,8 @@ class Trajectory:
 
     @property
     def _begin(self) -> Array:
-        return self.start._system._free.states(self.start._coordinates, *self.start._turn)
+        free = self.start._system._free
+        return np.asarray(free.states(self.start._coordinates, *self.start._turn))
 
     # --- segments (k,) ----------------------------------------------------------------------------
 
@@ -331,7 +334,8 @@ class Trajectory:
     def closed(self, guard: int) -> list[int]:
         """Numbers of the stops that are in contact in the mode of a guard."""
         automaton = self.start._system._automaton
-        return automaton.parts.holding(self.regimes[self.guards[guard, 0]])
+        held: list[int] = automaton.parts.holding(self.regimes[self.guards[guard, 0]])
+        return held
 
     def gap(self, number: int) -> tuple[Any, Mode]:
         """The exponential sum of guard `number`, and its mode."""
@@ -388,6 +392,15 @@ class Trajectory:
     def ended(self) -> int:
         """Number of contacts that an impact follows."""
         return int(np.searchsorted(self.before, self.impacts))
+
+
+def grouped(numbers: Indices) -> Iterator[tuple[int, Any]]:
+    """Each number (n,), and where it stands: everywhere, as a slice, if there is only one."""
+    if len(numbers) and (numbers == numbers[0]).all():
+        yield int(numbers[0]), slice(None)
+        return
+    for number in np.unique(numbers).tolist():
+        yield number, np.flatnonzero(numbers == number)
 
 
 def in_steps(count: int) -> Iterator[slice]:

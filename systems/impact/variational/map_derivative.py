@@ -8,6 +8,7 @@ import numpy as np
 
 from dynkit.core.no_motion import NoCrossing, NoDerivative
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.friction import FORWARD, STICKS
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.mode import Mode, transformed
@@ -15,9 +16,11 @@ from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.variational.saltation import reset
+from dynkit.systems.impact.variational.taylor_derivative import followed, hit
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+    from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 
 def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
@@ -33,6 +36,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if run.ambiguous >= 0:
         raise NoDerivative("the outcome of the next impact is a choice of law")
+    if oscillator._motion is not None:
+        return _by_variations(oscillator, state, run)
     free, automaton, began = oscillator._free, oscillator._automaton, 0.0
     side, hit = run.final.element, not oscillator._strobed
     y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
@@ -54,6 +59,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
             derivative += np.outer(rate, later)
             time += later
         if not last:
+            if guard.scrapes and float(run.switches.speed[k]) > 0.0:
+                y = _kept_slipping(oscillator, run, k, y, derivative)
             derivative = guard.change[:, :-1] @ derivative
             y = transformed(guard.change, y[None])[0]
     law: list[Array] = []
@@ -63,7 +70,8 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         before = _row(guard.sum, 2) @ derivative
         slope = _slope(stop, float(_row(guard.sum, 2) @ y.ravel()), float(run.log.speed[-1]))
         kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
-        derivative += reset(slope, kick.ravel(), before)
+        rubs = [_scraped(part, slope, guard.sum, y, derivative) for part in guard.scrapes]
+        derivative += sum(rubs, reset(slope, kick.ravel(), before))
         far = side == 1 and oscillator._faces
         kept = oscillator._others[side], oscillator._others[side]
         law.append((slope if far else -slope) * before)
@@ -84,6 +92,24 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
     return np.vstack([places[kept[0]], velocity, sliders, *law])
 
 
+def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Trajectory) -> Array:
+    """The same where the energies are not quadratic."""
+    side, n = run.final.element, oscillator.degrees_of_freedom
+    out, end = followed(oscillator, run, _lift(oscillator, state))
+    if oscillator._strobed:
+        positions, velocities = oscillator._crossed.kept
+        return np.vstack([out[positions], out[n + velocities]])
+    guard = oscillator._automaton.guards[int(run.log.guard[-1])]
+    mode = oscillator._automaton.modes[guard.mode]
+    stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
+    rate, speed = float(mode.gap(side, *end[:, :n], sine, cosine)[1]), float(run.log.speed[-1])
+    slope, r = _slope(stop, rate, speed), -speed / rate
+    out, before = hit(mode, side, end, out, slope, r)
+    own = slope if side == 1 and oscillator._faces else -slope
+    others = oscillator._others[side]
+    return np.vstack([out[others], out[n + others], own * before, out[-1]])
+
+
 def parameter_derivative(
     oscillator: DrivenStructure, state: ImpactState, name: str
 ) -> Array | None:
@@ -96,9 +122,11 @@ def parameter_derivative(
     """
     forced = bool(oscillator._excitation.harmonic.any())
     if (
-        oscillator._strobed
+        oscillator._motion is not None
+        or oscillator._strobed
         or oscillator._several
         or oscillator._sliders
+        or oscillator._automaton.parts.normal
         or not changes_alone(oscillator, name)
         or (forced and name == "frequency")
     ):
@@ -139,6 +167,41 @@ def parameter_derivative(
     speed_by = -r * before_by - law_by
     phase = oscillator.frequency * later + (time if name == "frequency" else 0.0)
     return np.array([*position, *velocity, speed_by if side == 0 else -speed_by, phase])
+
+
+def _scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Array) -> Array:
+    """Change of a derivative (2 slots, d) by friction at an impact, by that before the impact.
+
+    It takes `ratio` times the change of the gap's rate from the slip velocity, or all of that.
+    """
+    w, kick = float(_row(part.slip, 0) @ y.ravel()) + part.slip.offset, part.kick[:2].ravel()
+    by_rate = (1.0 + restitution) * part.ratio * _row(gap, 2)
+    if abs(w) <= abs(float(by_rate @ y.ravel())):
+        return -np.outer(kick, _row(part.slip, 0) @ derivative)
+    return np.outer(kick, np.sign(w) * by_rate @ derivative)
+
+
+def _kept_slipping(
+    oscillator: DrivenStructure, run: Any, k: int, y: Array, derivative: Array
+) -> Array:
+    """The state after friction in bounces that contact replaces; `derivative` changes in place.
+
+    What slips gets back what contact takes too much; of what sticks nothing is left.
+    """
+    automaton, times = oscillator._automaton, run.switches.time
+    guard = automaton.guards[int(run.switches.guard[k])]
+    after = [automaton.guards[g] for g in run.switches.guard[k:][times[k:] == times[k]].tolist()]
+    for part in guard.scrapes:
+        to = next((g.watch.to for g in after if g.element == part.element), STICKS)
+        if to == STICKS:
+            by = -_row(part.slip, 0)
+            change = float(by @ y.ravel()) - part.slip.offset
+        else:
+            by = (1.0 if to == FORWARD else -1.0) * part.ratio * _row(guard.sum, 2)
+            change = float(by @ y.ravel())
+        derivative += np.outer(part.kick[:2], by @ derivative)
+        y = y + change * part.kick[:2]
+    return y
 
 
 def _slope(stop: HardStop, rate: float, speed: float) -> float:

@@ -23,7 +23,7 @@ from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
 from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState, on_section, section_of
-from dynkit.systems.impact.simulation.trajectory import Trajectory, in_steps
+from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped, in_steps
 from dynkit.systems.impact.variational.saltation import closing, release, saltation
 
 if TYPE_CHECKING:
@@ -223,11 +223,10 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
 
 def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
     """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
-    log, parts = run.log, run.segments
-    last = np.flatnonzero(parts.kind == EventKind.IMPACT)[1:] - 1
+    log = run.log
     rates, bends = np.empty(run.impacts), np.empty(run.impacts)
-    for number in np.unique(log.guard).tolist():
-        here = np.flatnonzero(log.guard == number)
+    for number, where in grouped(log.guard):
+        here = np.arange(run.impacts)[where]
         (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
         stop = oscillator._stops[element]
         law = isinstance(stop.restitution, ImpactLaw)
@@ -243,8 +242,10 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
                 bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
             bends[here] += (1.0 + r) * rates[here] * turn
         else:
-            lasts, which = log.time[here] - parts.begin[last[here]], np.arange(len(here))
-            ends = mode.after(parts.of(mode, last[here]), which, lasts)
+            parts = run.segments
+            last = np.flatnonzero(parts.kind == EventKind.IMPACT)[here + 1] - 1
+            lasts, which = log.time[here] - parts.begin[last], np.arange(len(here))
+            ends = mode.after(parts.of(mode, last), which, lasts)
             before, bends[here] = np.einsum("mij,kij->mk", rows, ends)
             if law:
                 rates[here] = -stop.restitution.approach(-before, log.speed[here])

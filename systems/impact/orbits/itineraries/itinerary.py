@@ -102,19 +102,29 @@ class Seen(NamedTuple):
 
 
 def unknown_element(oscillator: ImpactMap) -> Element | None:
-    """The first element with a slider or an impact law, which these equations do not describe."""
+    """The first element with a slider, a law or a normal, which these equations do not describe."""
     for element in oscillator._elements:
-        if element.slider or not isinstance(getattr(element, "restitution", 0.0), float):
+        if (
+            element.slider
+            or element.leans_on
+            or not isinstance(getattr(element, "restitution", 0.0), float)
+        ):
             return element
     return None
 
 
 def check_elements(oscillator: ImpactMap) -> None:
-    """Raise NotImplementedError where there is an `unknown_element`."""
+    """Raise NotImplementedError where there is an `unknown_element`, or energies are smooth."""
+    if oscillator._motion is not None:
+        raise NotImplementedError(
+            "orbits by itinerary need quadratic energies, and those of this structure are not: "
+            "dynkit.periodic_orbit and attractor.periodic_orbit() find orbits of the map"
+        )
     element = unknown_element(oscillator)
     if element is not None:
         raise NotImplementedError(
-            f"orbits by itinerary know no sliders and no impact laws; got {element!r}: "
+            "orbits by itinerary know no sliders, no impact laws and no friction with a "
+            f"coefficient; got {element!r}: "
             "dynkit.periodic_orbit finds orbits of the map"
         )
 
@@ -147,6 +157,14 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
         Where chatter is followed by contact.
     """
     automaton, parts, machine = oscillator._automaton, run.segments, Machine(oscillator)
+    soft = oscillator._elements[len(oscillator._stops) :]
+    for mode in np.unique(parts.mode).tolist():
+        own = automaton.parts.now(run.regimes[mode])[len(oscillator._stops) :]
+        if any(regime.holds for regime in own):
+            raise NotImplementedError(
+                f"orbits by itinerary must not rest on a preloaded stop; got {soft!r}: "
+                "dynkit.periodic_orbit finds orbits of the map"
+            )
     known: dict[int, Regimes] = {}
 
     def mode_of(number: int) -> Regimes:

@@ -1,0 +1,75 @@
+"""One line on a terminal while kernels are compiled for longer than a second."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_QUIET = 1.0
+"""Seconds of compilation without a notice."""
+
+
+@dataclass
+class Notice:
+    """The line. Compilations are nested: a kernel's begins before those of the kernels it calls.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the compiled kernels.
+    clock : callable
+        Function that returns the time in seconds.
+    """
+
+    folder: Path
+    clock: Callable[[], float] = time.perf_counter
+    _depth: int = 0
+    _since: float = 0.0
+    _shown: bool = False
+
+    def begin(self) -> None:
+        """A compilation begins."""
+        if not self._depth:
+            self._since = self.clock()
+        self._depth += 1
+        long = self.clock() - self._since > _QUIET
+        if long and not self._shown and sys.stderr is not None and sys.stderr.isatty():
+            self._shown = True
+            text = f"dynkit compiles kernels, once (10 to 40 s), into {self.folder} ..."
+            sys.stderr.write(text)
+            sys.stderr.flush()
+
+    def end(self) -> None:
+        """A compilation has ended."""
+        self._depth -= 1
+        if self._shown and not self._depth:
+            self._shown = False
+            sys.stderr.write(f" done in {self.clock() - self._since:.0f} s\n")
+
+
+def announce(folder: Path) -> None:
+    """Show the notice for all compilations of dynkit's kernels in this process."""
+    from numba.core import event
+
+    notice = Notice(folder)
+
+    class Compilations(event.Listener):
+        def on_start(self, event: Any) -> None:
+            if _is_ours(event):
+                notice.begin()
+
+        def on_end(self, event: Any) -> None:
+            if _is_ours(event):
+                notice.end()
+
+    register: Any = event.register
+    register("numba:compile", Compilations())
+
+
+def _is_ours(event: Any) -> bool:
+    """Whether the kernel is one of dynkit, and no function of the user."""
+    return str(event.data["dispatcher"].py_func.__module__).startswith("dynkit.")

@@ -1,0 +1,279 @@
+"""Coordinates in which Taylor's method follows a structure, and its compiled integrators.
+
+The seam between the event loop and a mode that is not linear is `Chart`: it puts positions and
+velocities into coordinates, among them the gaps of stops and the slip velocities of friction, so
+that nothing cancels near contact; it advances to the earliest guard; and it gives the Taylor
+coefficients of a state and the derivative of the flow. Numbers are runtime parameters: another
+value compiles nothing.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property, lru_cache, wraps
+from threading import RLock
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.no_motion import CannotFollow, Diverged
+from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.taylor_equations import Plan, system_of
+
+_MOST_KEPT = 64
+"""Compiled integrators that are kept."""
+
+_LARGE = 60
+"""From so many equations on heyoka's code is made compact, which compiles much faster."""
+
+_SHORTEST = 1e-3
+"""Least limit of steps, in radians of the phase."""
+
+_CHUNK, _MOST = 1_000, 200_000
+"""Steps of one call, and of one flight, of Taylor's method."""
+
+
+@lru_cache(_MOST_KEPT)
+def _integrator(plan: Plan) -> Any:
+    """Integrator of a plan, whose events are the guards."""
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    hy = heyoka("a structure whose energies are not quadratic")
+    variables, rates, guards = system_of(hy, plan)
+    down = hy.event_direction.negative
+    return hy.taylor_adaptive(
+        list(zip(variables, rates, strict=True)),
+        [0.0] * len(variables),
+        compact_mode=len(variables) > _LARGE,
+        t_events=[hy.t_event(guard, direction=down, cooldown=0.0) for guard in guards],
+    )
+
+
+@lru_cache(_MOST_KEPT)
+def _variations(plan: Plan) -> Any:
+    """The same, with derivatives by the state and by the phase."""
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    hy = heyoka("a structure whose energies are not quadratic")
+    variables, rates, _ = system_of(hy, plan)
+    system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), [*variables, hy.par[0]])
+    return hy.taylor_adaptive(
+        system,
+        [0.0] * len(variables),
+        compact_mode=len(system.sys) > _LARGE,
+    )
+
+
+@cache
+def _outcomes() -> tuple[int, int, int]:
+    """Numbers of heyoka for a full step, the limit of steps, and the end of the duration."""
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    known: Any = heyoka().taylor_outcome
+    return int(known.success), int(known.step_limit), int(known.time_limit)
+
+
+def _alone(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method of a chart while no other thread uses its integrators, which hold one motion."""
+
+    @wraps(method)
+    def locked(self: Chart, *arguments: Any) -> Any:
+        with self.lock:
+            return method(self, *arguments)
+
+    return locked
+
+
+@final
+class Chart:
+    """One set of coordinates of a mode: positions and velocities, of which some are gaps or slips.
+
+    Attributes
+    ----------
+    plan : Plan
+    own : (stops and rubs, 8) numbers of the elements, see `TaylorMode.own`
+    to_x, to_v, back_x, back_v : (N, N)
+        From positions to coordinates and back, and for velocities.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        pars: Array,
+        own: Array,
+        to: tuple[Array, Array],
+        back: tuple[Array, Array],
+    ) -> None:
+        self.plan, self._pars, self._own = plan, pars, own
+        self.to_x, self.to_v = to
+        self.back_x, self.back_v = back
+        self.places, self.speeds = dict(plan.stops), dict((*plan.stops, *plan.rubs))
+        self.lock = RLock()
+        self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
+
+    @cached_property
+    def integrator(self) -> Any:
+        """An integrator of its own, with the numbers put in."""
+        made = copy.copy(_integrator(self.plan))
+        made.pars[:] = self._pars[: len(made.pars)]
+        self._pars_of, self._state_of = made.pars, made.state
+        return made
+
+    @cached_property
+    def variations(self) -> Any:
+        """An integrator of derivatives, without events, with the numbers put in."""
+        made = copy.copy(_variations(self.plan.without_guards))
+        made.pars[:] = self._pars[: len(made.pars)]
+        return made
+
+    @cached_property
+    def eventless(self) -> Any:
+        """An integrator without events, with the numbers put in."""
+        made = copy.copy(_integrator(self.plan.without_guards))
+        made.pars[:] = self._pars[: len(made.pars)]
+        return made
+
+    def shifts(self, sine: Any, cosine: Any) -> tuple[Any, Any]:
+        """What the motion of elements adds to coordinates, (..., N) of positions and velocities."""
+        shape = (*np.shape(sine), len(self.to_x))
+        x, v = np.zeros(shape), np.zeros(shape)
+        rate = self._pars[1]
+        for k, p in self.plan.stops:
+            sign, real, imaginary, offset = self._own[k, :4]
+            x[..., p] = sign * (offset + real * sine + imaginary * cosine)
+        for k, p in (*self.plan.stops, *self.plan.rubs):
+            sign, real, imaginary, _, drift = self._own[k, :5]
+            v[..., p] = sign * (drift + rate * (real * cosine - imaginary * sine))
+        return x, v
+
+    def coordinates(self, x: Array, v: Array, sine: float, cosine: float) -> Array:
+        """Coordinates (2 N,) of positions and velocities (N,)."""
+        more_x, more_v = self.shifts(sine, cosine)
+        return np.concatenate([self.to_x @ x - more_x, self.to_v @ v - more_v])
+
+    def motion(self, z: Array, sine: Any, cosine: Any) -> tuple[Array, Array]:
+        """Positions and velocities (..., N) of coordinates (..., 2 N)."""
+        n = len(self.to_x)
+        more_x, more_v = self.shifts(sine, cosine)
+        x, v = z[..., :n] + more_x, z[..., n:] + more_v
+        if not self._plain:
+            x, v = x @ self.back_x.T, v @ self.back_v.T
+        return x, v
+
+    def load(self, z: Array, sine: float, cosine: float) -> Any:
+        """The integrator at coordinates (2 N,) and a phase."""
+        made = self.integrator
+        made.time = 0.0
+        self._pars_of[:1] = math.atan2(sine, cosine)
+        self._state_of[:] = z
+        return made
+
+    def fly(
+        self,
+        z: Array,
+        sine: float,
+        cosine: float,
+        longest: float,
+        pace: float = math.inf,
+        early: Sequence[float] = (),
+    ) -> tuple[int, float, int]:
+        """Advance coordinates (2 N,), modified in place, to the first guard.
+
+        The caller holds `lock`. Where no guard is reached within a duration, `reached` has the
+        coordinates, and the given ones stay.
+
+        Parameters
+        ----------
+        pace : float
+            Limit of the steps, over the first step that Taylor's method takes by itself.
+        early : ascending durations, shorter than the longest
+            Steps end there. heyoka isolates roots that are not much shorter than a step.
+
+        Returns
+        -------
+        guard, duration, steps
+            Number of the guard, -1 where none is reached within the duration, and -2 where the
+            steps are too many.
+
+        Raises
+        ------
+        Diverged, CannotFollow
+            When the motion runs away, or the steps collapse.
+        """
+        made, steps, guards = self.load(z, sine, cosine), 0, len(self.plan.guards)
+        _, step_limit, time_limit = _outcomes()
+        if pace < math.inf:
+            # a guard may end that step at once
+            pace = max(pace * abs(made.step()[1]), _SHORTEST / self._pars[1])
+            self.load(z, sine, cosine)
+        stations = [*early, longest]
+        limits: dict[str, Any] = {"max_steps": _CHUNK}
+        if pace < math.inf:
+            limits["max_delta_t"] = pace
+        while True:
+            outcome, _, _, count, _, _ = made.propagate_until(stations[0], **limits)
+            steps += count
+            number = int(outcome)
+            if number >= -guards:
+                z[:] = self._state_of
+                return -1 - number, made.time, steps
+            z_end, time = self._state_of, made.time
+            if number == time_limit:
+                stations.pop(0)
+                if stations:
+                    continue
+                return -1, time, steps
+            if not np.isfinite(z_end).all() or number != step_limit:
+                raise Diverged(f"the motion runs away within {time:.6g} from {z.tolist()}")
+            if time < 1e-9 * steps * min(1.0, longest):
+                raise CannotFollow(
+                    f"the motion from {z.tolist()} cannot be followed: the steps of Taylor's "
+                    f"method collapse to {time / steps:.1e}"
+                )
+            if steps >= _MOST:
+                return -2, time, steps
+
+    @property
+    def reached(self) -> Array:
+        """Coordinates (2 N,) at the end of the last flight."""
+        return np.array(self._state_of)
+
+    @_alone
+    def coefficients(self, z: Array, sine: float, cosine: float) -> Array:
+        """Taylor coefficients (2 N, order + 1) of the coordinates at a state."""
+        made = self.load(z, sine, cosine)
+        made.step(max_delta_t=0.0, write_tc=True)
+        return np.array(made.tc)
+
+    @_alone
+    def path(self, z: Array, sine: float, cosine: float, longest: float) -> tuple[Array, Array]:
+        """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N, order + 1)."""
+        made, begins, found = self.eventless, [0.0], []
+        made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
+        made.state[:] = z
+        (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
+        while begins[-1] <= longest:
+            outcome, _ = made.step(max_delta_t=period, write_tc=True)
+            found.append(np.array(made.tc))
+            begins.append(float(made.time))
+            if len(found) > _MOST:
+                raise CannotFollow(f"the motion from {z.tolist()} has too many steps")
+            if int(outcome) not in (success, time_limit):
+                raise Diverged(f"the motion runs away within {made.time:.6g} from {z.tolist()}")
+        return np.array(begins), np.array(found)
+
+    @_alone
+    def transition(
+        self, z: Array, sine: float, cosine: float, duration: float
+    ) -> tuple[Array, Array]:
+        """Coordinates (2 N,) after a duration, and derivative (2 N, 2 N + 1) by state and phase."""
+        made, m = self.variations, len(z)
+        made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
+        made.state[:m] = z
+        made.state[m:] = np.eye(m, m + 1).ravel()
+        outcome, *_ = made.propagate_until(duration)
+        if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
+            raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
+        return np.array(made.state[:m]), np.array(made.state[m:]).reshape(m, m + 1)

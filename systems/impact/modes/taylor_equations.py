@@ -1,0 +1,264 @@
+"""Equations of motion of one mode as heyoka's expressions: what is compiled, and its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.systems.structure.equations import Equations
+
+
+@final
+@dataclass(frozen=True)
+class Plan:
+    """What is compiled: everything but numbers.
+
+    Attributes
+    ----------
+    equations : Equations
+    kinds : tuple of int
+        For each number whether it is 0, 1 or -1, which are compiled, or another one (2).
+    stops, rubs : tuples of (int, int)
+        Elements whose gaps, and whose slip velocities alone, are coordinates; and their places.
+    held, sticking : tuples of int
+        Elements that hold, and that stick.
+    guards : tuple of int
+        Element of each guard.
+    elements : int
+        Number of elements.
+    """
+
+    equations: Equations
+    kinds: tuple[int, ...]
+    stops: tuple[tuple[int, int], ...]
+    rubs: tuple[tuple[int, int], ...]
+    held: tuple[int, ...]
+    sticking: tuple[int, ...]
+    guards: tuple[int, ...]
+    elements: int
+
+    @property
+    def without_guards(self) -> Plan:
+        """The same without guards, whose numbers come last."""
+        kinds = self.kinds[: len(self.kinds) - 4 * len(self.guards)]
+        return replace(self, kinds=kinds, guards=())
+
+
+def numbers_of(groups: Sequence[Array]) -> tuple[Array, tuple[int, ...]]:
+    """All numbers as one array, and the kind of each."""
+    flat = np.concatenate([np.asarray(group, dtype=float).ravel() for group in groups])
+    kinds = np.full(len(flat), 2)
+    for value in (0, 1, -1):
+        kinds[flat == value] = value
+    return flat, tuple(kinds.tolist())
+
+
+@final
+class _Leaves:
+    """The numbers of a plan as heyoka's expressions, in the order of `numbers_of`."""
+
+    def __init__(self, hy: Any, kinds: tuple[int, ...], first: int) -> None:
+        self._hy, self._kinds, self._first, self._next = hy, kinds, first, 0
+
+    def __call__(self, *shape: int) -> Any:
+        """The next numbers, as an array of expressions of this shape."""
+        count = math.prod(shape)
+        places = range(self._next, self._next + count)
+        self._next += count
+        out = np.empty(count, dtype=object)
+        for i, k in enumerate(places):
+            kind = self._kinds[k]
+            out[i] = float(kind) if kind != 2 else self._hy.par[self._first + k]
+        return out.reshape(shape)
+
+
+def _total(terms: Iterable[Any]) -> Any:
+    """The sum of products, without those that are zero."""
+    kept = [a * b for a, b in terms if not (_zero(a) or _zero(b))]
+    out = kept[0] if kept else 0.0
+    for term in kept[1:]:
+        out = out + term
+    return out
+
+
+def _zero(value: Any) -> bool:
+    return isinstance(value, float) and value == 0.0
+
+
+@final
+class _Builder:
+    """Coordinates, elements and accelerations of a plan as expressions.
+
+    Of each element `own` has sign, phasor (2), offset, drift, push, stiffness and damping.
+    """
+
+    def __init__(self, hy: Any, plan: Plan) -> None:
+        n, e = plan.equations.size, plan.elements
+        self._plan, self._n = plan, n
+        self.zx = [hy.expression(f"x{i}") for i in range(n)]
+        self.zv = [hy.expression(f"v{i}") for i in range(n)]
+        self._phase, self._rate = hy.par[0] + hy.par[1] * hy.time, hy.par[1]
+        self._sine, self._cosine = hy.sin(self._phase), hy.cos(self._phase)
+        count = len(plan.equations.numbers)
+        self._numbers = [hy.par[2 + i] for i in range(count)]
+        self.leaves = _Leaves(hy, plan.kinds, 2 + count)
+        self._forces = self.leaves(3, n)
+        self._rows, self._own = self.leaves(e, n), self.leaves(e, 8)
+        self._places = dict(plan.stops)
+        self._speeds = dict((*plan.stops, *plan.rubs))
+        own, x, v = self._own, list(self.zx), list(self.zv)
+        for k, p in self._places.items():
+            x[p] = x[p] + own[k, 0] * (own[k, 3] + self.swing(k, 0))
+        for k, p in self._speeds.items():
+            v[p] = v[p] + own[k, 0] * (own[k, 4] + self.swing(k, 1))
+        self.x, self.v = (_applied(self.leaves(n, n), part) for part in (x, v))
+
+    def swing(self, k: int, order: int) -> Any:
+        """Displacement of an element, or its rate, or acceleration."""
+        real, imaginary = self._own[k, 1], self._own[k, 2]
+        if order == 1:
+            return self._rate * _total([(real, self._cosine), (-1.0 * imaginary, self._sine)])
+        still = _total([(real, self._sine), (imaginary, self._cosine)])
+        return still if order == 0 else -1.0 * (self._rate * self._rate * still)
+
+    def gap(self, k: int) -> Any:
+        """Gap of an element."""
+        if k in self._places:
+            return self.zx[self._places[k]]
+        along = _total(zip(self._rows[k], self.x, strict=True))
+        return self._own[k, 0] * (along - self._own[k, 3] - self.swing(k, 0))
+
+    def slip(self, k: int) -> Any:
+        """Rate of the gap of an element."""
+        if k in self._speeds:
+            return self.zv[self._speeds[k]]
+        along = _total(zip(self._rows[k], self.v, strict=True))
+        return self._own[k, 0] * (along - self._own[k, 4] - self.swing(k, 1))
+
+    def accelerations(self) -> tuple[list[Any], list[Any]]:
+        """Accelerations, and the forces along the rows of what holds and sticks."""
+        from dynkit.systems.symbolic.taylor import series
+
+        plan, n = self._plan, self._n
+        equations, both = plan.equations, (*plan.held, *plan.sticking)
+        symbols = dict(zip((*equations.x, *equations.v), (*self.x, *self.v), strict=True))
+        symbols |= {equations.phase: self._phase, equations.rate: self._rate}
+        symbols |= dict(zip(equations.numbers, self._numbers, strict=True))
+        f = self._pushed(series("the energies", equations.force, symbols))
+        moved = [self.swing(k, 2) for k in both]
+        if not equations.constant_mass:
+            mass = series("the energies", [m for row in equations.mass for m in row], symbols)
+            matrix = np.array(mass, dtype=object).reshape(n, n)
+            return _constrained(matrix, f, self._rows, both, moved)
+        through, given = self.leaves(n, n), self.leaves(n, len(both))
+        pull, stiff = self.leaves(len(both), n), self.leaves(len(both), len(both))
+        known = [*f, *moved]
+        a = _applied(np.concatenate([through, given], axis=1), known)
+        return a, _applied(np.concatenate([pull, stiff], axis=1), known)
+
+    def _pushed(self, f: list[Any]) -> list[Any]:
+        """Forces with those that drive the structure, and those of the elements."""
+        own, drives = self._own, (self._sine, self._cosine, 1.0)
+        f = [f[i] + _total(zip(self._forces[:, i], drives, strict=True)) for i in range(self._n)]
+        for k in range(self._plan.elements):
+            parts = [(1.0, own[k, 5])]
+            parts += [(-1.0 * own[k, 6], self.gap(k))] if not _zero(own[k, 6]) else []
+            parts += [(-1.0 * own[k, 7], self.slip(k))] if not _zero(own[k, 7]) else []
+            push = _total(parts)
+            if not _zero(push):
+                f = [f[i] + _total([(own[k, 0] * self._rows[k, i], push)]) for i in range(self._n)]
+        return f
+
+    def rates(self, a: list[Any]) -> list[Any]:
+        """Rates of the coordinates (2 N,), by the accelerations."""
+        plan = self._plan
+        at_x = {p: k for k, p in self._places.items()}
+        at_v = {p: k for k, p in self._speeds.items()}
+        dx, dv = list(self.v), list(a)
+        for p, k in at_x.items():
+            dx[p] = 0.0 if k in plan.held else self.zv[p]
+        for p, k in at_v.items():
+            along = _total(zip(self._rows[k], a, strict=True))
+            still = k in (*plan.held, *plan.sticking)
+            dv[p] = 0.0 if still else self._own[k, 0] * (along - self.swing(k, 2))
+        return [*dx, *dv]
+
+    def guard(self, watch: Any, k: int, press: list[Any]) -> Any:
+        """What an element's guard watches."""
+        terms = [(1.0, watch[3])]
+        terms += [(watch[0], self.gap(k))] if not _zero(watch[0]) else []
+        terms += [(watch[1], self.slip(k))] if not _zero(watch[1]) else []
+        if not _zero(watch[2]):
+            number = (*self._plan.held, *self._plan.sticking).index(k)
+            terms.append((watch[2] * self._own[k, 0], press[number]))
+        return _total(terms)
+
+
+def system_of(hy: Any, plan: Plan) -> tuple[list[Any], list[Any], list[Any]]:
+    """The variables (2 N), their rates, and the guards, as heyoka's expressions."""
+    build = _Builder(hy, plan)
+    a, press = build.accelerations()
+    rates = [hy.expression(d) if isinstance(d, float) else d for d in build.rates(a)]
+    watches = build.leaves(len(plan.guards), 4)
+    pairs = zip(watches, plan.guards, strict=True)
+    return [*build.zx, *build.zv], rates, [build.guard(watch, k, press) for watch, k in pairs]
+
+
+def _applied(matrix: Any, values: list[Any]) -> list[Any]:
+    """Products (m,) of a matrix (m, n) of expressions with values (n,)."""
+    return [_total(zip(row, values, strict=True)) for row in matrix]
+
+
+def _constrained(
+    mass: Any, f: list[Any], rows: Any, both: tuple[int, ...], moved: list[Any]
+) -> tuple[list[Any], list[Any]]:
+    """Accelerations, and forces along the rows of elements that hold: by elimination."""
+    n, h = len(f), len(both)
+    right = np.empty((n, 1 + h), dtype=object)
+    right[:, 0] = f
+    right[:, 1:] = rows[list(both)].T if h else np.empty((n, 0), dtype=object)
+    solved = _solved(mass, right)
+    a, press = list(solved[:, 0]), list[Any]()
+    if h:
+        inner, outer = np.empty((h, h), dtype=object), np.empty((h, 1), dtype=object)
+        for j, k in enumerate(both):
+            for i in range(h):
+                inner[j, i] = _total(zip(rows[k], solved[:, 1 + i], strict=True))
+            outer[j, 0] = moved[j] - _total(zip(rows[k], a, strict=True))
+        press = list(_solved(inner, outer)[:, 0])
+        for i in range(n):
+            a[i] = a[i] + _total(zip(solved[i, 1:], press, strict=True))
+    return a, press
+
+
+def _solved(matrix: Any, right: Any) -> Any:
+    """Solution of a symmetric positive definite system of expressions, without pivoting."""
+    a, b, n = matrix.copy(), right.copy(), len(matrix)
+    for k in range(n):
+        for i in range(k + 1, n):
+            if _nil(a[i, k]):
+                continue
+            factor = a[i, k] / a[k, k]
+            for j in range(k + 1, n):
+                a[i, j] = a[i, j] if _nil(a[k, j]) else a[i, j] - factor * a[k, j]
+            for j in range(b.shape[1]):
+                b[i, j] = b[i, j] if _nil(b[k, j]) else b[i, j] - factor * b[k, j]
+    for k in reversed(range(n)):
+        for j in range(b.shape[1]):
+            left = b[k, j]
+            for i in range(k + 1, n):
+                if not (_nil(a[k, i]) or _nil(b[i, j])):
+                    left = left - a[k, i] * b[i, j]
+            b[k, j] = left if _nil(left) else left / a[k, k]
+    return b
+
+
+def _nil(value: Any) -> bool:
+    return _zero(value) or str(value) in ("0", "0.0", "0.0000000000000000")

@@ -1,0 +1,174 @@
+"""The automaton of an oscillator whose energies are not quadratic: its modes and their guards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from threading import RLock
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.systems.impact.elements.element import IMPACT, JAM
+from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.modes.structure import ROUNDING, Structure
+from dynkit.systems.impact.modes.taylor_mode import Scene, TaylorMode, independent
+from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
+from dynkit.systems.impact.simulation.regimes import Parts
+
+
+@final
+class TaylorAutomaton:
+    """The modes that motions of one oscillator have entered; in the first one all regimes are 0.
+
+    Attributes
+    ----------
+    modes : list of TaylorMode
+    regimes : list of tuple
+        Regimes of all elements in each mode.
+    parts : Parts
+    guards : list of Guard
+    first : list of int
+        Number of the first guard of each mode.
+    sliders : dict
+        There are none.
+    table : (guards, 4)
+        For each guard: its mode, its element, the next mode, and the kind of the event.
+
+    Raises
+    ------
+    ValueError
+        When elements act along rows that depend on one another, have sliders, or are friction with
+        a coefficient; and when several act at once on a structure whose mass matrix varies.
+    """
+
+    def __init__(self, structure: Structure, scene: Scene) -> None:
+        check_elements(scene)
+        self._structure, self._scene = structure, scene
+        self._elements = scene.elements
+        self.parts = Parts(scene.elements, structure, {})
+        self.sliders: dict[int, int] = {}
+        self.modes: list[TaylorMode] = []
+        self.regimes: list[tuple[int, ...]] = []
+        self.guards: list[Guard] = []
+        self.first: list[int] = []
+        self._lock = RLock()
+        hit = any(isinstance(element, HardStop) for element in scene.elements)
+        idle = not (hit or scene.excitation.turns)
+        self._cycled = cycled_by(scene.elements) if idle else None
+        self._number((0,) * len(scene.elements))
+
+    @property
+    def table(self) -> NDArray[np.intp]:
+        """Mode, element, next mode and kind of the event of each guard, (guards, 4)."""
+        return self.parts.table(self.regimes, self.guards)
+
+    def mode(self, regimes: tuple[int, ...]) -> TaylorMode:
+        """The mode of given regimes; it is built if no motion has entered it."""
+        return self.modes[self._number(regimes)]
+
+    def guard(self, mode: int, element: int) -> int:
+        """Number of the first guard of an element in a mode, or else of the mode."""
+        own = range(self.first[mode], self.first[mode] + len(self.modes[mode].guards))
+        return next((k for k in own if self.guards[k].element == element), self.first[mode])
+
+    def enter(self, number: int) -> int:
+        """Number of the mode that a guard leads to; it is built if no motion has entered it."""
+        guard = self.guards[number]
+        if guard.target < 0:
+            regimes = list(self.regimes[guard.mode])
+            regimes[guard.element] = guard.watch.to
+            guard.target = self._number(tuple(regimes))
+            guard.partner = self.guard(guard.target, guard.element)
+        return guard.target
+
+    def marks(self, number: int) -> bool:
+        """Whether the zero of a guard is the section of an undriven machine."""
+        guard = self.guards[number]
+        if guard.element != self._cycled:
+            return False
+        if halts(self._elements[guard.element]):
+            return bool(guard.watch.halts)
+        return not self.regimes[guard.mode][guard.element]
+
+    def _number(self, regimes: tuple[int, ...]) -> int:
+        with self._lock:
+            if regimes not in self.regimes:
+                self._build(regimes)
+            return self.regimes.index(regimes)
+
+    def _build(self, regimes: tuple[int, ...]) -> None:
+        now, number = self.parts.now(regimes), len(self.modes)
+        grips = self.parts.grips(regimes)
+        both, watched = sum(grips, ()), list[Any]()
+        for k, regime in enumerate(now):
+            # a stop that faces a closed one keeps its gap, unless they move apart
+            along = False if k in both else self.parts.along(grips[0], k)
+            for watch in regime.guards if along is not True else ():
+                jams = along is None and watch.event == IMPACT
+                watched.append((k, replace(watch, event=JAM) if jams else watch))
+        watched.sort(key=lambda pair: pair[1].at_once)
+        mode = TaylorMode(self._scene, now, grips, watched)
+        self.first.append(len(self.guards))
+        for k, watch in watched:
+            guard = Guard(number, k, watch, None)
+            if watch.event == IMPACT:
+                guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
+            self.guards.append(guard)
+        self.modes.append(mode)
+        self.regimes.append(regimes)
+
+    def coupled(self, guard: Guard, other: int) -> bool:
+        """Whether an impact changes the rate of another stop's gap."""
+        row = self._elements[other].row(self._structure.size)
+        mode = self.modes[guard.mode]
+        change = mode.kick(guard.element, np.zeros(self._structure.size))
+        return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+
+
+def check_elements(scene: Scene) -> None:
+    """Refuse elements that Taylor's method does not follow.
+
+    Raises
+    ------
+    ValueError
+        As `TaylorAutomaton`.
+    """
+    elements, rows = scene.elements, list[Any]()
+    for element in elements:
+        if element.leans_on:
+            raise ValueError(
+                "friction with a coefficient needs quadratic energies, and those of this structure "
+                f"are not; got {element!r}"
+            )
+        if element.slider:
+            raise ValueError(
+                "elements with sliders need quadratic energies, and those of this structure are "
+                f"not; got {element!r}"
+            )
+    rigid = [
+        k
+        for k, e in enumerate(elements)
+        if any(regime.holds or regime.sticks for regime in e.regimes)
+    ]
+    for k in rigid:
+        mine = scene.rows[k] / np.linalg.norm(scene.rows[k])
+        facing = isinstance(elements[k], HardStop) and any(
+            isinstance(elements[j], HardStop)
+            and abs(abs(mine @ scene.rows[j]) - np.linalg.norm(scene.rows[j])) < ROUNDING
+            for j in rigid[: rigid.index(k)]
+        )
+        if facing:
+            continue
+        rows.append(mine)
+        if not independent(np.array(rows)):
+            raise ValueError(
+                "elements of a structure whose energies are not quadratic must act along rows "
+                f"that do not depend on one another; got {elements[k]!r} beside others"
+            )
+    if len(rows) > 1 and not scene.motion.equations.constant_mass:
+        raise ValueError(
+            "elements must be one hard stop, a play, one friction, or one preload, beside soft "
+            "stops, where the mass matrix depends on the coordinates; "
+            f"got {len(rows)} that hold or stick"
+        )

@@ -1,0 +1,115 @@
+"""Which bounces of a chatter are left out, where flights are followed by Taylor's method."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynkit.core.differences import numerical_derivative
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor_chart import Chart
+    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+
+_SMALLEST = 1e-100
+"""Velocity below which a chatter is over, whatever is tolerated."""
+
+_PLACE = 1000.0
+"""So many times the tolerance the place of the contact mass may be off in omitted bounces."""
+
+_DIFFERENCES = 2.0**-50
+"""Relative error of accelerations of which differences are taken."""
+
+
+def chatter(
+    mode: TaylorMode,
+    chart: Chart,
+    k: int,
+    state: Array,
+    law: Restitution,
+    allowed: float,
+    u: float,
+    found: Array,
+) -> tuple[float | None, float]:
+    """Duration of the bounces of a gap from a velocity on, None where they are not over; the error.
+
+    With a contact acceleration a they last T = 2 u / (a (1 - r)). They are left out where a varies
+    by less than a (1 - r) / 4 over 2 T, and where that changes no position or velocity by more than
+    the tolerance, to leading order. For an impact law 1 - r is the share of the first bounce in all
+    of them.
+
+    Parameters
+    ----------
+    state : (2, N + 1)
+        The state just after the impact.
+    allowed : float
+        Tolerance of the change; with 0 none is left out.
+    found : (order + 1,)
+        Taylor coefficients of the gap.
+    """
+    a, r = -2.0 * float(found[2]), None if isinstance(law, ImpactLaw) else law
+    part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
+    if not part > 0.0 or (allowed == 0.0 and u > _SMALLEST):
+        return None, 0.0
+    lost = (2.0 / 3.0) * u**3 / (a * a * (part if r is None else 1.0 - r**3))
+    rest = 4.0 * u / (a * part)
+    if lost > _PLACE * allowed > 0.0:
+        return None, 0.0
+    order = np.arange(3, len(found))
+    terms = abs(found[3:]) * order * (order - 1) * rest ** (order - 2.0)
+    if float(terms.sum()) > 0.25 * part * a or terms[-1] > 1e-6 * a:
+        return None, 0.0
+    largest, drag = coupling(mode, chart, k, state)
+    third = 6.0 * float(found[3])
+    place = 0.025 * u * rest * rest * (abs(drag - third / a) + abs(drag))
+    if largest * lost > allowed or place > _PLACE * allowed > 0.0:
+        return None, 0.0
+    return 0.5 * rest if r is None else _bounces(u, r, a, drag, third), largest * lost
+
+
+def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[float, float]:
+    """Largest change by a brief excursion of a gap, over its integral; and the gap's drag.
+
+    Positions of the others change by the derivative of their accelerations by the rate of the gap,
+    and their velocities by that by the gap, and by the first change times their dashpots.
+    """
+    n, p, (x, v) = mode.bodies, chart.places[k], mode.motion(state)
+    w, scene, phase = mode.scene.excitation.frequency, mode.scene, math.atan2(*state[:, -1])
+    mass, _ = scene.motion.inertia(w, x, v, phase)
+    by_x, by_v = scene.motion.tangent(w, x, v, phase)
+    for row, regime in zip(scene.rows, mode.regimes, strict=True):
+        along = np.outer(row, row)
+        by_x, by_v = by_x - regime.stiffness * along, by_v - regime.damping * along
+    by_x, by_v = (np.asarray(np.linalg.solve(mass, part), dtype=float) for part in (by_x, by_v))
+    if not scene.motion.equations.constant_mass:
+
+        def accelerations(given: Array) -> Array:
+            there = state.copy()
+            there[0, :-1] = given
+            return mode.balance(there)[0]
+
+        by_x = numerical_derivative(accelerations, x, accuracy=_DIFFERENCES)[0]
+    by_gap = chart.to_v @ by_x @ chart.back_x[:, p]
+    through = chart.to_v @ by_v @ chart.back_v
+    others = np.delete(np.arange(n), p)
+    moved = through[others, p]
+    turned = by_gap[others] + through[np.ix_(others, others)] @ moved
+    largest = max(abs(part).max(initial=0.0) for part in (moved, turned, by_gap[others]))
+    return float(largest) or 1.0, -float(through[p, p])
+
+
+def _bounces(u: float, r: float, acceleration: float, drag: float, third: float) -> float:
+    """Time until the bounces from velocity `u` on accumulate, to second order in `u`.
+
+    In flight the gap obeys g'' = -a - b t - c g'. A bounce that leaves at u, t after the first one,
+    takes 2 u / a + p u^2 + q u t, and arrives at u (1 + v u).
+    """
+    a = acceleration - drag * u
+    c, b = drag / a, (drag * a - third) / (a * a)
+    once, p, q, v = 2.0 / a, -(2.0 * c + 4.0 * b) / (3.0 * a), -2.0 * b, 2.0 * (b - c) / 3.0
+    more = p + r / (1.0 - r) * once * (v + q)
+    return once * u / (1.0 - r) + u * u * more / (1.0 - r * r)

@@ -1,0 +1,51 @@
+"""The log of impacts of a run by Taylor's method."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.simulation.trajectory import Impacts
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor_chart import Chart
+    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+
+
+@final
+class Log:
+    """Impacts of a run, in the coordinates of their charts until all are known."""
+
+    def __init__(self, rows: int, mode: TaylorMode) -> None:
+        n = mode.bodies
+        self._mode, self._count = mode, 0
+        self._z = np.empty((rows, 2 * n))
+        self._rows: list[tuple[float, float, float, float, int]] = []
+        self._charts: list[tuple[int, Chart]] = []
+
+    def note(
+        self, time: float, speed: float, guard: int, chart: Chart, z: Array, turn: Any
+    ) -> None:
+        """Note one impact."""
+        i = self._count
+        self._z[i] = z
+        self._rows.append((time, speed, *turn, guard))
+        if not self._charts or self._charts[-1][1] is not chart:
+            self._charts.append((i, chart))
+        self._count = i + 1
+
+    def impacts(self) -> Impacts:
+        """The log in positions and velocities."""
+        count, n = self._count, self._mode.bodies
+        columns: Any = list(zip(*self._rows, strict=True)) or [()] * 5
+        time, speed, *turns = np.array(columns[:4], dtype=float)
+        turn, states = np.stack(turns, axis=1), np.empty((count, 2, n + 1))
+        ends = [i for i, _ in self._charts[1:]] + [count] * bool(self._charts)
+        for (begin, chart), end in zip(self._charts, ends, strict=True):
+            now = slice(begin, end)
+            x, v = chart.motion(self._z[now], *turn[now].T)
+            states[now] = self._mode.states(np.stack([x, v], axis=1), *turn[now].T)
+        guard = np.array(columns[4], dtype=np.intp)
+        return Impacts(time, speed, guard, states, np.empty((0, 2)))

@@ -1,0 +1,520 @@
+"""Runs of structures whose energies are not quadratic: Taylor's method from event to event."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
+from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.taylor_chatter import chatter
+from dynkit.systems.impact.simulation.taylor_log import Log
+from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor_chart import Chart
+    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+_FLIGHT, _BOUNCED, _SWITCHED, _BOUNCES = range(4)
+"""Of each element: in flight; just after an impact, which may come to rest; just after a switch;
+just after an impact, and it does not come to rest."""
+
+_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
+
+_PERIODS = 1000.0
+"""Periods of the forcing without an event after which a run ends, with `Ending.SEARCH_LIMIT`."""
+
+_ABOVE = 1e-300
+"""Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
+
+_RELEASED = 2.0**-80
+"""Gap after a release, and slip after a halt, relative to the largest coordinate."""
+
+_AHEAD = 1e-7, 1e-5, 1e-3
+"""Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
+
+_BRIEF = 1e-8, 1e-4
+"""Parts of a period at which the first steps of a flight end, as a guard may soon be zero."""
+
+_SLOW, _LOW = 0.05, 100.0
+"""Impacts are looked at as parts of a chatter where they are slower than this part of the stop's
+largest velocity, or than so many times the cubic root of the tolerance."""
+
+_AT_ONCE, _SWITCHES = 1000, 1 << 16
+"""Impacts in no time, for each element, and switches without an impact, after which a run ends."""
+
+_STEPS = 16.0
+"""Steps of a flight whose roundings the disturbance of one event covers."""
+
+_PACE = 0.4
+"""Steps of a twin run over the longest step of Taylor's method."""
+
+
+@final
+class TaylorCourse:
+    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
+
+    `noise` is the relative size of pseudo-random disturbances of the start and of the states after
+    events. A disturbed run also takes shorter steps of Taylor's method, so that its distance shows
+    the errors of the method as well.
+
+    Attributes
+    ----------
+    impacts : int
+        Number of impacts so far.
+    ending : Ending
+        Why the simulation ended.
+    cells : int
+        Steps of Taylor's method so far.
+    """
+
+    def __init__(
+        self, oscillator: DrivenStructure, start: ImpactState, *, noise: float, seed: int
+    ) -> None:
+        self._oscillator, self._start, self._noise = oscillator, start, noise
+        self._random = np.random.default_rng(seed)
+        self._late = float(self._random.choice((-1.0, 1.0)))
+        self._automaton: Any = oscillator._automaton
+        self._tolerance = oscillator.chatter_tolerance
+        self._motion = [_FLIGHT] * len(oscillator._elements)
+        self._speed = [0.0] * len(oscillator._elements)
+        self._turn = float(start._turn[0]), float(start._turn[1])
+        self._time, self._low, self._longest = 0.0, 0.0, 0.0
+        self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
+        self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
+        self._steps = 0
+        self._left, self._bounce = start.element, 0.0
+        self._laws = [stop.restitution for stop in oscillator._stops]
+        self._several = len(self._laws) > 1
+        self._strobed = oscillator._strobed and not oscillator._cycled
+        self._frequency = oscillator.frequency
+        # Faster impacts than a part of this speed are no chatter.
+        moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
+        slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
+        self._slow = slow if moved else math.inf
+        self._since, self._last_switches = 0.0, 0
+        self._switches: list[tuple[float, float, float, int, int, Array]] = []
+        self._period = TWO_PI / oscillator.frequency
+        self._remaining = self._period
+        if self._strobed:
+            self._remaining = (TWO_PI - start.phase) / oscillator.frequency
+        else:
+            self._motion[start.element] = _MOTIONS.index(start.motion)
+            self._speed[start.element] = start.speed
+        self._number = 0
+        self._enter(*start._coordinates)
+        for k in start.closed:
+            self._close(k)
+        self._disturb()
+
+    def _close(self, k: int) -> None:
+        """Enter contact with a stop, or friction, on which the motion starts."""
+        automaton, place = self._automaton, self._place()
+        rests = (i for i, (j, w) in enumerate(self._mode.guards) if (j, w.event) == (k, REST))
+        number = next((self._first + i for i in rests), automaton.guard(self._number, k))
+        guard = automaton.guards[number]
+        if guard.element == k and guard.watch.event in (IMPACT, HALT, REST):
+            self._number = automaton.enter(number)
+            self._enter(*place)
+            self._note(number, 0.0, 0.0)
+
+    # --- where it is ------------------------------------------------------------------------------
+
+    def _enter(self, x: Array, v: Array) -> None:
+        """Take positions and velocities into the coordinates of the present mode."""
+        self._mode: TaylorMode = self._automaton.modes[self._number]
+        self._chart: Chart = self._mode.chart(self._left)
+        self._z = self._chart.coordinates(x, v, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+        self._kicks: dict[int, Array | None] = {}
+        self._first = self._automaton.first[self._number]
+        events = [self._automaton.guards[self._first + i] for i in range(len(self._mode.guards))]
+        self._plain = all(guard.watch.event == IMPACT for guard in events)
+
+    def _touch(self) -> None:
+        """Gaps of stops that were just left are exactly zero, and their rates are known."""
+        n = self._mode.bodies
+        for k, motion in enumerate(self._motion):
+            if motion != _FLIGHT and k in self._chart.places and k not in self._mode.held:
+                self._z[self._chart.places[k]] = self._above(motion)
+                self._z[n + self._chart.speeds[k]] = self._speed[k]
+
+    def _above(self, motion: int) -> float:
+        """A gap or slip that is zero: what rounding of accelerations takes away is far less."""
+        return _RELEASED * float(abs(self._z).max()) if motion == _SWITCHED else _ABOVE
+
+    def _place(self) -> tuple[Array, Array]:
+        """Positions and velocities (N,)."""
+        return self._chart.motion(self._z, *self._turn)
+
+    def _state(self) -> Array:
+        """The state (2, N + 1)."""
+        return self._mode.states(np.stack(self._place()), *self._turn)
+
+    def _disturb(self) -> None:
+        """Change all numbers by pseudo-random parts of themselves, and the phase.
+
+        The parts grow with the number of steps of the last flight, each of which is rounded.
+        """
+        if self._noise:
+            noise = self._noise * max(1.0, self._steps / _STEPS)
+            self._z *= 1.0 + noise * self._random.uniform(-1.0, 1.0, self._z.shape)
+            s, c = self._turn
+            angle = noise * float(self._random.uniform(-1.0, 1.0))
+            self._turn = s + angle * c, c - angle * s
+
+    def _pass(self, duration: float) -> None:
+        """Let time pass: the clock, in double-double, and the phase."""
+        self._longest = max(self._longest, duration)
+        total = self._time + duration
+        back = total - self._time
+        low = self._low + ((self._time - (total - back)) + (duration - back))
+        self._time = total + low
+        self._low = low - (self._time - total)
+        angle = self._frequency * duration
+        sine, cosine = math.sin(angle), math.cos(angle)
+        s = self._turn[0] * cosine + self._turn[1] * sine
+        c = self._turn[1] * cosine - self._turn[0] * sine
+        factor = 1.5 - 0.5 * (s * s + c * c)
+        self._turn = s * factor, c * factor
+
+    # --- the loop ---------------------------------------------------------------------------------
+
+    def advance(self, count: int, *, store: bool) -> Impacts:
+        """Simulate up to `count` further impacts; return their log, empty unless stored."""
+        log, done, strobed = Log(count if store else 0, self._mode), 0, self._oscillator._strobed
+        guards = self._automaton.guards
+        while done < count:
+            self._settle()
+            if self.ending is not Ending.COUNT_REACHED:
+                break
+            number = self._fly()
+            if number is None:
+                break
+            if number >= 0 and guards[number].watch.event != IMPACT:
+                self._change(number)
+                if not self._automaton.marks(number):
+                    continue
+                number = guards[number].partner
+            elif number >= 0:
+                number = self._hit(number)
+            if store:
+                speed = math.nan if strobed else self._speed[self._left]
+                log.note(
+                    self._time, speed, max(number, self._first), self._chart, self._z, self._turn
+                )
+            done += 1
+            self.impacts += 1
+        return log.impacts()
+
+    def _fly(self) -> int | None:
+        """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
+        strobed = self._strobed
+        if self._several and (number := self._struck()) is not None:
+            return number
+        longest = self._remaining if strobed else _PERIODS * self._period
+        pace = _PACE if self._noise else math.inf
+        early = [] if self._plain and not self._bounce else self._early(longest)
+        chart, (sine, cosine) = self._chart, self._turn
+        with chart.lock:
+            index, duration, steps = chart.fly(self._z, sine, cosine, longest, pace, early)
+            if index == -1:
+                end = chart.reached
+        self.cells, self._steps = self.cells + steps, steps
+        if index == -2 or (index == -1 and not strobed):
+            self.ending = Ending.SEARCH_LIMIT
+            return None
+        self._pass(duration)
+        if duration > 2.0**-52 * self._time:
+            self._motion, self._at_once = [_FLIGHT] * len(self._motion), 0
+        self._remaining -= duration
+        if index == -1:
+            # The duration of a period is rounded, in all periods alike.
+            self._z, self._remaining = end, self._period
+            self._turn = self._noise * self._late, 1.0
+            self._disturb()
+            return -1
+        return int(self._first + index)
+
+    def _early(self, longest: float) -> list[float]:
+        """Durations at which the first steps of a flight end, below the longest."""
+        if self._plain:
+            bounce, self._bounce = self._bounce, 0.0
+            return [bounce] if 0.0 < bounce < min(_BRIEF[1] * self._period, longest) else []
+        return [time for part in _BRIEF if (time := part * self._period) < longest]
+
+    def _struck(self) -> int | None:
+        """The guard of a stop that is touched and whose gap closes; None for none."""
+        state = self._state()
+        for i, (k, watch) in enumerate(self._mode.guards):
+            if watch.event == IMPACT:
+                value, band = self._mode.watched(i, state)
+                if value <= band and self._rate_of(k) < -band:
+                    return int(self._first + i)
+        return None
+
+    def _rate_of(self, k: int) -> float:
+        """Rate of the gap of a stop."""
+        if k in self._chart.places:
+            return float(self._z[self._mode.bodies + self._chart.speeds[k]])
+        return float(self._mode.gap(k, *self._place(), *self._turn)[1])
+
+    def _note(self, number: int, rest: float, speed: float) -> None:
+        """Note a change of the mode."""
+        self._switches.append((self._time, rest, speed, self.impacts, number, self._state()))
+        if self.impacts != self._since:
+            self._since, self._last_switches = self.impacts, len(self._switches)
+        if len(self._switches) - self._last_switches > _SWITCHES:
+            self.ending = Ending.SEARCH_LIMIT
+
+    # --- events -----------------------------------------------------------------------------------
+
+    def _change(self, number: int, *, moved: int = _SWITCHED) -> None:
+        """Enter the mode that a guard leads to, at its zero."""
+        guard = self._automaton.guards[number]
+        if guard.watch.event == JAM:
+            self.ending = Ending.JAMMED
+            return
+        k, place, stuck = guard.element, self._place(), self._mode.sticking
+        self._number = self._automaton.enter(number)
+        self._motion[k] = _FLIGHT if guard.watch.event == HALT else moved
+        self._speed[k] = 0.0
+        self._enter(*place)
+        if k in stuck and k in self._chart.speeds:
+            forward = next(w.rate for j, w in self._mode.guards if j == k and w.halts)
+            slip = self._above(_SWITCHED)
+            self._z[self._mode.bodies + self._chart.speeds[k]] = slip * forward
+        self._again(k)
+        self._disturb()
+        self._note(number, 0.0, 0.0)
+
+    def _again(self, element: int) -> None:
+        """In another mode, what did not come to rest may do so."""
+        for k, motion in enumerate(self._motion):
+            if motion == _BOUNCES and k != element:
+                self._motion[k] = _BOUNCED
+
+    def _hit(self, number: int) -> int:
+        """Newton's law of impact at a guard; the guard's number, in the mode after it."""
+        automaton = self._automaton
+        guard = automaton.guards[number]
+        k = guard.element
+        if len(self._motion) > 1 and (guard.ambiguous or self._together(guard)):
+            self._ambiguous = self.impacts if self._ambiguous < 0 else self._ambiguous
+        while guard.opens >= 0:  # what the impact pulls away from is released first
+            opened = automaton.guard(self._number, guard.opens)
+            self._change(opened, moved=_BOUNCED)
+            number = automaton.guard(self._number, k)
+            guard = automaton.guards[number]
+        if self._left != k:
+            self._left = k
+            if k not in self._chart.places:
+                self._enter(*self._place())
+        z, place, n = self._z, self._chart.places[k], self._mode.bodies
+        rate = min(float(z[n + place]), 0.0)
+        if rate == 0.0:
+            self._touches += 1
+        r = self._restitution(k, -rate)
+        kick = self._kick(k)
+        if kick is not None:
+            z[n:] -= (1.0 + r) * rate * kick
+        z[place], z[n + place] = _ABOVE, 0.0 - r * rate
+        self._speed[k], self._motion[k] = 0.0 - r * rate, _BOUNCED
+        if len(self._motion) > 1:
+            self._canonical(k)
+        self._at_once += 1
+        if self._at_once > _AT_ONCE * len(self._motion):
+            self.ending = Ending.COLLAPSED
+        if self._noise:
+            self._disturb()
+            self._speed[k] = float(self._z[n + place])
+        return number
+
+    def _canonical(self, k: int) -> None:
+        """The coordinates that a simulation from this state would begin with."""
+        for j, motion in enumerate(self._motion):
+            if j != k and motion != _FLIGHT and j < len(self._oscillator._stops):
+                self._motion[j] = _FLIGHT
+        state = self._place()
+        self._z = self._chart.coordinates(*state, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+
+    def _kick(self, k: int) -> Array | None:
+        """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap.
+
+        None where no other one changes.
+        """
+        if k in self._kicks:
+            return self._kicks[k]
+        kick: Array | None
+        kick = self._chart.to_v @ self._mode.kick(k, self._place()[0], math.atan2(*self._turn))
+        if not np.delete(kick, self._chart.speeds[k]).any():
+            kick = None
+        if self._mode.scene.motion.equations.constant_mass:
+            self._kicks[k] = kick
+        return kick
+
+    def _restitution(self, k: int, speed: float) -> float:
+        law = self._laws[k]
+        if isinstance(law, ImpactLaw):
+            return float(law.at([speed])[0]) if speed > 0.0 else 0.0
+        return law
+
+    def _together(self, guard: Any) -> bool:
+        """Whether another stop, which an impact pushes or pulls, is reached, too."""
+        state = self._state()
+        for i, (j, watch) in enumerate(self._mode.guards):
+            if j != guard.element and watch.event == IMPACT:
+                value, band = self._mode.watched(i, state)
+                if value <= band and self._automaton.coupled(guard, j):
+                    return True
+        return False
+
+    # --- what follows an event at once ------------------------------------------------------------
+
+    def _settle(self) -> None:
+        """Enter modes until no guard is negative, and nothing that bounced comes to rest."""
+        while self.ending is Ending.COUNT_REACHED:
+            number = None if self._plain else self._jumped()
+            if number is not None:
+                self._change(number)
+                continue
+            if _BOUNCED not in self._motion:
+                return
+            bounced = self._motion.index(_BOUNCED)
+            if bounced >= len(self._laws):
+                return
+            if bounced in self._mode.held:
+                self._motion[bounced] = _FLIGHT
+                continue
+            self._rest(bounced)
+
+    def _jumped(self) -> int | None:
+        """A guard that is negative at a start, or just after an event; None if none."""
+        state = self._state()
+        for i, (k, watch) in enumerate(self._mode.guards):
+            if watch.event not in (SWITCH, JUMP) or self._motion[k] == _SWITCHED:
+                continue
+            value, band = self._mode.watched(i, state)
+            falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
+            if value < -band or falls:
+                return int(self._first + i)
+        return None
+
+    def _falls(self, i: int) -> bool:
+        """Whether a guard that is zero but for rounding becomes negative: there is no crossing."""
+        coefficients = self._chart.coefficients(self._z, *self._turn)
+        for part in _AHEAD:
+            time = part * self._period
+            angle = self._oscillator.frequency * time
+            turn = self._turn[0] + angle * self._turn[1], self._turn[1] - angle * self._turn[0]
+            x, v = self._chart.motion(horner(coefficients, np.array([time]))[0], *turn)
+            value, band = self._mode.watched(i, self._mode.states(np.stack([x, v]), *turn))
+            if abs(value) > band:
+                return value < 0.0
+        return False
+
+    def _rest(self, k: int) -> None:
+        """Decide whether a stop that has just been hit holds: enter contact if it does."""
+        n, chart, u = self._mode.bodies, self._chart, self._speed[k]
+        self._motion[k] = _BOUNCES
+        if u >= self._slow:
+            return
+        if k not in chart.places:
+            self._left = k
+            self._enter(*self._place())
+            chart = self._chart
+        number = self._automaton.guard(self._number, k)
+        if self._automaton.guards[number].element != k:
+            return
+        rest: float | None = None
+        lost = 0.0
+        if u == 0.0:
+            rest = 0.0 if self._presses(k) else None
+        else:
+            found = chart.coefficients(self._z, *self._turn)[chart.places[k]]
+            a = -2.0 * float(found[2])
+            if a > 0.0:
+                self._bounce = 4.0 * u / a
+                law, state = self._laws[k], self._state()
+                rest, lost = chatter(self._mode, chart, k, state, law, self._tolerance, u, found)
+        if rest is None:
+            return
+        if u > 0.0:
+            self._chatter_error += lost
+            kick = self._kick(k)
+            if kick is not None:
+                self._z[n:] -= u * kick
+            self._z[n + chart.speeds[k]] = 0.0
+            if self._noise:
+                self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
+        self._motion[k], self._speed[k] = _SWITCHED, 0.0
+        place = self._place()
+        self._number = self._automaton.enter(number)
+        self._left = k
+        self._enter(*place)
+        self._again(k)
+        self._note(number, rest, u)
+
+    def _presses(self, k: int) -> bool:
+        """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
+        found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
+        a, pushes, given = self._mode.balance(self._state())
+        size = float(abs(self._mode.scene.rows[k]) @ abs(a)) + float(abs(given).max(initial=0.0))
+        size += float(abs(pushes).max(initial=0.0))
+        if abs(found[2]) > ROUNDING * size:
+            return bool(found[2] < 0.0)
+        w = self._oscillator.frequency
+        if abs(found[3]) > ROUNDING * size * (1.0 + w):
+            return bool(found[3] < 0.0)
+        return True
+
+    # --- the trajectory ---------------------------------------------------------------------------
+
+    def trajectory(self, log: Impacts, seconds: float) -> Trajectory:
+        """The trajectory of all events so far, with a log of impacts."""
+        oscillator, automaton = self._oscillator, self._automaton
+        stops, element = len(oscillator._stops), self._left
+        closed = automaton.parts.holding(automaton.regimes[self._number])
+        hard = [k for k in closed if k < stops]
+        motion, speed = Motion.FLIGHT, 0.0
+        if stops:
+            motion, speed = _MOTIONS[self._motion[element]], self._speed[element]
+        if hard:
+            element = element if element in hard else hard[0]
+            motion, speed = Motion.TABLE, 0.0
+        closed = [k for k in closed if k != element or oscillator._strobed]
+        n, count = self._mode.bodies, len(self._switches)
+        columns: Any = list(zip(*self._switches, strict=True)) or [()] * 6
+        times, rests, speeds = np.array(columns[:3], dtype=float)
+        before, guards = np.array(columns[3:5], dtype=np.intp)
+        states = np.array(columns[5]).reshape(count, 2, n + 1)
+        switches = Switches(times, rests, speeds, before, guards, states)
+        turn = np.array(self._turn)
+        return Trajectory(
+            self._start,
+            state_of(
+                oscillator, np.stack(self._place()), turn, speed, element, motion, tuple(closed)
+            ),
+            log,
+            switches,
+            tuple(automaton.regimes),
+            automaton.table,
+            self.impacts,
+            self.ending,
+            self._chatter_error,
+            self.cells,
+            self._touches,
+            seconds,
+            self._longest,
+            self._time,
+            self._ambiguous,
+        )

@@ -1,0 +1,112 @@
+"""Derivative of the impact map where the energies are not quadratic: by variational equations.
+
+A disturbance (x, v, phase) is that at its own event: where an event comes later by s, it also
+changes by s times the rate of the state.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.core.differences import numerical_derivative
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.variational.saltation import reset
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+    from dynkit.systems.impact.simulation.trajectory import Trajectory
+
+_DIFFERENCES = 2.0**-50
+"""Relative error of a force or a kick of which differences are taken."""
+
+
+def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tuple[Array, Any]:
+    """Disturbances (2 N + 1, d) just before the last impact of a run, and the state (2, N + 1).
+
+    Parameters
+    ----------
+    run : Trajectory
+        One impact from a start.
+    lifted : (2 N + 2, d)
+        Disturbances of the state at the start.
+    """
+    automaton, s, n = oscillator._automaton, run.segments, oscillator.degrees_of_freedom
+    sine, cosine = run.start._turn
+    parts = lifted.reshape(2, n + 1, -1)
+    turned = cosine * parts[0, n] - sine * parts[1, n]
+    out = np.concatenate([parts[0, :n], parts[1, :n], turned[None]])
+    last, ended = len(s.begin) - 1, out[-1] * 0.0
+    for i in range(last):
+        mode: TaylorMode = automaton.modes[int(s.mode[i])]
+        state, duration = s.states[i], float(s.begin[i + 1] - s.begin[i])
+        guard = automaton.guards[int(s.guard[i + 1])]
+        number = int(s.guard[i + 1]) - automaton.first[guard.mode]
+        final = oscillator._strobed and i == last - 1
+        if duration > 0.0:
+            state, flow = mode.flow(state, duration, int(s.element[i]))
+            out = flow @ out
+            rate = np.concatenate([*mode.rate(state[None])[0, :, :n], [oscillator.frequency]])
+            if final:
+                later = -ended
+            else:
+                row = gradient(mode, number, state)
+                later = -(row @ out) / float(row @ rate)
+            out = out + np.outer(rate, later)
+            ended = ended + later
+        if i < last - 1 and guard.watch.event in (IMPACT, HALT):
+            out = hit(mode, guard.element, state, out, 0.0, 0.0)[0]
+    return out, state
+
+
+def hit(
+    mode: TaylorMode, k: int, state: Array, disturbances: Array, slope: float, r: float
+) -> tuple[Array, Array]:
+    """Disturbances (2 N + 1, d) after an impact, and those of the gap's rate before it, (d,)."""
+    n, out = mode.bodies, disturbances.copy()
+    x, v = state[0, :n], state[1, :n]
+    sine, cosine = state[:, -1].tolist()
+    phase = float(np.arctan2(sine, cosine))
+    rate = float(mode.gap(k, x, v, sine, cosine)[1])
+    by_rate = rate_row(mode, k, state) @ disturbances
+    out[n : 2 * n] += reset(slope, mode.kick(k, x, phase), by_rate)
+    if not mode.scene.motion.equations.constant_mass:
+
+        def kick(given: Array) -> Array:
+            return mode.kick(k, given[:n], float(given[n]))
+
+        here = np.append(x, phase)
+        by_place = numerical_derivative(kick, here, accuracy=_DIFFERENCES)[0]
+        moved = np.concatenate([disturbances[:n], disturbances[2 * n :]])
+        out[n : 2 * n] -= (1.0 + r) * rate * (by_place @ moved)
+    return out, by_rate
+
+
+def rate_row(mode: TaylorMode, k: int, state: Array) -> Array:
+    """Derivative (2 N + 1,) of the rate of an element's gap by positions, velocities and phase."""
+    scene, element, n = mode.scene, mode.scene.elements[k], mode.bodies
+    sine, cosine = state[:, -1].tolist()
+    turned = element.swing_rate(scene.excitation.frequency, cosine, -sine)
+    return np.asarray(element.sign * np.concatenate([np.zeros(n), scene.rows[k], [-turned]]))
+
+
+def gradient(mode: TaylorMode, number: int, state: Array) -> Array:
+    """Derivative (2 N + 1,) of a guard by positions, velocities and phase."""
+    k, watch = mode.guards[number]
+    scene, element, n = mode.scene, mode.scene.elements[k], mode.bodies
+    sine, cosine = state[:, -1].tolist()
+    turned = element.swing(cosine, -sine)
+    row = watch.gap * element.sign * np.concatenate([scene.rows[k], np.zeros(n), [-turned]])
+    row = row + watch.rate * rate_row(mode, k, state)
+    if watch.force:
+
+        def force(given: Array) -> Array:
+            y = np.array([[*given[:n], np.sin(given[-1])], [*given[n:-1], np.cos(given[-1])]])
+            return mode.balance(y)[1][[k]]
+
+        here = np.concatenate([state[0, :n], state[1, :n], [np.arctan2(sine, cosine)]])
+        row = row + watch.force * numerical_derivative(force, here, accuracy=_DIFFERENCES)[0][0]
+    return np.asarray(row)
