@@ -14,27 +14,21 @@ function, Numerical Algorithms 53 (2010) 133-148.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
-from scipy.linalg import expm
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
-    from dynkit.systems.impact.orbits.passages.passage import Passage
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""
-
-_REST, _STEPS = 1e-17, 16
-"""What counts of a series, in steps of norm one; and the most steps."""
 
 _AGREEMENT = 1e-12
 _DIFFERENCE = 1e-3
@@ -248,6 +242,16 @@ class Machine:
         whole[n : 2 * n] = self.elements[element].sign * out / (own @ out)
         return whole
 
+    def shift(self, element: int) -> Any:
+        """(2N + 3,) change of positions that opens the gap by one."""
+        row, out = self.elements[element].row(self.size), np.zeros_like(self._given[0].real)
+        out[: self.size] = self.elements[element].sign * row / (row @ row)
+        return out
+
+    def put_on(self, element: int) -> Any:
+        """(2N + 3, 2N + 3): positions are moved so that the gap is zero."""
+        return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
+
     def caught(self, mode: Regimes, after: Regimes) -> Any:
         """(2N + 3, 2N + 3): of what holds or sticks after an event, and not before, rates are lost.
 
@@ -312,87 +316,18 @@ class Machine:
         return row
 
 
-def passage_change(passage: Passage, change: Array) -> tuple[Array, float, Array]:
-    """Derivatives of places at the end (2N - 2,), contact force at the release, and gaps (n,).
-
-    At given places and phases, by a change of the numbers.
-    """
-    system, word, phases = passage.scene.system, passage.word, passage.phases
-    m, contact = Machine(system, change), system._contact
-    others = np.append(contact.others, m.size + contact.others)
-    z = np.zeros(2 * m.size + 3, dtype=complex)
-    z[others] = passage.places
-    z[-3:] = np.sin(float(phases[0])), np.cos(float(phases[0])), 1.0
-    z = _caught(m, z, word.start)
-    force, gaps = m.force(m.closed(word.start), word.start) @ z, []
-    flow, norm = m.flow(m.free), _norm(m.flow(m.free))
-    durations = np.diff(phases[:-1]) / m.frequency
-    for side, lasts in zip(word.sides, durations, strict=True):
-        z = _moved(flow, norm, lasts, z)
-        gaps.append(m.gap(side) @ z)
-        z = z - (1.0 + m.restitution(side)) * (m.rate(side) @ z) * m.kick(m.free, side)
-    side = word.sides[-1]
-    row, by_rate = m.gap(side), m.rate(side)
-    back = _along(m, side)
-    # from here on the gap is taken to be zero
-    z -= gaps[-1] * back
-    late, times = 0.0j, passage.run.time
-    flights = np.diff(times, prepend=0.0)
-    # late in a chatter rates are far below the rounding of velocities: what is known is taken
-    rates = -passage.run.log.speed / passage.r if len(flights) else passage.run.log.speed
-    push = (1.0 + m.restitution(side)) * m.kick(m.free, side)
-    states = _chatter(passage) + np.outer(rates, push.real)
-    changed = np.stack([row, by_rate])
-    for moving, rate, before in zip(_together(flow, flights), rates.tolist(), states, strict=True):
-        z = before + 1j * (moving @ z).imag
-        gap = float(row.real @ z.imag + row.imag @ before)
-        later = -1j * gap / rate  # an impact is where the gap is zero
-        z = z + later * (flow @ z)
-        gap, speed = (changed @ z).imag.tolist()
-        z -= 1j * gap * back + complex(rate, speed - gap * float(by_rate.real @ back)) * push
-        late += later
-    lasts = (phases[-1] - phases[-2]) / m.frequency - late - (times[-1] if len(times) else 0.0)
-    held = m.flow(m.closed(side))
-    z = _moved(held, _norm(held), lasts, _caught(m, z, side))
-    return z[others].imag / STEP, float(force.imag) / STEP, np.array(gaps).imag / STEP
-
-
-def _caught(m: Machine, z: Any, side: int) -> Any:
-    """The state in which the contact coordinate is on the stop, and moves with it."""
-    gap, rate = m.gap(side), m.rate(side)
-    z = z - (gap @ z) * _along(m, side)
-    return z - (rate @ z) * m.kick(m.free, side)
-
-
-def _along(m: Machine, side: int) -> Array:
-    """The change (2N + 3,) of the contact coordinate that opens the gap by one."""
-    out, element = np.zeros(2 * m.size + 3), m.elements[side]
-    out[: m.size] = element.sign * element.row(m.size)
-    return out
-
-
-def _chatter(passage: Passage) -> Array:
-    """States (k, 2N + 3) just after the impacts of a chatter."""
-    free, states = passage.scene.system._free, passage.run.free_states[1:]
-    x, v = free.motion(states)
-    _, sine, cosine = free.parts(states)
-    return np.concatenate([x, v, np.stack([sine, cosine, np.ones(len(x))], axis=1)], axis=1)
-
-
-def _together(flow: Any, times: Array) -> Any:
-    """exp(A t), (k, d, d), of one matrix at short times (k,), whose powers are shared."""
-    if not len(times):
-        return []
+def lifted(flow: Any, times: Array) -> Any:
+    """exp(A t) - 1, (k, d, d), of one matrix at short times (k,), whose powers are shared."""
     halvings = np.ceil(np.log2(np.maximum(_norm(flow) * times, 1.0))).astype(int)
-    powers = [np.eye(len(flow), dtype=flow.dtype)]
-    for k in range(1, _TERMS + 1):
+    powers = [flow]
+    for k in range(2, _TERMS + 1):
         powers.append(flow @ powers[-1] / k)
-    weights = (times * 0.5**halvings)[:, None] ** np.arange(_TERMS + 1)
+    weights = (times * 0.5**halvings)[:, None] ** np.arange(1, _TERMS + 1)
     both = np.array(powers).reshape(len(powers), -1).view(float)
     out: Any = (weights @ both).view(flow.dtype).reshape(len(times), *flow.shape)
     for k in range(int(halvings.max())):
         some = halvings > k
-        out[some] = out[some] @ out[some]
+        out[some] = 2.0 * out[some] + out[some] @ out[some]
     return out
 
 
@@ -424,19 +359,3 @@ _TERMS, _LONGEST = 18, 2.0**50
 
 def _norm(flow: Any) -> float:
     return float(abs(flow).sum(axis=0).max())
-
-
-def _moved(flow: Any, norm: float, lasts: complex, z: Any) -> Any:
-    """exp(A t) z: by its series where that is short, as between the impacts of a chatter."""
-    steps = math.ceil(abs(lasts) * norm)
-    if steps > _STEPS:
-        return expm(flow * lasts) @ z
-    for _ in range(steps):
-        # A change of A counts in each term as much as z does in the one before.
-        term, k, left = z, 1, 1.0
-        while left > _REST:
-            term = flow @ term * (lasts / (steps * k))
-            z = z + term
-            left *= abs(lasts) * norm / (steps * k)
-            k += 1
-    return z

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
+from typing import TYPE_CHECKING, Any, Protocol, final
 
 import numpy as np
 
@@ -27,7 +27,6 @@ NONE = np.empty(0)
 class OrbitEquations(Protocol):
     """What an orbit asks of the equations that it solves."""
 
-    sticks: ClassVar[bool]
     driven: bool
     oscillator: ImpactMap
     periods: int
@@ -44,6 +43,10 @@ class OrbitEquations(Protocol):
 
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether the solution is a motion of the oscillator."""
+
+    @property
+    def sticks(self) -> bool:
+        """Whether contact with a stop begins with an impact."""
 
     @property
     def section_returns(self) -> int:

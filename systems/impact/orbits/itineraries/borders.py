@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
+from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import HALT, IMPACT
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.borders import (
@@ -31,20 +32,32 @@ if TYPE_CHECKING:
 
 def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
     """Impulses, times between events, what elements watch in between, and what begins."""
-    for k in range(len(s.hits)):
-        yield VanishingImpulse(problem, 0 if s.blind else k, k)
-    n, itinerary = s.events, problem.itinerary
+    n, itinerary, sticks, stops = (
+        s.events,
+        problem.itinerary,
+        s.course.sticks,
+        problem.oscillator._stops,
+    )
+    for k, i in enumerate(s.hits):
+        part = s.course.node_before(i) if sticks else 0
+        yield VanishingImpulse(problem, part if s.blind else k, k)
     for i in range(n):
         # impacts of one stop pass one another; those of stops that face each other never meet
-        others = itinerary[i].element != itinerary[(i + 1) % n].element
-        if s.blind or (others and not problem.oscillator._faces):
+        one, other = itinerary[i].element, itinerary[(i + 1) % n].element
+        both = sticks and one < len(stops) and other < len(stops)
+        if (s.blind and not both) or (one != other and not problem.oscillator._faces):
             yield VanishingInterval(problem, i)
     for i in range(n):
         for element, guard in itinerary[(i + 1) % n].mode.watched:
             yield TouchingGuard(problem, i, element, guard)
     for k, i in enumerate(s.hits):
-        if itinerary[i].element not in itinerary[(i + 1) % n].mode.held:
-            yield VanishingAcceleration(problem, k, k)
+        if not itinerary[i].begins_contact(itinerary[(i + 1) % n]):
+            yield VanishingAcceleration(problem, s.course.node_before(i) if sticks else k, k)
+        elif itinerary[i].chatters:
+            yield ChatterEnd(problem, i, 0, itinerary[i].element)
+    if sticks:
+        for i in problem.nodes:
+            yield FlatRelease(problem, i, 0, itinerary[i].element)
     for begun in problem.beginnings:
         yield Beginning(problem, begun)
 
@@ -74,7 +87,7 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
         found += [
             Begun(i, after, k, guard, 1.0)
             for element, guard in after.watched
-            if element == k and k in after.held and k not in event.mode.held
+            if element == k and k in after.held and k not in event.mode.held and not event.chatters
         ]
         regimes = system._elements[k].regimes
         watch = regimes[event.mode.numbers[k]].guards[event.guard]
@@ -88,6 +101,46 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
     return found
 
 
+class _OfContact(Border):
+    """A number that depends on a contact force, in units of what forces are."""
+
+    problem: Any
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self.value(solution) / self._unit(solution)]
+
+    def _unit(self, solution: Any) -> float:
+        force = solution.machine.force(solution.following[self.part].mode, self.side)
+        return float(abs(force) @ solution.measures)
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return solution.begins(self.part), self.side
+
+
+@final
+class ChatterEnd(_OfContact):
+    """The contact force is zero where contact begins after a chatter."""
+
+    def value(self, solution: Any) -> float:
+        return float(solution.chatters[self.part].pressing)
+
+    def begin(self, solution: Any) -> Array:  # noqa: ARG002
+        raise NoSolution("the force where an endless chatter ends is not smooth there")
+
+
+@final
+class FlatRelease(_OfContact):
+    """The contact force does not fall where it is zero, at a release."""
+
+    def value(self, solution: Any) -> float:
+        row, before = solution.guards[self.part], solution.before[self.part]
+        return -float(row @ solution.flows[self.part - 1] @ before)
+
+    def _unit(self, solution: Any) -> float:
+        row = abs(solution.guards[self.part]) @ solution.measures
+        return float(row * solution.frequency)
+
+
 @final
 class Beginning(Border):
     """What begins to hold, or to stick, could as well not do so; or the other way round."""
@@ -96,8 +149,8 @@ class Beginning(Border):
 
     def __init__(self, problem: Any, begun: Begun) -> None:
         super().__init__(problem, begun.event, begun.guard, begun.element)
-        self.begun, self.ends = begun, False
         hard = isinstance(problem.oscillator._elements[begun.element], HardStop)
+        self.begun, self.ends = begun, hard and begun.sign > 0.0 and problem.sticks
         self.kind = BifurcationKind.CB if hard else BifurcationKind.GR
 
     def value(self, solution: ItinerarySolution) -> float:
@@ -198,10 +251,12 @@ class TouchingGuard(Touching):
 
     def __init__(self, problem: Any, part: int, element: int, guard: int) -> None:
         super().__init__(problem, part, guard, element)
+        after = problem.itinerary[(part + 1) % len(problem.itinerary)].mode
+        if element in after.held and element < len(problem.oscillator._stops):
+            self.kind = BifurcationKind.CB
 
     def curve(self, solution: ItinerarySolution) -> tuple[Curve, float]:
-        curve = solution.curve(self.part, self.side, self.number)
-        return curve, float(solution.event_phases[self.part])
+        return solution.curve(self.part, self.side, self.number), solution.begins(self.part)
 
     def measures(self, solution: ItinerarySolution) -> Array:
         size = solution.size_of(self.part, self.side, self.number)

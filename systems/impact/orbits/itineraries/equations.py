@@ -30,6 +30,7 @@ from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution,
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
 from dynkit.systems.impact.orbits.machine import Machine, difference
+from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
@@ -39,6 +40,12 @@ if TYPE_CHECKING:
 
 LEAST = 1e-13
 """Smaller impulses are rounding: at resonance those of all orbits are zero."""
+
+SLOW = 1e-9
+"""Impacts of what sticks that are slower, beside the fastest, are rounding."""
+
+_STEPS, _SOLVED = 20, 1e-12
+"""Steps of Newton's method to a return, and the last of them, in units of the unknowns."""
 
 
 class Layout(NamedTuple):
@@ -80,7 +87,7 @@ def responds(oscillator: ImpactMap, itinerary: Itinerary, driven: bool) -> bool:
 
 
 @final
-class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
+class ItineraryEquations(ImpactProblem):
     """Periodic orbits of an impact oscillator, by the modes that they pass and their events.
 
     The unknowns are the phases (n,) of the events, not wrapped, the impulses (k,) of the impacts
@@ -103,7 +110,6 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
     Applied Mechanics 56 (1989) 168-174 (impulse responses).
     """
 
-    sticks = False
     _arguments: ClassVar[tuple[str, ...]] = (*ImpactProblem._arguments, "driven", "nodes")
 
     def __init__(
@@ -279,8 +285,12 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
         return factors(s) if isinstance(s, ResponseSolution) else s.factors
 
     @property
+    def sticks(self) -> bool:
+        return self.course.sticks
+
+    @property
     def section_returns(self) -> int:
-        return returns_of(self.oscillator, self.itinerary)
+        return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
 
     def counts(self) -> dict[str, float]:
         return counts_of(self.oscillator, self.itinerary)
@@ -288,7 +298,45 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
     def returns(self, x: Array, p: Array) -> Any:
         if not self.driven:
             raise NoSolution("the map of returns of a machine that nothing drives is not known")
-        return super().returns(x, p)
+        if not self.sticks:
+            return super().returns(x, p)
+        # From states in contact, at the phase of the first release, to those of a period later.
+        # Where it releases earlier or later the map is the same to first order.
+        s, at, n = self.at(x, p), float(x[0]), len(x)
+        basis, unit = s.held_directions(0), self._measures[: self.dimension]
+        first = n - self.layout.states
+        own, last = np.arange(first, first + self.dimension), np.arange(n - self.dimension, n)
+        others, rest = np.setdiff1d(np.arange(n), own), np.setdiff1d(np.arange(n), last)
+        place, flow = s.before[0], s.flows[-1]
+
+        def jacobian(state: Array) -> Array:
+            begun, y = place.copy(), x.copy()
+            begun[: self.dimension] += unit * (basis @ state)
+            for _ in range(_STEPS):
+                until = np.array([(y[0] - at) / s.clock])
+                (passed,) = shooting.moved(flow[None], until, self._measures)
+                z = passed @ begun
+                y[own] = z[: self.dimension]
+                there = self.at(y, p)
+                matrix = there.jacobian(1.0)
+                moving = (flow @ z)[: self.dimension] / s.clock
+                whole = matrix.copy()
+                whole[:, 0] += matrix[:, own] @ moving
+                step = np.linalg.solve(whole[np.ix_(rest, others)], there.left[rest])
+                y[others] -= step
+                if (abs(step) / self._scale[others]).max() < _SOLVED:
+                    break
+            else:
+                raise NoSolution("there is no such return")
+            to = passed[: self.dimension, : self.dimension] @ (unit[:, None] * basis)
+            moved = -np.linalg.solve(whole[np.ix_(rest, others)], matrix[np.ix_(rest, own)] @ to)
+            # what is left of the last equations is the end less the next begin
+            ended = matrix[np.ix_(last, own)] @ to + matrix[np.ix_(last, others)] @ moved + to
+            ended -= np.outer(moving, moved[0])
+            back = np.linalg.solve(passed[: self.dimension, : self.dimension], ended)
+            return np.asarray(basis.T @ (back / unit[:, None]))
+
+        return jacobian, np.zeros(basis.shape[1])
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
         bound, s = orbit_bound(self, x, p), self.at(x, p)
@@ -297,11 +345,19 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
         sizes = 32.0 * 2.0**-52 * float(abs(s.section_states).max(initial=0.0))
         return max(float(bound.max()), float(phases) + moved + sizes)
 
+    @property
+    def parts(self) -> int:
+        """Number of parts of the orbit that may come again: from release to release, or events."""
+        return len(self.nodes) if self.sticks else len(self.itinerary)
+
     def _may_repeat(self, k: int) -> bool:
-        return bool(self.itinerary == self.itinerary[k:] + self.itinerary[:k])
+        # how many impacts are named before a chatter is a choice
+        return self.sticks or bool(self.itinerary == self.itinerary[k:] + self.itinerary[:k])
 
     def _marked(self, x: Array) -> tuple[Array, Array]:
-        phases, impulses, _ = self.layout.split(x)
+        phases, impulses, states = self.layout.split(x)
+        if self.sticks:
+            return phases[list(self.nodes)], (states / self._state_units).reshape(self.parts, -1)
         pushed = np.zeros((self.layout.events, 1))
         pushed[self.course.hits, 0] = impulses
         if not self.driven:
@@ -309,15 +365,23 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
         return phases, pushed / self.sizes[1]
 
     def _shorter(self, k: int, periods: int) -> Self:
-        return self.remade(periods=periods, itinerary=self.itinerary[:k], nodes=(0,))
+        nodes, end = (self.nodes[:k], self._end(k)) if self.sticks else ((0,), k)
+        return self.remade(periods=periods, itinerary=self.itinerary[:end], nodes=nodes)
+
+    def _end(self, k: int) -> int:
+        """Number of the events of the first `k` parts."""
+        return (*self.nodes, len(self.itinerary))[k] if self.sticks else k
 
     def _part(self, x: Array, k: int) -> Array:
         phases, impulses, states = self.layout.split(x)
-        some = sum(event.kicked is not None for event in self.itinerary[:k])
-        return np.concatenate([phases[:k], impulses[:some], states[: self.dimension]])
+        end, nodes = self._end(k), k if self.sticks else 1
+        some = sum(event.kicked is not None for event in self.itinerary[:end])
+        return np.concatenate([phases[:end], impulses[:some], states[: nodes * self.dimension]])
 
     def in_turn(self, x: Array) -> tuple[Self, Array]:
         """With its events in turn, from its first one at a phase in [0, 2 pi) on."""
+        if self.sticks:
+            return self.shortest(x)
         if not self.driven:
             return self, x
         x = x.copy()
@@ -339,6 +403,10 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
     def proper(self, x: Array) -> bool:
         """Without rebound an impulse of zero follows any impact: two impacts are one."""
         phases, impulses, _ = self.layout.split(x)
+        if self.sticks:
+            # where the derivative is all but singular it is not solved for
+            least = float(abs(impulses).min(initial=np.inf))
+            return least >= SLOW * abs(impulses).max() and self.state_error(x, NONE, 0.0) < APART
         if not self.driven or not len(impulses):
             return True
         ends = np.append(phases, phases[0] + TWO_PI * self.periods)
@@ -362,6 +430,14 @@ class ItineraryEquations(ImpactProblem[ResponseSolution | ShootingSolution]):
 
     def canonical(self, x: Array) -> Array:
         phases, pushed = self._marked(x)
+        if self.sticks:  # means over the releases, which do not depend on which is the first
+            states = self.layout.split(x)[2].reshape(self.parts, 2, -1)
+            sizes = abs(states).max(axis=(0, 2)) + (self.dimension == 2)
+            scaled = (states / sizes[:, None]).reshape(self.parts, -1)
+            turn = np.exp(1j * phases)[:, None]
+            marks = [scaled, scaled**2, scaled * turn.real, turn.real, turn.imag]
+            mean = np.concatenate(marks, axis=1).mean(axis=0)
+            return np.append(mean, sizes[0] / sizes[1])
         turn, weights = np.exp(1j * phases), self.course.signs * pushed[:, 0]
         marks = [turn, weights * turn, weights**2 * turn, self.course.kinds * turn, 1j * weights]
         found = [np.array(marks).sum(axis=1).view(float) / len(turn)]

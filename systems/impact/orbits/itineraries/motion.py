@@ -110,6 +110,10 @@ class ItinerarySolution(Solution):
     def size_of(self, i: int, element: int, guard: int) -> float:
         """What it is measured in."""
 
+    def begins(self, i: int) -> float:
+        """Phase from which it is watched: of event number `i`, or of contact after its chatter."""
+        return float(self.event_phases[i])
+
     def ends(self, i: int) -> tuple[int, int]:
         """Numbers of the events between which it is watched."""
         return i, (i + 1) % self.events
@@ -143,7 +147,12 @@ class ItinerarySolution(Solution):
 
     @property
     def phases(self) -> Array:  # type: ignore[override]
-        """Phases of the section states: of impacts, of periods that begin, or of all events."""
+        """Phases of the section states.
+
+        Of releases, of impacts, of periods that begin, or of all events.
+        """
+        if self.course.sticks:
+            return read_only(self.event_phases[list(self.course.nodes)])
         if len(self.hits):
             return self.impact_phases
         if not self.oscillator._excitation.turns:
@@ -156,14 +165,19 @@ class ItinerarySolution(Solution):
     def section_states(self) -> Array:
         if not len(self.hits):
             return self.passed((self.phases - self.event_phases[0]) / self.clock % self.period)
-        n, whole = self.oscillator.degrees_of_freedom, self.whole[self.hits]
-        sheets = SHEET * self.sides * self.oscillator._several
-        phase = self.impact_phases % TWO_PI + sheets
-        found = np.empty((len(self.hits), 2 * n))
-        found[:, -2], found[:, -1] = self.relative_velocity, phase
-        for side in np.unique(self.sides).tolist():
-            others = self.oscillator._contacts[side].others
-            here = np.flatnonzero(self.sides == side)[:, None]
+        n, system = self.oscillator.degrees_of_freedom, self.oscillator
+        some, sides, speeds = self.hits, self.sides, self.relative_velocity
+        if self.course.sticks:
+            some = list(self.course.nodes)
+            sides = np.array([self.itinerary[i].element for i in some])
+            speeds = np.where((sides == 1) & system._faces, -0.0, 0.0)
+        whole = self.whole[some]
+        found = np.empty((len(some), 2 * n))
+        found[:, -2] = speeds
+        found[:, -1] = self.event_phases[some] % TWO_PI + SHEET * sides * system._several
+        for side in np.unique(sides).tolist():
+            others = system._contacts[side].others
+            here = np.flatnonzero(sides == side)[:, None]
             found[here[:, 0], :-2] = whole[here, np.append(others, n + others)]
         return found
 
@@ -175,7 +189,7 @@ class ItinerarySolution(Solution):
     @property
     def contact_phases(self) -> Array:
         found = [
-            [self.event_phases[i], self._released(i, k)]
+            [self.begins(i), self._released(i, k)]
             for i, (event, after) in enumerate(zip(self.itinerary, self.following, strict=True))
             for k in range(len(self.oscillator._stops))
             if k in after.mode.held and k not in event.mode.held

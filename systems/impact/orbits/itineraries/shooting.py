@@ -7,19 +7,31 @@ from functools import cached_property
 from typing import Any, NamedTuple, final
 
 import numpy as np
+from scipy.linalg import null_space
 
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
+from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries import divided
-from dynkit.systems.impact.orbits.itineraries.itinerary import Course, Seen, events_seen
+from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
+from dynkit.systems.impact.orbits.itineraries.itinerary import (
+    Course,
+    Happening,
+    Seen,
+    events_seen,
+)
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers, exponentials
 from dynkit.systems.impact.orbits.solution import SAME
-from dynkit.systems.impact.simulation.state import TWO_PI
+from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.state import TWO_PI, Motion, state_at
 
 _ROUNDING = 2.0**-52
+
+_MOST = 4096
+"""Impacts within which a time passes."""
 
 
 class Scene(NamedTuple):
@@ -45,6 +57,8 @@ class ShootingSolution(ItinerarySolution):
     pairs : list of divided.Pair or None
         Of each event the one before at which its guard is zero by nature.
     driven : bool
+    chatters : dict, optional
+        Those after some impacts, by the numbers of these, where they are known.
     """
 
     blind = True
@@ -56,7 +70,9 @@ class ShootingSolution(ItinerarySolution):
         lap: Lap,
         pairs: list[divided.Pair | None],
         driven: bool,
+        chatters: dict[int, Chatter] | None = None,
     ) -> None:
+        self._known = chatters
         self.scene, self.machine, self.pairs, self.driven = scene, scene.machine, pairs, driven
         clock = scene.machine.frequency if driven else TWO_PI / lap.turn
         super().__init__(scene.oscillator, scene.measures, course, lap, clock)
@@ -86,25 +102,76 @@ class ShootingSolution(ItinerarySolution):
 
     @cached_property
     def resets(self) -> Any:
-        """(n, D, D): rates of what begins to hold, or to stick, are lost."""
+        """(n, D, D): rates of what begins to hold, or to stick, are lost.
+
+        Where a chatter follows, the gap is put to zero.
+        """
         pairs = zip(self.itinerary, self.following, strict=True)
-        return np.array([self.machine.caught(event.mode, after.mode) for event, after in pairs])
+        return np.array(
+            [
+                self.machine.put_on(event.element)
+                if event.chatters
+                else self.machine.caught(event.mode, after.mode)
+                for event, after in pairs
+            ]
+        )
 
     @cached_property
     def flows(self) -> Any:
-        """A, (n, D, D), of the modes that follow the events."""
+        """A, (n, D, D), of the modes that follow the events, and chatters."""
         return np.array([self.machine.flow(event.mode) for event in self.following])
 
-    @cached_property
+    @property
+    def _chattering(self) -> list[int]:
+        return [i for i, event in enumerate(self.itinerary) if event.chatters]
+
+    @property
     def transitions(self) -> Any:
-        """(n, D, D) from just after each event to just before the next."""
-        return moved(self.flows, self.durations, self.measures)
+        """(n, D, D) from just after each event to just before the next.
+
+        Of chatters derivatives, of states on the stop.
+        """
+        return self._way[3]
+
+    @property
+    def chatters(self) -> dict[int, Chatter]:
+        """Those after some impacts, by the numbers of these."""
+        return self._way[4]
+
+    def _chatter(self, i: int, state: Any) -> Chatter:
+        if self._known is not None:
+            return self._known[i]
+        own = self.itinerary[i], self.following[i].mode, state, float(abs(self.impulses).max())
+        found = Chatter(self.oscillator, self.machine, *own)
+        if self.durations[i] < found.lasts:
+            raise NoSolution("the chatter must be complete before the next event")
+        return found
+
+    def _caught(self, i: int, chatter: Chatter, state: Any) -> tuple[Any, Any]:
+        """State (D,) before the next event, and its derivative (D, D), where a chatter follows."""
+        late = np.array([self.durations[i] - chatter.lasts])
+        (held,) = moved(self.flows[i : i + 1], late, self.measures)
+        moving = (self.flows[i] @ chatter.begin)[:, None]
+        if np.iscomplexobj(state):
+            changes, later = chatter.carried(self.machine, state.imag[:, None] / STEP)
+            changes = (changes - moving.real * later)[:, 0]
+            return held @ (chatter.begin + 1j * STEP * changes), held
+        changes, later = chatter.carried(self.machine, np.eye(len(state)))
+        return held @ chatter.begin, held @ (changes - moving * later)
 
     @cached_property
-    def _way(self) -> tuple[Any, Any, Any]:
-        """Whole states (n, D) before and after the events, and before the next ones."""
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
+        """Whole states (n, D) before and after the events, and before the next ones.
+
+        With `transitions` and `chatters`.
+        """
         n, d = self.events, self.dimension
-        before, after, reached = np.empty((3, n, d + 3), dtype=self.transitions.dtype)
+        if self.course.sticks and not (self.durations.real > 0.0).all():
+            raise NoSolution("events must come one after the other")
+        lasts, chattering = np.array(self.durations), self._chattering
+        lasts[chattering] = 0.0
+        transitions, chatters = moved(self.flows, lasts, self.measures), {}
+        before, after, reached = np.empty((3, n, d + 3), dtype=transitions.dtype)
         state: Any = None
         for i in range(n):
             state = self.lap.states[self._node_of[i]] if i in self._node_of else state
@@ -113,9 +180,13 @@ class ShootingSolution(ItinerarySolution):
             if i in self.impulse_of:
                 pushed = pushed + self.impulses[self.impulse_of[i]] * self.kicks[i]
             after[i] = self.resets[i] @ pushed
-            reached[i] = self.transitions[i] @ after[i]
+            if self.itinerary[i].chatters:
+                chatters[i] = self._chatter(i, after[i])
+                reached[i], transitions[i] = self._caught(i, chatters[i], after[i])
+            else:
+                reached[i] = transitions[i] @ after[i]
             state = reached[i, :d]
-        return before, after, reached
+        return before, after, reached, transitions, chatters
 
     @property
     def before(self) -> Any:
@@ -204,10 +275,13 @@ class ShootingSolution(ItinerarySolution):
                 after[:, n + j] += reset @ self.kicks[i]
             if free:
                 after[:, i] += reset[:, d : d + 2] @ turned
-                after[:, i] -= (self.flows[i] @ self.after[i])[:d] / self.clock
+                if not event.chatters:
+                    after[:, i] -= (self.flows[i] @ self.after[i])[:d] / self.clock
             changes.append(after)
             change = self.transitions[i, :d, :d] @ after
             moving = (self.flows[i] @ self.reached[i])[:d]
+            if free and event.chatters:
+                change[:, i] += self.transitions[i, :d, d : d + 2] @ turned - moving / self.clock
             for column, part in self._ends(i, multiplier):
                 change[:, column] += part * moving
             if i == n - 1 or i + 1 in self._node_of:
@@ -258,7 +332,11 @@ class ShootingSolution(ItinerarySolution):
         level = (sizes[:, :, 0] / m).max(axis=1, keepdims=True)
         turned = 1.0 + abs(self.lap.phases).max()
         late = turned / self.clock * abs(self.flows @ self.reached[:, :, None])[:, :, 0]
-        return np.asarray(_ROUNDING * ((8.0 + norms[:, None]) * level * m + 2.0 * late))
+        out = _ROUNDING * ((8.0 + norms[:, None]) * level * m + 2.0 * late)
+        for i, chatter in self.chatters.items():
+            # each impact rounds, and the last ones are replaced
+            out[i] += _ROUNDING * chatter.run.impacts * level[i] * m + chatter.run.chatter_error
+        return np.asarray(out)
 
     @cached_property
     def rounding(self) -> Array:
@@ -304,7 +382,8 @@ class ShootingSolution(ItinerarySolution):
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
         """Their derivative (m,) by a change of all numbers; None where it is not known."""
         scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
-        there = ShootingSolution(scene, self.course, self.lap, self.pairs, self.driven)
+        given = self.course, self.lap, self.pairs, self.driven, self.chatters
+        there = ShootingSolution(scene, *given)
         with np.errstate(all="ignore"):
             return np.asarray(there.left.imag / STEP)
 
@@ -313,8 +392,18 @@ class ShootingSolution(ItinerarySolution):
     def passed(self, since: Array) -> Array:
         begin = (self.event_phases - self.event_phases[0]) / self.clock
         which = np.clip(np.searchsorted(begin, since, side="right") - 1, 0, None)
-        z = moved(self.flows[which], since - begin[which], self.measures)
-        return np.asarray((z @ self.after[which][:, :, None])[:, : self.dimension, 0])
+        after, states = since - begin[which], np.array(self.after[which])
+        for i, chatter in self.chatters.items():
+            here = which == i
+            after[here] -= chatter.lasts
+            states[here] = chatter.begin
+        z = moved(self.flows[which], np.maximum(after, 0.0), self.measures)
+        out = np.asarray((z @ states[:, :, None])[:, : self.dimension, 0])
+        for i, chatter in self.chatters.items():
+            here = np.flatnonzero((which == i) & (after < 0.0))
+            bouncing = sample_run(self.oscillator, chatter.run, chatter.lasts + after[here])
+            out[here] = np.concatenate(bouncing, axis=1)
+        return out
 
     def flown(self, i: int, phase: float) -> Array:
         """The state (2N,) at a phase after event `i`."""
@@ -324,10 +413,16 @@ class ShootingSolution(ItinerarySolution):
 
     # --- what is watched --------------------------------------------------------------------------
 
+    def begins(self, i: int) -> float:
+        late = self.clock * self.chatters[i].lasts if i in self.chatters else 0.0
+        return float(self.event_phases[i] + late)
+
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
         mode = self.following[i].mode
         row, flow = self.machine.watched(mode, element, guard), self.flows[i]
-        start, m = self.after[i], self.measures
+        start, m, lasts = self.after[i], self.measures, float(self.durations[i])
+        if i in self.chatters:
+            start, lasts = self.chatters[i].begin, lasts - self.chatters[i].lasts
         rows = [row, row @ flow, row @ flow @ flow]
 
         def values(times: Array, orders: int) -> Array:
@@ -336,7 +431,7 @@ class ShootingSolution(ItinerarySolution):
 
         ends = np.maximum(abs(start), abs(self.reached[i]))
         sizes = float(abs(rows[0]) @ ends), float(abs(rows[2]) @ ends)
-        return Curve(values, float(self.durations[i]), sizes)
+        return Curve(values, lasts, sizes)
 
     def size_of(self, i: int, element: int, guard: int) -> float:
         row = self.machine.watched(self.following[i].mode, element, guard)
@@ -347,19 +442,41 @@ class ShootingSolution(ItinerarySolution):
         row = self.machine.gap(int(self.sides[i])) @ self.flows[k] @ self.flows[k]
         return float(row @ self.after[k]), 64.0 * _ROUNDING * float(abs(row) @ abs(self.after[k]))
 
+    @property
+    def bounces(self) -> tuple[Array, Array]:
+        phases, speeds, at = self.impact_phases, self.relative_velocity, self.hits
+        for i, chatter in reversed(self.chatters.items()):
+            k = at.index(i) + 1
+            later = self.event_phases[i] + self.clock * chatter.run.time
+            phases = np.insert(phases, k, later)
+            speeds = np.insert(speeds, k, chatter.run.relative_velocity)
+        return phases, speeds
+
+    @property
+    def chatter_error(self) -> float:
+        return max((chatter.run.chatter_error for chatter in self.chatters.values()), default=0.0)
+
     # --- the orbit --------------------------------------------------------------------------------
 
     @property
     def multipliers(self) -> Any:
-        """Floquet multipliers (2N,), the largest modulus first."""
-        found = product_eigenvalues(self.factors[0])
-        return found if self.driven else found[:-1]
+        """Floquet multipliers (2N,), the largest modulus first; some of what sticks are zero."""
+        factors, _ = self.factors
+        found = np.zeros(self.dimension - (not self.driven), dtype=complex)
+        if self.course.sticks and not self.impulses.all():
+            # an impact that only grazes stretches without bound
+            found[0] = np.inf
+            return found
+        own = product_eigenvalues(factors)[: len(found)] if factors.size else found[:0]
+        found[: len(own)] = own
+        return found
 
     @cached_property
     def factors(self) -> tuple[Array, Array]:
         """From just before each event, at its phase, to just before the next one.
 
-        Of what nothing drives from the guard of the first event to itself, along the motion.
+        Of what nothing drives from the guard of the first event to itself, along the motion. Of
+        what sticks from each node to the next one, of motions in contact.
         """
         d, found = self.dimension, []
         for i in range(self.events):
@@ -370,10 +487,10 @@ class ShootingSolution(ItinerarySolution):
                 own = np.outer(self.kicks[i], self.rates[j]) * (1.0 + self.restitutions[j])
                 passed = self.resets[i] @ (np.eye(len(own)) - own)
             rate = float(self.guards[i] @ moving)
-            if rate and (self.driven or i):
-                late = self.flows[i] @ self.after[i] - passed @ moving
-                passed = passed + np.outer(late, self.guards[i] / rate)
-            found.append((self.transitions[i] @ passed)[:d, :d])
+            later = self.guards[i] / rate if rate and (self.driven or i) else 0.0 * self.guards[i]
+            passed = self.transitions[i] @ (passed - np.outer(passed @ moving, later))
+            passed += np.outer(self.flows[i] @ self.reached[i], later)
+            found.append(passed[:d, :d])
         if not self.driven:
             moving = (self.flows[-1] @ self.reached[-1])[:d]
             row = self.guards[0][:d]
@@ -381,15 +498,44 @@ class ShootingSolution(ItinerarySolution):
         factors = np.array(found)
         m = self.measures[:d]
         factors = factors * m / m[:, None]
+        if self.course.sticks:
+            factors = self._in_contact(factors)
         scaled = abs(self.flows) * self.measures / self.measures[:, None]
         grown = 16.0 + scaled.sum(axis=1).max(axis=1) * abs(self.durations)
-        return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2))
+        if self.course.sticks:
+            grown = grown.sum() + np.zeros(len(factors))
+        return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
+
+    def held_directions(self, node: int) -> Array:
+        """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
+        mode, m = self.itinerary[self.course.nodes[node]].mode, self.measures[: self.dimension]
+        stops = [k for k in mode.held if k < len(self.oscillator._stops)]
+        rows = [
+            row(k)[: self.dimension] for k in stops for row in (self.machine.gap, self.machine.rate)
+        ]
+        return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m)) * m))
+
+    def _in_contact(self, factors: Array) -> Array:
+        """Matrices from each node to the next one, of changes that leave what is held closed."""
+        count, found = len(self.course.nodes), []
+        bases = [self.held_directions(node) for node in range(count)]
+        if len({basis.shape for basis in bases}) > 1:
+            return factors
+        ends = [*self.course.nodes[1:], self.events]
+        for k, (begin, end) in enumerate(zip(self.course.nodes, ends, strict=True)):
+            moved = bases[k]
+            for factor in factors[begin:end]:
+                moved = factor @ moved
+            found.append(bases[(k + 1) % count].T @ moved)
+        return np.array(found)
 
     @property
     def admissible(self) -> bool:
         """Whether simulation finds the same events."""
         if (self.impulses < 0.0).any() or (self.durations < 0.0).any():
             return False
+        if self.course.sticks:
+            return all(map(self._comes_again, range(len(self.course.nodes))))
         i = int(np.argmax(self.durations))
         since = float(self.event_phases[i] - self.event_phases[0]) / self.clock
         since += 0.5 * float(self.durations[i])
@@ -402,6 +548,34 @@ class ShootingSolution(ItinerarySolution):
             return False
         return self._follows(seen, since)
 
+    def _comes_again(self, node: int) -> bool:
+        """Whether simulation from a release makes the same events until the next one.
+
+        How many impacts of a chatter are events is a choice.
+        """
+        begin = self.course.nodes[node]
+        count = (*self.course.nodes, self.events)[node + 1] - begin
+        due = np.cumsum(self.durations[begin : begin + count])
+        if not all(self.chatters[i].complete for i in self.chatters):
+            return False
+        z, n, within = self.after[begin], self.dimension // 2, SAME * self.period
+        own = 0.0, self.itinerary[begin].element, Motion.RELEASE, self.following[begin].mode.held
+        try:
+            start = state_at(self.oscillator, z[:n], z[n : 2 * n], z[-3:-1], *own)
+            seen = simulated(self.oscillator, start, float(due[-1]) + within, named=False)
+        except (NoMotion, NotImplementedError):
+            return False
+        found = iter(zip(seen.times, seen.events, strict=True))
+        for wanted, at in zip(self.following[begin : begin + count], due, strict=True):
+            time, event = next(found, (np.inf, wanted))
+            if not same(event, wanted) or abs(time - at) > within:
+                return False
+            while wanted.chatters and event.guard >= 0:
+                _, event = next(found, (np.inf, wanted._replace(guard=-1)))
+                if event.element != wanted.element or not (event.kicked or event.guard < 0):
+                    return False
+        return True
+
     def _follows(self, seen: Seen, since: float) -> bool:
         """Whether events seen from a time on are those of the orbit."""
         times = np.asarray((self.event_phases - self.event_phases[0]) / self.clock)
@@ -409,22 +583,25 @@ class ShootingSolution(ItinerarySolution):
         order = [i for i in np.argsort(due).tolist() if self.itinerary[i].element >= 0]
         if len(seen.events) != len(order):
             return False
-        same = all(
-            (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
-            for a, b in zip(seen.events, (self.itinerary[i] for i in order), strict=True)
-        )
-        return same and bool((abs(seen.times - due[order]) <= SAME * self.period).all())
+        pairs = zip(seen.events, (self.itinerary[i] for i in order), strict=True)
+        agree = all(same(*pair) for pair in pairs)
+        return agree and bool((abs(seen.times - due[order]) <= SAME * self.period).all())
 
 
-def simulated(system: Any, start: Any, length: float) -> Seen:
+def same(a: Happening, b: Happening) -> bool:
+    """Whether the same happens in the same mode."""
+    return (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
+
+
+def simulated(system: Any, start: Any, length: float, named: bool = True) -> Seen:
     """The events of a motion from a state on, for some time."""
     count = 4
     while True:
         run = system._run(start, count, store=True)
-        if run.duration > length or run.impacts < count:
+        if run.duration > length or run.impacts < count or count > _MOST:
             break
         count *= 4
-    seen = events_seen(system, run)
+    seen = events_seen(system, run, named)
     return seen.part(0, int(np.searchsorted(seen.times, length)))
 
 
