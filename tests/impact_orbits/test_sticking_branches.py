@@ -227,7 +227,7 @@ def test_a_touch_leads_to_an_orbit_with_an_impact_more() -> None:
         assert other.sticks
         assert other.label == "P(inf,1)"
         assert other.residual < 1e-13
-        assert len(other.unknowns) == len(touch.unknowns) + 1
+        assert len(other.impulses) == len(touch.orbit.impulses) + 1
 
 
 def test_errors_of_borders_cover_what_another_continuation_finds() -> None:

@@ -51,9 +51,9 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
         for element, guard in itinerary[(i + 1) % n].mode.watched:
             yield TouchingGuard(problem, i, element, guard)
     for k, i in enumerate(s.hits):
-        if not itinerary[i].begins_contact(itinerary[(i + 1) % n]):
+        if not itinerary[i].chatters:
             yield VanishingAcceleration(problem, s.course.node_before(i) if sticks else k, k)
-        elif itinerary[i].chatters:
+        else:
             yield ChatterEnd(problem, i, 0, itinerary[i].element)
     if sticks:
         for i in problem.nodes:
@@ -124,8 +124,10 @@ class ChatterEnd(_OfContact):
     def value(self, solution: Any) -> float:
         return float(solution.chatters[self.part].pressing)
 
-    def begin(self, solution: Any) -> Array:  # noqa: ARG002
-        raise NoSolution("the force where an endless chatter ends is not smooth there")
+    def begin(self, solution: Any) -> Array:
+        if solution.restitutions[solution.impulse_of[self.part]] > 0.0:
+            raise NoSolution("the force where an endless chatter ends is not smooth there")
+        return np.empty(0)
 
 
 @final
@@ -150,7 +152,7 @@ class Beginning(Border):
     def __init__(self, problem: Any, begun: Begun) -> None:
         super().__init__(problem, begun.event, begun.guard, begun.element)
         hard = isinstance(problem.oscillator._elements[begun.element], HardStop)
-        self.begun, self.ends = begun, hard and begun.sign > 0.0 and problem.sticks
+        self.begun, self.ends = begun, False
         self.kind = BifurcationKind.CB if hard else BifurcationKind.GR
 
     def value(self, solution: ItinerarySolution) -> float:

@@ -76,7 +76,7 @@ class Chatter:
             held,
         )
         self._start, self._rebounds = state, machine.restitution(event.element) > 0.0
-        speed, n = float(machine.rate(self.element) @ state), machine.size
+        n, speed = machine.size, self._rebounds * float(machine.rate(self.element) @ state)
         if not (speed >= 0.0 and np.isfinite(state).all()):
             raise NoSolution("the chatter must begin with an impact that pushes")
         turn, closed = state[-3:-1], self.flying.held
@@ -114,8 +114,11 @@ class Chatter:
     def _lifts_off(self, run: Trajectory, count: int) -> Any:
         """Whether each of the first flights, (count,), leaves the chatter.
 
-        It is longer than the one before, and nothing holds the mass down to its end.
+        It is longer than the one before, and nothing holds the mass down to its end. Without
+        rebound there is no chatter, and any flight leaves.
         """
+        if not self._rebounds:
+            return np.ones(count, dtype=bool)
         m, flow = self.machine, self.machine.flow(self.flying)
         states = np.concatenate([self._start[None], _states(run, count)])[:count]
         flights = np.diff(run.time[:count], prepend=0.0)
@@ -139,7 +142,7 @@ class Chatter:
     def pressing(self) -> float:
         """Contact force where contact begins; negative where the chatter does not complete."""
         force = self.machine.force(self.held, self.element)
-        if self.complete:
+        if self.complete or not self._rebounds:
             return float(force @ self.begin)
         # What is left of the velocity is about the square of the force that is missing.
         speed = float(self.run.speeds[-1])

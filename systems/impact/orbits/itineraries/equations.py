@@ -44,6 +44,7 @@ LEAST = 1e-13
 SLOW = 1e-9
 """Impacts of what sticks that are slower, beside the fastest, are rounding."""
 
+_ROUNDING = 2.0**-52
 _STEPS, _SOLVED = 20, 1e-12
 """Steps of Newton's method to a return, and the last of them, in units of the unknowns."""
 
@@ -331,8 +332,10 @@ class ItineraryEquations(ImpactProblem):
             to = passed[: self.dimension, : self.dimension] @ (unit[:, None] * basis)
             moved = -np.linalg.solve(whole[np.ix_(rest, others)], matrix[np.ix_(rest, own)] @ to)
             # what is left of the last equations is the end less the next begin
-            ended = matrix[np.ix_(last, own)] @ to + matrix[np.ix_(last, others)] @ moved + to
-            ended -= np.outer(moving, moved[0])
+            begin = matrix[np.ix_(last, own)] + np.eye(self.dimension)
+            ended = begin @ (to + np.outer(moving, moved[0]))
+            ended += matrix[np.ix_(last, others)] @ moved
+            ended -= np.outer((flow @ there.reached[-1])[: self.dimension] / s.clock, moved[0])
             back = np.linalg.solve(passed[: self.dimension, : self.dimension], ended)
             return np.asarray(basis.T @ (back / unit[:, None]))
 
@@ -340,6 +343,8 @@ class ItineraryEquations(ImpactProblem):
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
         bound, s = orbit_bound(self, x, p), self.at(x, p)
+        if self.sticks:  # its states, and their phases, are unknowns
+            return float(bound.max() + s.state_rounding.max() + 4.0 * _ROUNDING * abs(x).max())
         phases = bound[: self.layout.events].max(initial=0.0)
         moved = self.states_moved(x, p, bound) + float(s.state_rounding.max(initial=0.0))
         sizes = 32.0 * 2.0**-52 * float(abs(s.section_states).max(initial=0.0))

@@ -72,7 +72,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
         length = periods * TWO_PI / system.frequency
         whole = simulated(system, state, 3.0 * length)
         seen = of_period(whole, 2.5 * length, length)
-        if Course(seen.events, (0,)).sticks:
+        if any(event.chatters for event in seen.events):
             seen = _of_contact(whole, length, TWO_PI / system.frequency)
     else:
         run = system._run(state, _CYCLE, store=True)

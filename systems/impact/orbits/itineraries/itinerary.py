@@ -43,8 +43,8 @@ class Happening(NamedTuple):
     kicked : Regimes or None
         Of an impact the mode in which it happens: what it opens is open, what it moves slips.
     chatters : bool
-        Whether impacts with the same stop follow, which are not events of the itinerary, until
-        contact, which is the next mode.
+        Whether contact with the same stop follows, the next mode, at once or after impacts that are
+        not events of the itinerary.
     """
 
     mode: Regimes
@@ -52,10 +52,6 @@ class Happening(NamedTuple):
     guard: int
     kicked: Regimes | None = None
     chatters: bool = False
-
-    def begins_contact(self, after: Happening) -> bool:
-        """Whether it is an impact that contact follows, at once or after a chatter."""
-        return self.kicked is not None and self.element in after.mode.held
 
     def releases(self, after: Happening) -> bool:
         """Whether it ends contact with a stop."""
@@ -98,8 +94,7 @@ class Course:
         self.sides: Any = np.array([itinerary[i].element for i in self.hits], dtype=np.intp)
         self.kinds = np.array([_kind(event) for event in itinerary])
         self.signs = np.array([1.0 - 2.0 * event.element for event in itinerary])
-        pairs = list(zip(itinerary, self.following, strict=True))
-        self.sticks = any(event.begins_contact(after) for event, after in pairs)
+        self.sticks = any(event.chatters for event in itinerary)
 
     @property
     def releases(self) -> tuple[int, ...]:
@@ -220,6 +215,9 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
                 states.append(reached[k - 1][:-3])
             last, now = begin, {guard.element}
             continue
+        if parts.kind[k] == EventKind.CONTACT and events and events[-1].kicked:
+            if events[-1].element == guard.element and guard.element in now:
+                events[-1] = events[-1]._replace(chatters=True)
         if begin - last > at_once:
             lasting, now = before, set()
         elif not now:
@@ -349,7 +347,7 @@ def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
     ):
         if isinstance(element, HardStop):
             hits = [e for e in itinerary if e.kicked is not None and e.element == k]
-            chatters = any(e.chatters for e in hits)
+            chatters = element.restitution and any(e.chatters for e in hits)
             found[f"{name}.impacts"] = math.inf if chatters else len(hits)
         doing = [element.doing[event.mode.numbers[k]] for event in itinerary]
         for what in sorted(filter(None, set(element.doing))):

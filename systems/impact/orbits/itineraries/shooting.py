@@ -141,6 +141,8 @@ class ShootingSolution(ItinerarySolution):
     def _chatter(self, i: int, state: Any) -> Chatter:
         if self._known is not None:
             return self._known[i]
+        if self.impulses[self.impulse_of[i]] < 0.0:
+            raise NoSolution("the chatter must begin with an impact that pushes")
         own = self.itinerary[i], self.following[i].mode, state, float(abs(self.impulses).max())
         found = Chatter(self.oscillator, self.machine, *own)
         if self.durations[i] < found.lasts:
@@ -570,7 +572,8 @@ class ShootingSolution(ItinerarySolution):
             time, event = next(found, (np.inf, wanted))
             if not same(event, wanted) or abs(time - at) > within:
                 return False
-            while wanted.chatters and event.guard >= 0:
+            bounces = wanted.chatters and self.restitutions[0] > 0.0
+            while bounces and event.guard >= 0:
                 _, event = next(found, (np.inf, wanted._replace(guard=-1)))
                 if event.element != wanted.element or not (event.kicked or event.guard < 0):
                     return False
