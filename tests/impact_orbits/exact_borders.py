@@ -10,12 +10,11 @@ from flint import arb, arb_mat, ctx
 
 from dynkit import Bifurcation, NoConvergence
 from dynkit.orbits.newton import solve
-from dynkit.systems.impact.orbits.borders import (
-    Border,
+from dynkit.systems.impact.orbits.borders import Border, VanishingAcceleration
+from dynkit.systems.impact.orbits.itineraries.borders import (
     ChatterEnd,
     FlatRelease,
-    TouchingForce,
-    VanishingAcceleration,
+    TouchingGuard,
 )
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tests.impact_orbits.exact_orbits import Ball, size
@@ -67,6 +66,8 @@ def _left(orbit: ImpactOrbit, name: str, w: Border, y: list[Ball]) -> list[Ball]
     width, count = len(orbit.states[0]) - 1, len(there.passages)
     begins = [y[k * width : (k + 1) * width] for k in range(count)]
     turn = 2 * arb.pi() * orbit.periods
+    accelerates = isinstance(w, VanishingAcceleration)
+    part = w.part if accelerates else orbit.problem().course.node_before(w.part)
     out: list[Ball] = []
     for k, (*places, phase) in enumerate(begins):
         *next_places, next_phase = begins[(k + 1) % count]
@@ -78,7 +79,7 @@ def _left(orbit: ImpactOrbit, name: str, w: Border, y: list[Ball]) -> list[Ball]
         ended = held.contact.after(held.state, (next_phase - held.phase) / frequency)
         out += [a - b for a, b in zip(held.contact.places(ended), next_places, strict=True)]
         out.append(contact.force(begun))
-        if k != w.part:
+        if k != part:
             continue
         if isinstance(w, FlatRelease):
             out.append(contact.force(begun, 1))
@@ -87,7 +88,7 @@ def _left(orbit: ImpactOrbit, name: str, w: Border, y: list[Ball]) -> list[Ball]
         elif isinstance(w, VanishingAcceleration):
             number = w.number - sum(len(q.sides) for q in there.passages[:k])
             out.append(there.bend(held.after[number], there.passages[k].sides[number]))
-        elif isinstance(w, TouchingForce):
+        elif isinstance(w, TouchingGuard):
             lowest = held.contact.after(held.state, (y[-2] - held.phase) / frequency)
             out += [held.contact.force(lowest, order) for order in range(2)]
     return out

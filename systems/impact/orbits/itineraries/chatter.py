@@ -92,7 +92,7 @@ class Chatter:
     def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:
         count = CHUNK
         while True:
-            run = oscillator._run(start, count, store=True)
+            run: Trajectory = oscillator._run(start, count, store=True)
             contact = run.guards[run.switches.guard, 3] == EventKind.CONTACT
             contact &= run.guards[run.switches.guard, 1] == self.element
             k = int(run.switches.before[contact][0]) if contact.any() else run.impacts

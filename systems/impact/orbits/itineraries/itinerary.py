@@ -194,7 +194,9 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
             known[number] = regimes_of(oscillator, run.regimes[number])
         return known[number]
 
-    times, events, states = [], [], []
+    times: list[float] = []
+    events: list[Happening] = []
+    states: list[Array] = []
     at_once = _AT_ONCE * max(run.duration, 1.0 / oscillator.frequency)
     last, lasting, now = -np.inf, parts.mode[0], set[int]()
     reached = _reached(run)
@@ -215,9 +217,9 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
                 states.append(reached[k - 1][:-3])
             last, now = begin, {guard.element}
             continue
-        if parts.kind[k] == EventKind.CONTACT and events and events[-1].kicked:
-            if events[-1].element == guard.element and guard.element in now:
-                events[-1] = events[-1]._replace(chatters=True)
+        hits = events[-1].element if events and events[-1].kicked else -1
+        if parts.kind[k] == EventKind.CONTACT and hits == guard.element and hits in now:
+            events[-1] = events[-1]._replace(chatters=True)
         if begin - last > at_once:
             lasting, now = before, set()
         elif not now:
