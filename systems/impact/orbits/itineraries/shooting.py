@@ -125,12 +125,21 @@ class ShootingSolution(ItinerarySolution):
     def _chattering(self) -> list[int]:
         return [i for i, event in enumerate(self.itinerary) if event.chatters]
 
-    @property
+    @cached_property
     def transitions(self) -> Any:
         """(n, D, D) from just after each event to just before the next.
 
         Of chatters derivatives, of states on the stop.
         """
+        out = self._flown.copy()
+        for i, chatter in self.chatters.items():
+            changes, later = chatter.carried(self.machine, np.eye(len(out[i])))
+            out[i] = out[i] @ (changes - (self.flows[i] @ chatter.begin)[:, None] * later)
+        return out
+
+    @property
+    def _flown(self) -> Any:
+        """The same, but from the begin of contact after chatters."""
         return self._way[3]
 
     @property
@@ -150,30 +159,29 @@ class ShootingSolution(ItinerarySolution):
         return found
 
     def _caught(self, i: int, chatter: Chatter, state: Any) -> tuple[Any, Any]:
-        """State (D,) before the next event, and its derivative (D, D), where a chatter follows."""
+        """State (D,) before the next event, and (D, D) from contact on, where a chatter follows."""
         late = np.array([self.durations[i] - chatter.lasts])
         (held,) = moved(self.flows[i : i + 1], late, self.measures)
-        moving = (self.flows[i] @ chatter.begin)[:, None]
+        begin: Any = chatter.begin
         if np.iscomplexobj(state):
             changes, later = chatter.carried(self.machine, state.imag[:, None] / STEP)
-            changes = (changes - moving.real * later)[:, 0]
-            return held @ (chatter.begin + 1j * STEP * changes), held
-        changes, later = chatter.carried(self.machine, np.eye(len(state)))
-        return held @ chatter.begin, held @ (changes - moving * later)
+            changes = changes[:, 0] - (self.flows[i] @ begin).real * later
+            begin = begin + 1j * STEP * changes
+        return held @ begin, held
 
     @cached_property
     def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
         """Whole states (n, D) before and after the events, and before the next ones.
 
-        With `transitions` and `chatters`.
+        With `_flown` and `chatters`.
         """
         n, d = self.events, self.dimension
         if self.course.sticks and not (self.durations.real > 0.0).all():
             raise NoSolution("events must come one after the other")
         lasts, chattering = np.array(self.durations), self._chattering
         lasts[chattering] = 0.0
-        transitions, chatters = moved(self.flows, lasts, self.measures), {}
-        before, after, reached = np.empty((3, n, d + 3), dtype=transitions.dtype)
+        flown, chatters = moved(self.flows, lasts, self.measures), {}
+        before, after, reached = np.empty((3, n, d + 3), dtype=flown.dtype)
         state: Any = None
         for i in range(n):
             state = self.lap.states[self._node_of[i]] if i in self._node_of else state
@@ -184,11 +192,11 @@ class ShootingSolution(ItinerarySolution):
             after[i] = self.resets[i] @ pushed
             if self.itinerary[i].chatters:
                 chatters[i] = self._chatter(i, after[i])
-                reached[i], transitions[i] = self._caught(i, chatters[i], after[i])
+                reached[i], flown[i] = self._caught(i, chatters[i], after[i])
             else:
-                reached[i] = transitions[i] @ after[i]
+                reached[i] = flown[i] @ after[i]
             state = reached[i, :d]
-        return before, after, reached, transitions, chatters
+        return before, after, reached, flown, chatters
 
     @property
     def before(self) -> Any:
@@ -557,6 +565,7 @@ class ShootingSolution(ItinerarySolution):
         """
         begin = self.course.nodes[node]
         count = (*self.course.nodes, self.events)[node + 1] - begin
+        wanteds = self.following[begin : begin + count]
         due = np.cumsum(self.durations[begin : begin + count])
         if not all(self.chatters[i].complete for i in self.chatters):
             return False
@@ -564,11 +573,12 @@ class ShootingSolution(ItinerarySolution):
         own = 0.0, self.itinerary[begin].element, Motion.RELEASE, self.following[begin].mode.held
         try:
             start = state_at(self.oscillator, z[:n], z[n : 2 * n], z[-3:-1], *own)
-            seen = simulated(self.oscillator, start, float(due[-1]) + within, named=False)
+            count = 4 + count + sum(c.run.impacts for c in self.chatters.values())
+            seen = simulated(self.oscillator, start, float(due[-1]) + within, False, count)
         except (NoMotion, NotImplementedError):
             return False
         found = iter(zip(seen.times, seen.events, strict=True))
-        for wanted, at in zip(self.following[begin : begin + count], due, strict=True):
+        for wanted, at in zip(wanteds, due, strict=True):
             time, event = next(found, (np.inf, wanted))
             if not same(event, wanted) or abs(time - at) > within:
                 return False
@@ -596,9 +606,8 @@ def same(a: Happening, b: Happening) -> bool:
     return (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
 
 
-def simulated(system: Any, start: Any, length: float, named: bool = True) -> Seen:
-    """The events of a motion from a state on, for some time."""
-    count = 4
+def simulated(system: Any, start: Any, length: float, named: bool = True, count: int = 4) -> Seen:
+    """The events of a motion from a state on, for some time, of about so many impacts."""
     while True:
         run = system._run(start, count, store=True)
         if run.duration > length or run.impacts < count or count > _MOST:
