@@ -72,8 +72,8 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     The unknowns of P(n,m) are phases and impulses, (2n,). Where some motion has no restoring force,
     and for a machine with other elements than hard stops, they are the phases of the events, the
     impulses of the impacts among them, and positions and velocities just before the first event.
-    The unknowns of P(inf,m) are, for each release, the positions and velocities there, its phase,
-    and the phases of the impacts before the chatter. An orbit is admissible when simulation from
+    Those of P(inf,m) are the phases of releases and of the impacts before the chatters, the impulses
+    of these, and positions and velocities just before each release. An orbit is admissible when simulation from
     each of its states finds the next one.
     """
 

@@ -96,7 +96,8 @@ class ItineraryEquations(ImpactProblem):
     are nodes, the first one at least. The equations: the guards are zero, (n,); gaps open after
     impacts at the rate of their law, (k,); each state is what becomes of the one before. Where all
     events are impacts of one mode, whose motions all have a restoring force, states follow from the
-    impulses and are no unknowns. Where nothing drives
+    impulses and are no unknowns. Of a chatter the first impacts are events; the others, until contact,
+    are simulated. Then the nodes are the releases. Where nothing drives
     the machine the first event is at phase 0, and the first unknown the time of a turn of the
     phase, of which the orbit takes `periods`. Nothing in the equations knows whether a gap is open
     in between, or an impulse positive. Where an event follows another one at which its guard is
@@ -109,6 +110,8 @@ class ItineraryEquations(ImpactProblem):
     ----------
     J. Shaw, S. W. Shaw, The onset of chaos in a two-degree-of-freedom impacting system, Journal of
     Applied Mechanics 56 (1989) 168-174 (impulse responses).
+    A. B. Nordmark, P. T. Piiroinen, Simulation and stability analysis of impacting systems with
+    complete chattering, Nonlinear Dynamics 58 (2009) 85-106.
     """
 
     _arguments: ClassVar[tuple[str, ...]] = (*ImpactProblem._arguments, "driven", "nodes")
