@@ -12,7 +12,7 @@ from dynkit.continuation.branch import Branch
 from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish
 from dynkit.systems import PlayOscillator
-from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 
 SYSTEM = PlayOscillator(
     frequency=1.0, play=1.0, spring=1.0, amplitude=0.6, damping=0.1, restitution=0.7
@@ -28,7 +28,7 @@ def network() -> Network:
 
 def stops_of(branch: Branch) -> list[int]:
     problem = branch.problem
-    assert isinstance(problem, ImpulseEquations)
+    assert isinstance(problem, ItineraryEquations)
     return [int(side) for side in np.sort(problem.sides)]
 
 

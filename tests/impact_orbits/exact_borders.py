@@ -10,16 +10,15 @@ from flint import arb, arb_mat, ctx
 
 from dynkit import Bifurcation, NoConvergence
 from dynkit.orbits.newton import solve
-from dynkit.systems.impact.orbits.borders import (
-    Border,
+from dynkit.systems.impact.orbits.borders import Border, VanishingAcceleration
+from dynkit.systems.impact.orbits.itineraries.borders import (
     ChatterEnd,
     FlatRelease,
-    TouchingForce,
-    VanishingAcceleration,
+    TouchingGuard,
 )
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tests.impact_orbits.exact_orbits import Ball, size
-from tests.impact_orbits.exact_sticking import BITS, StickingMap, jacobian, root
+from tests.impact_orbits.exact_sticking import BITS, StickingMap, jacobian, parts_of, root
 
 HALVINGS = 12
 """Of the interval in which a chatter that only just completes is looked for."""
@@ -50,7 +49,7 @@ def border(found: Bifurcation) -> Ball:
     with ctx.workprec(BITS):
         if isinstance(w, ChatterEnd) and orbit.system.restitution > 0.0:
             return _of_chatter(found, orbit)
-        parts = orbit.problem().parts(orbit.unknowns)
+        parts = parts_of(orbit.problem(), orbit.unknowns)
         y = [arb(x) for places, phases in parts for x in [*places.tolist(), float(phases[0])]]
         own = [arb(x) for x in found.own.tolist()]
         y = [*y, *own, arb(found.value)]
@@ -67,27 +66,29 @@ def _left(orbit: ImpactOrbit, name: str, w: Border, y: list[Ball]) -> list[Ball]
     width, count = len(orbit.states[0]) - 1, len(there.passages)
     begins = [y[k * width : (k + 1) * width] for k in range(count)]
     turn = 2 * arb.pi() * orbit.periods
+    accelerates = isinstance(w, VanishingAcceleration)
+    part = w.part if accelerates else orbit.problem().course.node_before(w.part)
     out: list[Ball] = []
     for k, (*places, phase) in enumerate(begins):
         *next_places, next_phase = begins[(k + 1) % count]
         next_phase = next_phase + turn if k == count - 1 else next_phase
-        contact = there.contacts[there.passages[k].word.start]
+        contact = there.contacts[there.passages[k].start]
         begun = contact.state(places, phase)
         held = there.held(k, places, phase)
         frequency = held.contact.frequency
         ended = held.contact.after(held.state, (next_phase - held.phase) / frequency)
         out += [a - b for a, b in zip(held.contact.places(ended), next_places, strict=True)]
         out.append(contact.force(begun))
-        if k != w.part:
+        if k != part:
             continue
         if isinstance(w, FlatRelease):
             out.append(contact.force(begun, 1))
         elif isinstance(w, ChatterEnd):
             out.append(held.contact.force(held.state))
         elif isinstance(w, VanishingAcceleration):
-            number = w.number - sum(len(q.word.sides) for q in there.passages[:k])
-            out.append(there.bend(held.after[number], there.passages[k].word.sides[number]))
-        elif isinstance(w, TouchingForce):
+            number = w.number - sum(len(q.sides) for q in there.passages[:k])
+            out.append(there.bend(held.after[number], there.passages[k].sides[number]))
+        elif isinstance(w, TouchingGuard):
             lowest = held.contact.after(held.state, (y[-2] - held.phase) / frequency)
             out += [held.contact.force(lowest, order) for order in range(2)]
     return out
@@ -128,7 +129,7 @@ def _near(found: Bifurcation, value: float) -> list[Ball]:
     """Places at the first release of the orbit that dynkit finds at a value nearby."""
     guess = found.unknowns + found.tangent[:-1] * ((value - found.value) / found.tangent[-1])
     x, _ = solve(found.problem, guess, np.array([value]))
-    return [arb(z) for z in found.problem.parts(x)[0][0].tolist()]  # type: ignore[attr-defined]
+    return [arb(z) for z in parts_of(found.problem, x)[0][0].tolist()]  # type: ignore[arg-type]
 
 
 def _returned(there: StickingMap, places: list[Ball]) -> list[Ball]:

@@ -19,8 +19,8 @@ import numpy as np
 from flint import acb_mat, arb, arb_mat, ctx
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.passages.passage import Passage
 from tests.impact_orbits.exact_orbits import Ball, ImpactMap, size
 
 BITS = 400
@@ -154,6 +154,66 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Passage:
+    """What an orbit does from one release to the next, as floats.
+
+    Attributes
+    ----------
+    start : int
+        The stop that releases.
+    sides, rates : of the impacts before the chatter, and rates of the gap just before them
+    durations : (len(sides),)
+        Of the flights that these impacts end.
+    phases : (len(sides) + 1,)
+        Of the release and of these impacts.
+    lasts : float
+        Of contact.
+    """
+
+    start: int
+    sides: list[int]
+    rates: list[float]
+    durations: Array
+    phases: Array
+    lasts: float
+
+
+def parts_of(problem: ItineraryEquations, x: Array) -> list[tuple[Array, Array]]:
+    """Places at each release, and phases of it and of the impacts that are named."""
+    phases, _, states = problem.layout.split(x)
+    system, found = problem.oscillator, []
+    ends = [*problem.nodes[1:], len(problem.itinerary)]
+    rows = states.reshape(len(problem.nodes), -1)
+    for z, begin, end in zip(rows, problem.nodes, ends, strict=True):
+        others = np.delete(np.arange(system.degrees_of_freedom), system.contact)
+        places = np.append(z[others], z[system.degrees_of_freedom + others])
+        found.append((places, phases[begin:end]))
+    return found
+
+
+def passages_of(orbit: ImpactOrbit) -> list[Passage]:
+    """Of all releases."""
+    problem = orbit.problem()
+    s, r = problem.at(orbit.unknowns, np.empty(0)), orbit.system.restitution
+    ends, found = [*problem.nodes[1:], s.events], []
+    for begin, end in zip(problem.nodes, ends, strict=True):
+        hits = range(begin + 1, end)
+        impulses = [float(s.impulses[s.impulse_of[i]]) for i in hits]
+        chatter = s.chatters.get(end - 1)
+        found.append(
+            Passage(
+                s.itinerary[begin].element,
+                [s.itinerary[i].element for i in hits],
+                [-impulse / (1.0 + r) for impulse in impulses],
+                s.durations[begin : end - 1],
+                s.event_phases[begin:end],
+                float(s.durations[end - 1]) - (chatter.lasts if chatter else 0.0),
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True)
 class Held:
     """Where contact begins: its stuck state and phase, and the states after the impacts before."""
 
@@ -178,17 +238,17 @@ class StickingMap:
     def __init__(self, orbit: ImpactOrbit, **values: Ball) -> None:
         system = SimpleNamespace(**{name: getattr(orbit.system, name) for name in GIVEN})
         vars(system).update(values)
-        self.passages: list[Passage] = orbit.problem().at(orbit.unknowns, np.empty(0)).passages
+        self.passages = passages_of(orbit)
         self.impacts = ImpactMap(system)  # type: ignore[arg-type]
         self.rates = Rates(self.impacts.rates)
         self.contacts = [Contact(self.impacts, system, k) for k in range(len(self.impacts.signs))]
-        flights = [zip(q.durations.tolist(), q.word.sides, strict=True) for q in self.passages]
+        flights = [zip(q.durations.tolist(), q.sides, strict=True) for q in self.passages]
         self._flights: list[list[tuple[float, int]]] = [list(part) for part in flights]
 
     def held(self, k: int, places: list[Ball], phase: Ball) -> Held:
         """From a release at places and phase to contact, the impacts of passage number `k`."""
         q, impacts = self.passages[k], self.impacts
-        y, side, after = [*places, arb(0), phase], q.word.start, []
+        y, side, after = [*places, arb(0), phase], q.start, []
         for lasts, to in self._flights[k]:
             y = self._landed(y, side, lasts, to)
             side = to
@@ -254,7 +314,7 @@ class StickingMap:
     def phase(self, k: int, places: list[Ball]) -> Ball:
         """Phase at which passage number `k` begins."""
         q = self.passages[k]
-        return self.contacts[q.word.start].phase(places, arb(float(q.phases[0])))
+        return self.contacts[q.start].phase(places, arb(float(q.phases[0])))
 
     def around(self, places: list[Ball]) -> list[list[Ball]]:
         """Places at all releases of one period, from the first one to that a period later."""

@@ -15,7 +15,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.events import Condition
 from dynkit.orbits.newton import solve
 from dynkit.systems.impact.orbits.flights import smallest_minimum
-from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
@@ -153,7 +153,7 @@ def test_without_rebound_the_gap_begins_with_the_acceleration() -> None:
 
 
 def on_border(
-    problem: ImpulseEquations, condition: Condition, x: Array, own: Array
+    problem: ItineraryEquations, condition: Condition, x: Array, own: Array
 ) -> tuple[Array, Array, Array]:
     """Unknowns, own ones and parameter where the condition holds: Newton, by differences."""
     m, e = problem.size, condition.unknowns

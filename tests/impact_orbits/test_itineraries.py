@@ -119,7 +119,7 @@ def test_den_hartogs_oscillator_without_stops_has_the_amplitude_of_the_closed_fo
     )
     orbit = orbit_of(machine)
     v, g = 1.0 / (1.0 - ratio**2), math.tan(math.pi / (2.0 * ratio)) / ratio
-    turning = abs(orbit._solution.lap.states[:, 0]).max()
+    turning = abs(orbit._solution.before[:, 0]).max()
     assert turning == pytest.approx(math.sqrt(v * v - (g * friction) ** 2), rel=1e-12)
     assert orbit.counts == {"friction.sticks": 0}
 

@@ -11,7 +11,7 @@ import pytest
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.finding import Found
-from dynkit.systems.impact.orbits.impulses.guesses import random_guesses
+from dynkit.systems.impact.orbits.itineraries.guesses import random_guesses
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 from dynkit import continue_orbit
@@ -227,7 +228,7 @@ def test_a_touch_leads_to_an_orbit_with_an_impact_more() -> None:
         assert other.sticks
         assert other.label == "P(inf,1)"
         assert other.residual < 1e-13
-        assert len(other.unknowns) == len(touch.unknowns) + 1
+        assert len(other.impulses) == len(touch.orbit.impulses) + 1
 
 
 def test_errors_of_borders_cover_what_another_continuation_finds() -> None:
@@ -462,13 +463,18 @@ def test_an_invariant_curve_is_as_large_as_the_coefficient_says() -> None:
     assert (found.supercritical, found.stable, found.side) == (True, True, -1)
     assert found.error < 1e-6 * abs(found.coefficient)
     orbit = near(border, -2e-5)
-    jacobian, places = orbit.problem().returns(orbit.unknowns, np.empty(0))
-    values, vectors = np.linalg.eig(jacobian(places))
+    problem = orbit.problem()
+    jacobian, at = problem.returns(orbit.unknowns, np.empty(0))
+    solution = problem.at(orbit.unknowns, np.empty(0))
+    values, vectors = np.linalg.eig(jacobian(at))
     k = int(np.argmax(abs(values)))
     left, growth = np.linalg.inv(vectors)[k], float(np.log(abs(values[k])))
     expected = -growth / found.coefficient
-    releases, _, phase = releases_of(orbit)
-    moved = places + 2.0 * np.sqrt(1.2 * expected) * vectors[:, k].real
+    releases, places, phase = releases_of(orbit)
+    n, units = orbit.system.degrees_of_freedom, np.repeat(problem.sizes, len(places) // 2 + 1)
+    basis, others = solution.held_directions(0), np.append(releases.others, n + releases.others)
+    away = (units * (basis @ vectors[:, k].real))[others]
+    moved = places + 2.0 * np.sqrt(1.2 * expected) * away
     system, start = orbit.system, releases.phase(moved, phase)
     period, before = TWO_PI / system.frequency, 0.03
     record = system.simulate(
@@ -476,9 +482,10 @@ def test_an_invariant_curve_is_as_large_as_the_coefficient_says() -> None:
     )
     first = (phase - before - start) / system.frequency + period
     x, v = record.sample(np.arange(first, record.time[-1] - period, period))
-    states = np.concatenate([x[:, releases.others], v[:, releases.others]], axis=1)[-4000:]
-    holding = orbit.problem().scene(np.empty(0)).holdings[0]
-    since = np.array([before / system.frequency])
-    held = [holding.mode.flown(holding.state(z, phase - before), since)[0] for z in states]
-    size = np.mean(abs((holding.places(np.array(held)) - places) @ left) ** 2)
+    # from there on in contact, to the phase of the release of the orbit
+    turn = np.array([np.sin(phase - before), np.cos(phase - before), 1.0])
+    whole = np.concatenate([x, v, np.tile(turn, (len(x), 1))], axis=1)[-4000:]
+    held = whole @ expm(solution.flows[-1] * before / system.frequency).T
+    off = (held[:, : 2 * n] - solution.before[0, : 2 * n]) / units
+    size = np.mean(abs(off @ basis @ left) ** 2)
     assert size == pytest.approx(expected, rel=0.01)

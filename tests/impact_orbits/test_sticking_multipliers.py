@@ -11,10 +11,9 @@ from scipy.optimize import linear_sum_assignment
 
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.core.validation import Array
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.passages.equations import PassageEquations
-from dynkit.systems.impact.orbits.passages.passage import Word
-from tests.impact_orbits.exact_sticking import slope
+from tests.impact_orbits.exact_sticking import parts_of, slope
 from tests.impact_orbits.sticking_cases import (
     SEVERAL,
     SYSTEMS,
@@ -92,21 +91,19 @@ def test_the_largest_multiplier_is_the_lyapunov_exponent_per_period(name: str) -
     assert np.isneginf(spectrum.exponents).sum() == 2
 
 
-def cut_later(orbit: ImpactOrbit, passage: int) -> tuple[PassageEquations, Array]:
-    """The same orbit, with one impact of a chatter more among the unknowns."""
+def cut_later(orbit: ImpactOrbit) -> tuple[ItineraryEquations, Array]:
+    """The same orbit, with one impact of its first chatter more among the unknowns."""
     problem = orbit.problem()
-    words, parts = (
-        list(problem.words),
-        [np.append(a, b[:-1]) for a, b in problem.parts(orbit.unknowns)],
-    )
-    q = problem.at(orbit.unknowns, NONE).passages[passage]
-    word = words[passage]
-    since = q.phases[-2] - orbit.phases[0]
-    times = orbit.bounces[:, 0] * orbit.system.frequency
-    after = float(times[times > since + 1e-9].min())
-    words[passage] = Word(word.start, (*word.sides, word.sides[-1]))
-    parts[passage] = np.append(parts[passage], orbit.phases[0] + after)
-    return problem.remade(itinerary=tuple(words)), np.concatenate(parts)
+    s, itinerary = problem.at(orbit.unknowns, NONE), list(problem.itinerary)
+    (i, chatter), *_ = s.chatters.items()
+    phases, impulses, states = problem.layout.split(orbit.unknowns)
+    r, count = orbit.system.restitution, s.impulse_of[i] + 1
+    itinerary.insert(i, itinerary[i]._replace(chatters=False))
+    phases = np.insert(phases, i + 1, phases[i] + s.frequency * chatter.run.time[0])
+    impulses = np.insert(impulses, count, (1.0 + r) / r * chatter.run.speeds[1])
+    nodes = tuple(node + (node > i) for node in problem.nodes)
+    longer = problem.remade(itinerary=tuple(itinerary), nodes=nodes)
+    return longer, np.concatenate([phases, impulses, states])
 
 
 @pytest.mark.parametrize(
@@ -114,7 +111,7 @@ def cut_later(orbit: ImpactOrbit, passage: int) -> tuple[PassageEquations, Array
 )
 def test_multipliers_do_not_depend_on_where_a_passage_is_cut(name: str) -> None:
     orbit = orbit_of(name)
-    problem, x = cut_later(orbit, 0)
+    problem, x = cut_later(orbit)
     assert abs(problem.residual(x, NONE)).max() < 1e-10
     assert distance(problem.multipliers(x, NONE), orbit.multipliers) < 1e-9
 
@@ -201,7 +198,7 @@ def test_releases_move_with_a_parameter_as_those_of_many_digits(name: str, param
     problem, x = orbit.problem(parameter), orbit.unknowns
     by_parameter = problem.parameter_derivative(x, problem.values)
     moved = -np.linalg.solve(problem.linearization(x, problem.values), by_parameter)[:, 0]
-    found = np.array([np.append(places, phases[0]) for places, phases in problem.parts(moved)])
+    found = np.array([np.append(places, phases[0]) for places, phases in parts_of(problem, moved)])
     wanted = slope(orbit, parameter)
     # differences, by which this was found before, are wrong by 1e-8
     assert abs(found - wanted).max() <= 1e-11 * abs(wanted).max()

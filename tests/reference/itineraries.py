@@ -6,6 +6,7 @@ mpmath and Newton's method with differences: no modes, no divided differences, n
 
 from typing import Any
 
+import numpy as np
 from mpmath import mp
 
 from dynkit.systems import ImpactChain, SoftStop
@@ -90,9 +91,9 @@ class ExactOrbit:
             self.machine = ExactMachine(chain)
             self.frequency, self.turn = mp.mpf(chain.frequency), 2 * mp.pi * problem.periods
             self.count, self.dimension = len(self.itinerary), 2 * self.machine.size
-            k = sum(event.kicked is not None for event in self.itinerary)
             x = [mp.mpf(number) for number in orbit.unknowns.tolist()]
-            state = x[self.count + k : self.count + k + self.dimension]
+            before = problem.at(orbit.unknowns, np.empty(0)).before
+            state = [mp.mpf(number) for number in before[0, : self.dimension].tolist()]
             modes = {event.mode.numbers for event in self.itinerary}
             self.flows = {numbers: self.machine.mode(numbers)[0] for numbers in modes}
             y = mp.matrix([*x[: self.count], *state])
@@ -156,6 +157,7 @@ def actual_error(orbit: Any) -> float:
         exact, n = ExactOrbit(orbit), len(orbit._problem.itinerary)
         x = [mp.mpf(number) for number in orbit.unknowns.tolist()]
         states = [number for state in exact.states[:-1] for number in state]
-        own = x[len(x) - len(states) :]
+        before = orbit._problem.at(orbit.unknowns, np.empty(0)).before[:, : exact.dimension]
+        own = [mp.mpf(number) for number in before.ravel().tolist()]
         pairs = [*zip(x[:n], exact.phases, strict=True), *zip(own, states, strict=True)]
         return float(max(abs(a - b) for a, b in pairs))

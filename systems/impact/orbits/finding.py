@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.orbits.newton import FixedParameters, NoConvergence, correct, solve
-from dynkit.systems.impact.orbits.impulses.equations import LEAST
-from dynkit.systems.impact.orbits.impulses.guesses import (
+from dynkit.systems.impact.orbits.itineraries.equations import LEAST
+from dynkit.systems.impact.orbits.itineraries.guesses import (
     ascend,
     make_problem,
     one_impact,
@@ -21,8 +21,8 @@ from dynkit.systems.impact.orbits.impulses.guesses import (
     solvable,
     with_impulses,
 )
+from dynkit.systems.impact.orbits.itineraries.sticking import sticking_guess, sticking_guesses
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
-from dynkit.systems.impact.orbits.passages.guesses import course_of, courses
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem, has_table_alone
 from dynkit.systems.impact.simulation.state import ImpactState
 
@@ -46,10 +46,10 @@ def find_orbits(
         When nothing drives the oscillator.
     """
     m, began = positive_integer("periods", periods), time.perf_counter()
-    guesses: Iterator[tuple[ImpactProblem[Any], Array]]
+    guesses: Iterator[tuple[ImpactProblem, Array]]
     has_table_alone(oscillator)
     if sticking:
-        guesses = courses(oscillator, m)
+        guesses = sticking_guesses(oscillator, m)
     else:
         n = positive_integer("impacts", impacts)
         solvable("impacts", n)
@@ -65,10 +65,10 @@ class Found:
     """Orbits that Newton's method found, each once."""
 
     def __init__(self) -> None:
-        self._solutions: list[tuple[ImpactProblem[Any], Array, tuple[float, ...]]] = []
+        self._solutions: list[tuple[ImpactProblem, Array, tuple[float, ...]]] = []
         self._marks: dict[tuple[int, int], list[Array]] = {}
 
-    def add(self, problem: ImpactProblem[Any], guess: Array) -> None:
+    def add(self, problem: ImpactProblem, guess: Array) -> None:
         """Take the orbit that Newton's method finds from a guess, (m,), if it is new."""
         result = correct(FixedParameters(problem, NONE), guess, problem.scale(guess), steps=30)
         if not result.converged:
@@ -78,14 +78,14 @@ class Found:
         if problem.periods < periods or problem.repeats(x, APART):
             return
         mark = problem.canonical(x)
-        marks = self._marks.setdefault((len(problem.itinerary), problem.periods), [])
+        marks = self._marks.setdefault((problem.parts, problem.periods), [])
         if all(abs(mark - other).max() > APART for other in marks) and problem.proper(x):
             marks.append(mark)
             self._solutions.append((problem, x, result.history))
 
-    def holds(self, problem: ImpactProblem[Any], x: Array, within: float) -> bool:
+    def holds(self, problem: ImpactProblem, x: Array, within: float) -> bool:
         """Whether unknowns, (m,), are so near those of an orbit, run through once or more."""
-        mark, n, m = problem.canonical(x), len(problem.itinerary), problem.periods
+        mark, n, m = problem.canonical(x), problem.parts, problem.periods
         return any(
             abs(mark - other).max() <= within
             for k in range(1, math.gcd(n, m) + 1)
@@ -105,7 +105,7 @@ def _order(orbit: ImpactOrbit) -> tuple[bool, float]:
     return not orbit.admissible, float(last)
 
 
-def _solved(problem: ImpactProblem[Any], guess: Array, began: float) -> ImpactOrbit:
+def _solved(problem: ImpactProblem, guess: Array, began: float) -> ImpactOrbit:
     """The orbit that Newton's method finds from a guess, (m,)."""
     x, history = solve(problem, guess, NONE)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
@@ -145,7 +145,7 @@ def orbit_at(
     began = time.perf_counter()
     problem = make_problem(oscillator, m, at)
     orbit = _solved(problem, with_impulses(problem, given), began)
-    if (abs(orbit.impulses) <= LEAST * problem.speed).all():
+    if (abs(orbit.impulses) <= LEAST * problem.sizes[1]).all():
         raise NoConvergence("no periodic orbit found from the guess, but one without impulses")
     return orbit
 
@@ -180,6 +180,5 @@ def sticking_orbit_of(system: ImpactMap, state: ImpactState, periods: int) -> Im
     ValueError
         When it does not stick, or not a period later.
     """
-    has_table_alone(system)
     began = time.perf_counter()
-    return _solved(*course_of(system, state, periods), began)
+    return _solved(*sticking_guess(system, state, periods), began)

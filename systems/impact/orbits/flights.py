@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
 
@@ -138,26 +137,3 @@ class Curve:
         """The smallest minimum; infinite where it is rounding, as in a flight of no length."""
         value = self.smallest[0]
         return value if abs(value) > self.rounding else math.inf
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Flight:
-    """The gap of one stop between two impacts.
-
-    Attributes
-    ----------
-    start, end : int
-        Numbers of the impacts; no start, -1, where it begins at a release.
-    side : int
-        Number of the stop.
-    begins : float
-        Phase of the start.
-    gap : Curve
-    """
-
-    start: int
-    end: int
-    side: int
-    begins: float
-    gap: Curve

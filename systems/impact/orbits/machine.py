@@ -14,28 +14,21 @@ function, Numerical Algorithms 53 (2010) 133-148.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
-from scipy.linalg import expm
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
-    from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
-    from dynkit.systems.impact.orbits.passages.passage import Passage
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""
-
-_REST, _STEPS = 1e-17, 16
-"""What counts of a series, in steps of norm one; and the most steps."""
 
 _AGREEMENT = 1e-12
 _DIFFERENCE = 1e-3
@@ -94,6 +87,39 @@ def difference(function: Callable[[float], Array], value: float, step: float) ->
 
 
 @final
+class Numbers(NamedTuple):
+    """The parts of the numbers of an oscillator, or of their changes: see `numbers_of`.
+
+    Attributes
+    ----------
+    frequency : float
+    forces : (3, N)
+        Real and imaginary parts of the harmonic forces, and constant forces.
+    matrices : (3, N, N)
+        Mass, damping and stiffness.
+    own : list of arrays
+        Of each element.
+    """
+
+    frequency: Any
+    forces: Any
+    matrices: Any
+    own: list[Any]
+
+    @classmethod
+    def split(cls, oscillator: DrivenStructure, numbers: Any) -> Numbers:
+        """The parts of all numbers, in their order."""
+        n = oscillator.degrees_of_freedom
+        ends = np.cumsum([1, 3 * n, 3 * n * n, *map(_count, oscillator._elements)])
+        first, forces, matrices, *own = np.split(numbers, ends[:-1])
+        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), own)
+
+
+def _count(element: Element) -> int:
+    return 5 + sum(3 + 4 * len(regime.guards) for regime in element.regimes)
+
+
+@final
 class Changes:
     """Derivatives of the numbers by some parameters of an oscillator.
 
@@ -105,19 +131,23 @@ class Changes:
 
     def __init__(self, system: Callable[[Array], DrivenStructure]) -> None:
         self._system = system
-        self._known: dict[tuple[int, bytes], Array] = {}
+        self._known: dict[tuple[int, bytes], tuple[Array, Numbers]] = {}
 
-    def by(self, p: Array, k: int) -> Array:
-        """By number `k` of the parameters (l,), kept where it is the same for all its values."""
+    def by(self, p: Array, k: int) -> tuple[Array, Numbers]:
+        """By number `k` of the parameters (l,), whole and in parts.
+
+        Kept where it is the same for all its values.
+        """
 
         def numbers(value: float) -> Array:
             moved = p.copy()
             moved[k] = value
             return numbers_of(self._system(moved))
 
-        key = k, np.delete(p, k).tobytes()
+        key = k, p[:k].tobytes() + p[k + 1 :].tobytes()
         if key not in self._known:
-            found, linear = change_of(numbers, float(p[k]))
+            whole, linear = change_of(numbers, float(p[k]))
+            found = whole, Numbers.split(self._system(p), whole)
             if not linear:
                 return found
             self._known = {key: found, **dict(list(self._known.items())[:7])}
@@ -147,17 +177,15 @@ class Machine:
     """
 
     def __init__(self, oscillator: DrivenStructure, change: Array | None = None) -> None:
-        self.size = n = oscillator.degrees_of_freedom
+        self.size = oscillator.degrees_of_freedom
         self.elements = oscillator._elements
         self.free = Regimes((0,) * len(self.elements), ())
         numbers: Any = numbers_of(oscillator)
         if change is not None:
             numbers = numbers + 1j * STEP * change
-        ends = np.cumsum([1, 3 * n, 3 * n * n, *(len(_numbers(e)) for e in self.elements)])
-        first, forces, matrices, *self._own = np.split(numbers, ends[:-1])
-        self.frequency = first[0]
-        self.mass, self.damping, self.stiffness = matrices.reshape(3, n, n)
-        self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.reshape(3, n).T])
+        self.frequency, forces, matrices, self._own = Numbers.split(oscillator, numbers)
+        self.mass, self.damping, self.stiffness = matrices
+        self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.T])
         self._modes: dict[Regimes, tuple[Any, Any]] = {}
 
     def closed(self, element: int) -> Regimes:
@@ -213,6 +241,16 @@ class Machine:
         whole = np.zeros_like(self._given[0])
         whole[n : 2 * n] = self.elements[element].sign * out / (own @ out)
         return whole
+
+    def shift(self, element: int) -> Any:
+        """(2N + 3,) change of positions that opens the gap by one."""
+        row, out = self.elements[element].row(self.size), np.zeros_like(self._given[0].real)
+        out[: self.size] = self.elements[element].sign * row / (row @ row)
+        return out
+
+    def put_on(self, element: int) -> Any:
+        """(2N + 3, 2N + 3): positions are moved so that the gap is zero."""
+        return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
 
     def caught(self, mode: Regimes, after: Regimes) -> Any:
         """(2N + 3, 2N + 3): of what holds or sticks after an event, and not before, rates are lost.
@@ -278,100 +316,19 @@ class Machine:
         return row
 
 
-def passage_change(passage: Passage, change: Array) -> tuple[Array, float, Array]:
-    """Derivatives of places at the end (2N - 2,), contact force at the release, and gaps (n,).
-
-    At given places and phases, by a change of the numbers.
-    """
-    system, word, phases = passage.scene.system, passage.word, passage.phases
-    m, contact = Machine(system, change), system._contact
-    others = np.append(contact.others, m.size + contact.others)
-    z = np.zeros(2 * m.size + 3, dtype=complex)
-    z[others] = passage.places
-    z[-3:] = np.sin(float(phases[0])), np.cos(float(phases[0])), 1.0
-    z = _caught(m, z, word.start)
-    force, gaps = m.force(m.closed(word.start), word.start) @ z, []
-    flow, norm = m.flow(m.free), _norm(m.flow(m.free))
-    durations = np.diff(phases[:-1]) / m.frequency
-    for side, lasts in zip(word.sides, durations, strict=True):
-        z = _moved(flow, norm, lasts, z)
-        gaps.append(m.gap(side) @ z)
-        z = z - (1.0 + m.restitution(side)) * (m.rate(side) @ z) * m.kick(m.free, side)
-    side = word.sides[-1]
-    row, by_rate = m.gap(side), m.rate(side)
-    back = _along(m, side)
-    # from here on the gap is taken to be zero
-    z -= gaps[-1] * back
-    late, times = 0.0j, passage.run.time
-    flights = np.diff(times, prepend=0.0).tolist()
-    # late in a chatter rates are far below the rounding of velocities: what is known is taken
-    rates = -passage.run.log.speed / passage.r if flights else passage.run.log.speed
-    push = (1.0 + m.restitution(side)) * m.kick(m.free, side)
-    states = _chatter(passage) + np.outer(rates, push.real)
-    for lasts, rate, before in zip(flights, rates.tolist(), states, strict=True):
-        z = before + 1j * _moved(flow, norm, lasts, z).imag
-        later = -1j * (row @ z).imag / rate  # an impact is where the gap is zero
-        z += later * (flow @ z)
-        z -= 1j * (row @ z).imag * back
-        z -= complex(rate, (by_rate @ z).imag) * push
-        late += later
-    lasts = (phases[-1] - phases[-2]) / m.frequency - late - (times[-1] if len(times) else 0.0)
-    held = m.flow(m.closed(side))
-    z = _moved(held, _norm(held), lasts, _caught(m, z, side))
-    return z[others].imag / STEP, float(force.imag) / STEP, np.array(gaps).imag / STEP
-
-
-def _caught(m: Machine, z: Any, side: int) -> Any:
-    """The state in which the contact coordinate is on the stop, and moves with it."""
-    gap, rate = m.gap(side), m.rate(side)
-    z = z - (gap @ z) * _along(m, side)
-    return z - (rate @ z) * m.kick(m.free, side)
-
-
-def _along(m: Machine, side: int) -> Array:
-    """The change (2N + 3,) of the contact coordinate that opens the gap by one."""
-    out, element = np.zeros(2 * m.size + 3), m.elements[side]
-    out[: m.size] = element.sign * element.row(m.size)
+def lifted(flow: Any, times: Array) -> Any:
+    """exp(A t) - 1, (k, d, d), of one matrix at short times (k,), whose powers are shared."""
+    halvings = np.ceil(np.log2(np.maximum(_norm(flow) * times, 1.0))).astype(int)
+    powers = [flow]
+    for k in range(2, _TERMS + 1):
+        powers.append(flow @ powers[-1] / k)
+    weights = (times * 0.5**halvings)[:, None] ** np.arange(1, _TERMS + 1)
+    both = np.array(powers).reshape(len(powers), -1).view(float)
+    out: Any = (weights @ both).view(flow.dtype).reshape(len(times), *flow.shape)
+    for k in range(int(halvings.max())):
+        some = halvings > k
+        out[some] = 2.0 * out[some] + out[some] @ out[some]
     return out
-
-
-def _chatter(passage: Passage) -> Array:
-    """States (k, 2N + 3) just after the impacts of a chatter."""
-    free, states = passage.scene.system._free, passage.run.free_states[1:]
-    x, v = free.motion(states)
-    _, sine, cosine = free.parts(states)
-    return np.concatenate([x, v, np.stack([sine, cosine, np.ones(len(x))], axis=1)], axis=1)
-
-
-def residual_change(
-    oscillator: DrivenStructure, solution: ImpulseSolution, change: Array
-) -> tuple[Array, Array]:
-    """Derivatives (n,) of the gaps at the impacts of an orbit, and of r/(1 + r) J less their rates.
-
-    At given phases and impulses J, by a change of the numbers.
-    """
-    m, s = Machine(oscillator, change), solution
-    flow, kicks = m.flow(m.free), [m.kick(m.free, side) for side in range(s.stops)]
-    order = np.argsort(s.since[:, 0])
-    lasts = s.lasts[order] * s.terms.frequency / m.frequency
-    d = 2 * m.size
-    first = s.phases[0]
-    # what becomes of all states just before the first impact, and of the phase
-    moved = np.eye(d + 3, d + 1, dtype=complex)
-    moved[d:, d] = np.sin(first), np.cos(first), 1.0
-    before = []
-    for i, flight in zip(order.tolist(), lasts, strict=True):
-        before.append(moved.copy())
-        moved[:, d] += s.impulses[i] * kicks[s.sides[i]]
-        moved = expm(flow * flight) @ moved
-    start = np.append(np.linalg.solve(np.eye(d) - moved[:d, :d], moved[:d, d]), 1.0)
-    gaps, rates = np.empty((2, len(order)))
-    for i, block in zip(order.tolist(), before, strict=True):
-        z, side = block @ start, s.sides[i]
-        gaps[i] = (m.gap(side) @ z).imag / STEP
-        left = m.rate(side) @ z + s.impulses[i] / (1.0 + m.restitution(side))
-        rates[i] = left.imag / STEP
-    return gaps, rates
 
 
 def exponentials(matrices: Any) -> Any:
@@ -402,19 +359,3 @@ _TERMS, _LONGEST = 18, 2.0**50
 
 def _norm(flow: Any) -> float:
     return float(abs(flow).sum(axis=0).max())
-
-
-def _moved(flow: Any, norm: float, lasts: complex, z: Any) -> Any:
-    """exp(A t) z: by its series where that is short, as between the impacts of a chatter."""
-    steps = math.ceil(abs(lasts) * norm)
-    if steps > _STEPS:
-        return expm(flow * lasts) @ z
-    for _ in range(steps):
-        # A change of A counts in each term as much as z does in the one before.
-        term, k, left = z, 1, 1.0
-        while left > _REST:
-            term = flow @ term * (lasts / (steps * k))
-            z = z + term
-            left *= abs(lasts) * norm / (steps * k)
-            k += 1
-    return z

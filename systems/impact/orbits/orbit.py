@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
+from typing import TYPE_CHECKING, Any, Protocol, final
 
 import numpy as np
 
@@ -27,7 +27,6 @@ NONE = np.empty(0)
 class OrbitEquations(Protocol):
     """What an orbit asks of the equations that it solves."""
 
-    sticks: ClassVar[bool]
     driven: bool
     oscillator: ImpactMap
     periods: int
@@ -44,6 +43,10 @@ class OrbitEquations(Protocol):
 
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether the solution is a motion of the oscillator."""
+
+    @property
+    def sticks(self) -> bool:
+        """Whether contact with a stop begins with an impact."""
 
     @property
     def section_returns(self) -> int:
@@ -66,11 +69,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     those at the begin of each period of the forcing; for the cycle of an undriven machine they are
     those just after its events, with phases from the first one on.
 
-    The unknowns of P(n,m) are phases and impulses, (2n,), and modes without restoring force. The
-    unknowns of P(inf,m) are, for each release, the positions and velocities there, its phase, and
-    the phases of the impacts before the chatter. For a machine with elements the unknowns are
-    phases, impulses and states of its events. An orbit is admissible when simulation from each of
-    its states finds the next one.
+    The unknowns of P(n,m) are phases and impulses, (2n,). Where some motion has no restoring force,
+    and for a machine with other elements than hard stops, they are the phases of the events, the
+    impulses of the impacts among them, and positions and velocities just before the first event.
+    Those of P(inf,m) are the phases of releases and of the impacts before the chatters, the impulses
+    of these, and positions and velocities just before each release. An orbit is admissible when simulation from
+    each of its states finds the next one.
     """
 
     _problem: OrbitEquations
@@ -150,10 +154,11 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def error(self) -> float:
         """Estimate of the largest error of a section coordinate of the states.
 
-        For P(n,m) it is a bound to first order: rounding and the last residual of the equations,
-        multiplied by the inverse derivative, and the rounding of the states. For P(inf,m) the
-        rounding of the equations is measured by changes of the unknowns in their last digits, and
-        the error of omitted bounces is added. It is infinite where the derivative is singular.
+        For P(n,m) it is a bound to first order: twice the rounding and the last residual of the
+        equations, multiplied by the inverse derivative, and the rounding of the states. For
+        P(inf,m) the rounding of the equations is measured by changes of the unknowns in their last
+        digits, and the error of omitted bounces is added. It is infinite where the derivative is
+        singular.
         """
         return self._problem.state_error(self._x, NONE, self.residual)
 

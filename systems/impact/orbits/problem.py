@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -17,11 +17,9 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem
-from dynkit.systems.impact.orbits.borders import Border, borders
+from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.machine import Changes
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.solution import Solution
-from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
@@ -32,8 +30,6 @@ REPEATED = 1e-7
 
 APART = 1e-6
 """Two solutions that differ by less, scaled, are the same orbit."""
-
-AnySolution = TypeVar("AnySolution", bound=Solution)
 
 
 def has_table_alone(oscillator: ImpactMap) -> None:
@@ -50,7 +46,7 @@ def has_table_alone(oscillator: ImpactMap) -> None:
         )
 
 
-class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
+class ImpactProblem(PeriodicProblem, WatchedProblem):
     """Periodic orbits of an impact oscillator with a given itinerary.
 
     A subclass must implement, beside the equations, what is abstract here.
@@ -68,8 +64,6 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         Typical speed, or typical size of positions and of velocities.
     """
 
-    sticks: ClassVar[bool]
-    """Whether orbits are P(inf,m)."""
     driven = True
     """Whether the motion has the period of the forcing, or some; else one of its own."""
     _arguments: ClassVar[tuple[str, ...]] = "oscillator", "names", "periods", "itinerary", "sizes"
@@ -89,7 +83,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         self.sizes = sizes
         self._changes = Changes(self.system)
         self._known: list[tuple[bytes, Any]] = []
-        self._last: tuple[bytes, AnySolution] | None = None
+        self._last: tuple[bytes, Any] | None = None
 
     @final
     def remade(self, **changes: Any) -> Self:
@@ -146,7 +140,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         """What solutions at these values (k,) share."""
 
     @final
-    def at(self, x: Array, p: Array) -> AnySolution:
+    def at(self, x: Array, p: Array) -> Any:
         """The motion that unknowns stand for; the last one is kept."""
         key = x.tobytes() + p.tobytes()
         if self._last is None or self._last[0] != key:
@@ -156,7 +150,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         return self._last[1]
 
     @abstractmethod
-    def _solution(self, x: Array, scene: Any) -> AnySolution:
+    def _solution(self, x: Array, scene: Any) -> Any:
         """The motion of unknowns (m,), read-only."""
 
     @final
@@ -175,20 +169,14 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
 
     @property
-    def section_returns(self) -> int:
-        """Number of returns to the section in a period."""
-        return len(self.itinerary)
+    @abstractmethod
+    def sticks(self) -> bool:
+        """Whether orbits are P(inf,m)."""
 
-    def counts(self) -> dict[str, float]:
-        """How often what happens in a period, by element: see `OrbitLabel.counts`."""
-        passed = [word.sides for word in self.itinerary] if self.sticks else [self.itinerary]
-        sides = np.concatenate([np.asarray(part) for part in passed]).tolist()
-        stuck = [part[-1] for part in passed] if self.sticks else []
-        found: dict[str, float] = {}
-        for k, name in enumerate(element_names(self.oscillator)):
-            found[f"{name}.impacts"] = math.inf if k in stuck else sides.count(k)
-            found[f"{name}.contacts"] = stuck.count(k)
-        return found
+    @property
+    @abstractmethod
+    def parts(self) -> int:
+        """Number of parts of the orbit that may come again."""
 
     @abstractmethod
     def state_error(self, x: Array, p: Array, residual: float) -> float:
@@ -211,7 +199,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     def shortest(self, x: Array) -> tuple[Self, Array]:
         for k, periods, changes in self._repetitions(x):
             if abs(changes).max() < REPEATED:
-                return self.remade(periods=periods, itinerary=self.itinerary[:k]), self._part(x, k)
+                return self._shorter(k, periods), self._part(x, k)
         return self, x
 
     def repeats(self, x: Array, within: float) -> bool:
@@ -227,7 +215,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
 
         Those of the phases, and in their units those of what else is known of each item.
         """
-        count, m = len(self.itinerary), self.periods
+        count, m = self.parts, self.periods
         for k in proper_divisors(count):
             if m % (count // k) == 0 and self._may_repeat(k):
                 phases, others = self._marked(x)
@@ -243,6 +231,10 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
     @abstractmethod
     def _marked(self, x: Array) -> tuple[Array, Array]:
         """Phases (count,) of the items of the itinerary, and other marks of theirs (count, j)."""
+
+    def _shorter(self, k: int, periods: int) -> Self:
+        """The equations of the first `k` items of the itinerary."""
+        return self.remade(periods=periods, itinerary=self.itinerary[:k])
 
     @abstractmethod
     def _part(self, x: Array, k: int) -> Array:
@@ -274,10 +266,9 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         """What event number `event` watches."""
         return self.borders(self.at(x, p))[event]
 
-    def borders(self, solution: AnySolution) -> list[Border]:
+    @abstractmethod
+    def borders(self, solution: Any) -> list[Border]:
         """All that is watched."""
-        known: tuple[Any, Any] = self, solution
-        return borders(*known)
 
     def touching(self, event: int, x: Array, own: Array, p: Array) -> Mapping[str, float]:
         """Return phase in [0, 2 pi), time from the first state, and side."""
@@ -297,7 +288,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem, Generic[AnySolution]):
         return [] if found is None else [(*found, p)]
 
     @abstractmethod
-    def units(self, solution: AnySolution) -> tuple[float, float, float]:
+    def units(self, solution: Any) -> tuple[float, float, float]:
         """What gaps, their rates and their accelerations are measured in."""
 
     @abstractmethod

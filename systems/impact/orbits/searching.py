@@ -15,10 +15,9 @@ from dynkit.core.validation import Array, positive_integer
 from dynkit.labels.recurrence import Recurrences
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.search import OrbitSearch
-from dynkit.systems.impact.modes.impulse_responses import forced_motion
 from dynkit.systems.impact.orbits.finding import Found
-from dynkit.systems.impact.orbits.impulses.equations import ImpulseEquations
-from dynkit.systems.impact.orbits.impulses.guesses import (
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+from dynkit.systems.impact.orbits.itineraries.guesses import (
     STARTS,
     ascend,
     make_problem,
@@ -27,7 +26,7 @@ from dynkit.systems.impact.orbits.impulses.guesses import (
     solvable,
     with_impulses,
 )
-from dynkit.systems.impact.orbits.impulses.terms import Terms
+from dynkit.systems.impact.orbits.itineraries.terms import drives_of
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.orbits.problem import has_table_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
@@ -94,15 +93,14 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         state = record.final
         size = np.maximum(size, abs(record.states).max(axis=0, initial=0.0))
         yield record
-    terms = Terms.of(oscillator, forced_motion(oscillator._contact, oscillator._excitation))
-    places = oscillator.degrees_of_freedom - 1
-    size[:places] = np.maximum(size[:places], abs(terms.drive))
-    size[places:-1] = np.maximum(size[places:-1], abs(terms.drive) * terms.frequency)
+    drive, places = float(abs(drives_of(oscillator)[0])), oscillator.degrees_of_freedom - 1
+    size[:places] = np.maximum(size[:places], drive)
+    size[places:-1] = np.maximum(size[places:-1], drive * oscillator.frequency)
     random = np.random.default_rng(0)
     for _ in range(RANDOM):
         start = 2.0 * size * random.uniform(-1.0, 1.0, len(size))
         start[-1] = random.uniform(0.0, TWO_PI)
-        if len(terms.places) == 1:
+        if len(oscillator._stops) == 1:
             start[-2] = abs(start[-2])
         yield oscillator.simulate(impacts=PART, start=oscillator.impact_state(start))
 
@@ -141,7 +139,7 @@ def _add_returns(found: Found, record: ImpactRecord, impacts: int, periods: int)
 
 def _near(
     record: ImpactRecord, place: int, impacts: int, periods: int
-) -> tuple[ImpulseEquations, Array] | None:
+) -> tuple[ItineraryEquations, Array] | None:
     """Return equations and unknowns of P(n,m) for some impacts; None where they take longer."""
     part = slice(place, place + impacts)
     phases = record.phase[place] + record.system.frequency * (

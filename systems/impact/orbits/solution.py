@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.orbits.flights import Flight
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 SAME = 1e-6
@@ -29,20 +27,14 @@ class Solution(ABC):
     """Of the forcing."""
     period: float
     """Time until the motion repeats itself."""
-    restitution: float
     sides: Any
     """Of which stop, (n,), each impact is: 0 for the table and 1 for the far stop."""
-    stops: int
-    """How many stops there are."""
-
     phases: Array
     """Phases (k,) of the states, not wrapped, read-only."""
     impact_phases: Array
     """Phases (n,) of the impacts, not wrapped."""
     impulses: Array
     """Changes (n,) of the relative velocity by the impacts; negative where they would pull."""
-    parts: Sequence[range]
-    """Numbers of the impacts, in parts whose borders are watched one after the other."""
 
     @property
     @abstractmethod
@@ -74,52 +66,16 @@ class Solution(ABC):
         return 0.0
 
 
-class TableSolution(Solution):
-    """The motion of an orbit of a table alone: flights and impacts, and contact with it.
-
-    A subclass must implement what is abstract here.
-    """
-
-    @abstractmethod
-    def flight(self, i: int, side: int) -> Flight:
-        """The gap of a stop in flight number `i`: P(n,m) after that impact, P(inf,m) before it."""
-
-    @cached_property
-    def flights(self) -> list[Flight]:
-        """The flights (n * stops,), of each in turn as seen from each stop."""
-        return [self.flight(i, side) for i in range(len(self.sides)) for side in range(self.stops)]
-
-    @abstractmethod
-    def acceleration(self, i: int) -> float:
-        """Acceleration of the gap just after impact number `i`, if that does not rebound."""
-
-    def acceleration_rounding(self, i: int) -> float:  # noqa: ARG002
-        """What rounding leaves in it beyond that of the equations, if that is known."""
-        return 0.0
-
-
-def follows(
-    run: Trajectory, times: Array, sides: Sequence[int], within: float, release: float | None = None
-) -> bool:
-    """Whether a simulated run makes the same impacts, and then sticks until its release, or not.
+def follows(run: Trajectory, times: Array, sides: Sequence[int], within: float) -> bool:
+    """Whether a simulated run makes the same impacts, without contact.
 
     Parameters
     ----------
     times, sides : (n,)
     within : float
         How much times may differ.
-    release : float, optional
-        Time of the release; without it there is no contact.
     """
     n = len(times)
-    if run.impacts < n or run.sides[1 : n + 1].tolist() != list(sides):
+    if run.impacts < n or run.sides[1 : n + 1].tolist() != list(sides) or len(run.contacts):
         return False
-    found = run.time[:n]
-    if release is None:
-        if len(run.contacts):
-            return False
-    elif not len(run.contacts) or run.before[0] < n:
-        return False
-    else:
-        found, times = np.append(found, run.contacts[0, 1]), np.append(times, release)
-    return bool((abs(found - times) <= within).all())
+    return bool((abs(run.time[:n] - times) <= within).all())

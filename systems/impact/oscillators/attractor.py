@@ -176,7 +176,7 @@ class ImpactAttractor(Attractor):
         NoConvergence
             When the motion is still too far from the orbit.
         NotImplementedError
-            When it chatters on other elements than a table; `dynkit.periodic_orbit` finds orbits of
+            When a mass of it rests on a preloaded stop; `dynkit.periodic_orbit` finds orbits of
             the map.
         """
         from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit

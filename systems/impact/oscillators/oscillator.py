@@ -215,7 +215,7 @@ class ImpactOscillator(ImpactMap):
         NoConvergence
             When Newton's method does not converge from the guess.
         NotImplementedError
-            When an orbit on other elements than a table chatters, or the energies are not
+            With sliders, impact laws or friction with a coefficient, or when the energies are not
             quadratic: ``attractor.periodic_orbit()`` finds the orbits of their map.
 
         Examples

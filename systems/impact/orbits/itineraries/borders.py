@@ -11,27 +11,53 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
+from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import HALT, IMPACT
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.orbits.borders import Border, Touching, VanishingImpulse
+from dynkit.systems.impact.orbits.borders import (
+    Border,
+    Touching,
+    VanishingAcceleration,
+    VanishingImpulse,
+    acceleration,
+)
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary, regimes_of
+from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.itineraries.solution import ItinerarySolution
+    from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 
 
 def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
-    """Impulses, times between events, and what elements watch in between."""
-    for k in range(len(s.hits)):
-        yield VanishingImpulse(problem, 0, k)
-    n = s.events
+    """Impulses, times between events, what elements watch in between, and what begins."""
+    n, itinerary, sticks, stops = (
+        s.events,
+        problem.itinerary,
+        s.course.sticks,
+        problem.oscillator._stops,
+    )
+    for k, i in enumerate(s.hits):
+        part = s.course.node_before(i) if sticks else 0
+        yield VanishingImpulse(problem, part if s.blind else k, k)
     for i in range(n):
-        yield VanishingInterval(problem, i)
+        # impacts of one stop pass one another; those of stops that face each other never meet
+        one, other = itinerary[i].element, itinerary[(i + 1) % n].element
+        both = sticks and one < len(stops) and other < len(stops)
+        if (s.blind and not both) or (one != other and not problem.oscillator._faces):
+            yield VanishingInterval(problem, i)
     for i in range(n):
-        for element, guard in problem.itinerary[(i + 1) % n].mode.watched:
+        for element, guard in itinerary[(i + 1) % n].mode.watched:
             yield TouchingGuard(problem, i, element, guard)
+    for k, i in enumerate(s.hits):
+        if not itinerary[i].chatters:
+            yield VanishingAcceleration(problem, s.course.node_before(i) if sticks else k, k)
+        else:
+            yield ChatterEnd(problem, i, 0, itinerary[i].element)
+    if sticks:
+        for i in problem.nodes:
+            yield FlatRelease(problem, i, 0, itinerary[i].element)
     for begun in problem.beginnings:
         yield Beginning(problem, begun)
 
@@ -61,7 +87,7 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
         found += [
             Begun(i, after, k, guard, 1.0)
             for element, guard in after.watched
-            if element == k and k in after.held and k not in event.mode.held
+            if element == k and k in after.held and k not in event.mode.held and not event.chatters
         ]
         regimes = system._elements[k].regimes
         watch = regimes[event.mode.numbers[k]].guards[event.guard]
@@ -75,6 +101,48 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
     return found
 
 
+class _OfContact(Border):
+    """A number that depends on a contact force, in units of what forces are."""
+
+    problem: Any
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self.value(solution) / self._unit(solution)]
+
+    def _unit(self, solution: Any) -> float:
+        force = solution.machine.force(solution.following[self.part].mode, self.side)
+        return float(abs(force) @ solution.measures)
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return solution.begins(self.part), self.side
+
+
+@final
+class ChatterEnd(_OfContact):
+    """The contact force is zero where contact begins after a chatter."""
+
+    def value(self, solution: Any) -> float:
+        return float(solution.chatters[self.part].pressing)
+
+    def begin(self, solution: Any) -> Array:
+        if solution.restitutions[solution.impulse_of[self.part]] > 0.0:
+            raise NoSolution("the force where an endless chatter ends is not smooth there")
+        return np.empty(0)
+
+
+@final
+class FlatRelease(_OfContact):
+    """The contact force does not fall where it is zero, at a release."""
+
+    def value(self, solution: Any) -> float:
+        row, before = solution.guards[self.part], solution.before[self.part]
+        return -float(row @ solution.flows[self.part - 1] @ before)
+
+    def _unit(self, solution: Any) -> float:
+        row = abs(solution.guards[self.part]) @ solution.measures
+        return float(row * solution.frequency)
+
+
 @final
 class Beginning(Border):
     """What begins to hold, or to stick, could as well not do so; or the other way round."""
@@ -83,11 +151,12 @@ class Beginning(Border):
 
     def __init__(self, problem: Any, begun: Begun) -> None:
         super().__init__(problem, begun.event, begun.guard, begun.element)
-        self.begun, self.ends = begun, False
         hard = isinstance(problem.oscillator._elements[begun.element], HardStop)
+        self.begun, self.ends = begun, False
         self.kind = BifurcationKind.CB if hard else BifurcationKind.GR
 
     def value(self, solution: ItinerarySolution) -> float:
+        assert isinstance(solution, ShootingSolution)
         event, mode, element, guard, sign = self.begun
         row = solution.machine.watched(mode, element, guard)
         size = abs(row) @ solution.measures
@@ -150,7 +219,7 @@ class VanishingInterval(Border):
         if isinstance(elements[first.element], HardStop):
             return "contact"
         if first.element in second.mode.held:
-            after = solution._following[(self.part + 1) % solution.events].mode
+            after = solution.following[(self.part + 1) % solution.events].mode
             same = after.numbers[first.element] == first.mode.numbers[first.element]
             return "grazing-sliding" if same else "crossing-sliding"
         return "adding-sliding" if first.element in first.mode.held else "grazing"
@@ -161,7 +230,7 @@ class VanishingInterval(Border):
         j = (i + 1) % n
         if first.element != s.itinerary[j].element or first.kicked or s.itinerary[j].kicked:
             return None
-        after = s._following[j].mode
+        after = s.following[j].mode
         gone = [i, j] if first.mode == after else [j]
         found: tuple[Problem, Array] | None = self.problem.without(x, p, gone)
         return found
@@ -184,26 +253,34 @@ class TouchingGuard(Touching):
 
     def __init__(self, problem: Any, part: int, element: int, guard: int) -> None:
         super().__init__(problem, part, guard, element)
+        after = problem.itinerary[(part + 1) % len(problem.itinerary)].mode
+        if element in after.held and element < len(problem.oscillator._stops):
+            self.kind = BifurcationKind.CB
 
     def curve(self, solution: ItinerarySolution) -> tuple[Curve, float]:
-        curve = solution.curve(self.part, self.side, self.number)
-        return curve, float(solution.event_phases[self.part])
+        return solution.curve(self.part, self.side, self.number), solution.begins(self.part)
 
     def measures(self, solution: ItinerarySolution) -> Array:
-        mode = solution._following[self.part].mode
-        row = abs(solution.machine.watched(mode, self.side, self.number)) @ solution.measures
-        return np.asarray(row * np.array([1.0, solution.frequency]))
+        size = solution.size_of(self.part, self.side, self.number)
+        return np.asarray(size * np.array([1.0, solution.frequency]))
 
     def value(self, solution: ItinerarySolution) -> float:
-        if solution.durations[self.part] <= 0.0:
-            return math.nan
-        ends = [self.part, (self.part + 1) % solution.events]
-        pulls = [
-            solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends if i in solution.hits
-        ]
-        if any(pulls):
+        ends = [i for i in solution.ends(self.part) if i in solution.impulse_of]
+        if any(solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends):
             return math.nan
         curve = self.curve(solution)[0]
+        if curve.lasts <= 0.0:
+            return math.nan
+        if not solution.blind:
+            # without rebound a flight may begin into the stop
+            return (
+                math.nan
+                if acceleration(solution, solution.impulse_of[self.part]) < 0.0
+                else curve.smallest[0]
+            )
+        event, after = solution.itinerary[self.part], solution.following[self.part]
+        if event.element == self.side and event.releases(after):
+            return curve.seen  # it begins with three zeros, and opens
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
         slow = abs(rate) * curve.lasts <= _ZERO * curve.rounding
         if abs(begin) <= _ZERO * curve.rounding and (bend if slow else rate) < 0.0:
@@ -218,12 +295,12 @@ class TouchingGuard(Touching):
         element = solution.oscillator._elements[self.side]
         if not any(regime.sticks for regime in element.regimes):
             return "grazing"
-        held = self.side in solution._following[self.part].mode.held
+        held = self.side in solution.following[self.part].mode.held
         return "adding-sliding" if held else "grazing-sliding"
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, system = self.problem.at(x, p), self.problem.oscillator
-        mode, k = s._following[self.part].mode, self.side
+        mode, k = s.following[self.part].mode, self.side
         regimes, number = system._elements[k].regimes, mode.numbers[k]
         watch = regimes[number].guards[self.number]
         if watch.event == IMPACT:

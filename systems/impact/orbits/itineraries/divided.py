@@ -4,7 +4,7 @@ A soft stop is left where the gap is zero that was zero where it was touched; wh
 halted where the rate of slip is zero that was zero before. With the second event at the time of the
 first one the guard is zero whatever the motion: a trivial solution, which the equation divided by
 the time between the two, or by its square, has not. So it is regular where the two events merge,
-and the branch ends.
+and the branch ends. Motions are those of a `ShootingSolution`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from dynkit.systems.impact.orbits.machine import exponentials
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
-    from dynkit.systems.impact.orbits.itineraries.solution import ItinerarySolution
 
 _ROUNDING = 2.0**-52
 
@@ -64,13 +63,13 @@ def _watch(oscillator: ImpactMap, event: Happening) -> Any:
     return regimes[event.mode.numbers[event.element]].guards[event.guard]
 
 
-def _between(s: ItinerarySolution, i: int, pair: Pair) -> list[int]:
+def _between(s: Any, i: int, pair: Pair) -> list[int]:
     """Numbers of the events after which there is a part of the time between."""
     n = s.events
     return [k % n for k in range(pair.first, i if pair.first < i else i + n)]
 
 
-def value(s: ItinerarySolution, i: int, pair: Pair) -> Any:
+def value(s: Any, i: int, pair: Pair) -> Any:
     """The guard of event `i`, over the time since the first one, to the power of the order."""
     among, row = _between(s, i, pair), s.guards[i]
     if len(among) == 1:
@@ -80,7 +79,7 @@ def value(s: ItinerarySolution, i: int, pair: Pair) -> Any:
     return sum(rises) / _whole(s, among)
 
 
-def derivatives(s: ItinerarySolution, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]]:
+def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]]:
     """Derivatives of it by each state (D,) just after an event, and by the time to the next."""
     among, row = _between(s, i, pair), s.guards[i]
     if len(among) == 1:
@@ -97,7 +96,7 @@ def derivatives(s: ItinerarySolution, i: int, pair: Pair) -> Iterator[tuple[int,
         yield j, by_state, float((late - ratio) / whole)
 
 
-def rounding(s: ItinerarySolution, i: int, pair: Pair) -> float:
+def rounding(s: Any, i: int, pair: Pair) -> float:
     """What rounding may make of the value, to first order."""
     among, row = _between(s, i, pair), abs(s.guards[i])
     found, measures = 0.0, s.measures
@@ -111,14 +110,14 @@ def rounding(s: ItinerarySolution, i: int, pair: Pair) -> float:
     return _ROUNDING * found * float(1.0 + abs(s.lap.phases).max())
 
 
-def _whole(s: ItinerarySolution, among: list[int]) -> Any:
+def _whole(s: Any, among: list[int]) -> Any:
     whole = sum(s.durations[j] for j in among)
     if whole == 0.0:
         raise NoSolution("several events of one element happen at once")
     return whole
 
 
-def _rows(s: ItinerarySolution, j: int, row: Any, most: int) -> list[Any]:
+def _rows(s: Any, j: int, row: Any, most: int) -> list[Any]:
     """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
 
     phi_0 is the exponential function, and x phi_k+1(x) = phi_k(x) - 1/k!.

@@ -2,90 +2,119 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Mapping
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, final
 
 import numpy as np
 
-from dynkit.core.cost import Cost
-from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
-from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution, orbit_bound
+from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.modes.impulse_responses import free_motion
 from dynkit.systems.impact.orbits.borders import Border
-from dynkit.systems.impact.orbits.itineraries import divided
+from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
+    Course,
     Happening,
     Itinerary,
     check_elements,
     counts_of,
-    events_seen,
     returns_of,
 )
-from dynkit.systems.impact.orbits.itineraries.solution import (
-    ItinerarySolution,
-    Lap,
-    Scene,
-    moved,
-)
-from dynkit.systems.impact.orbits.machine import STEP, Machine
-from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.problem import ImpactProblem
-from dynkit.systems.impact.orbits.solution import SAME
+from dynkit.systems.impact.orbits.itineraries.monodromy import factors, multipliers
+from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
+from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows, windows_of
+from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
+from dynkit.systems.impact.orbits.itineraries.terms import Terms
+from dynkit.systems.impact.orbits.machine import Machine, difference
+from dynkit.systems.impact.orbits.orbit import NONE
+from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
+from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
+LEAST = 1e-13
+"""Smaller impulses are rounding: at resonance those of all orbits are zero."""
+
+SLOW = 1e-9
+"""Impacts of what sticks that are slower, beside the fastest, are rounding."""
+
 _ROUNDING = 2.0**-52
+_STEPS, _SOLVED = 20, 1e-12
+"""Steps of Newton's method to a return, and the last of them, in units of the unknowns."""
 
 
 class Layout(NamedTuple):
-    """Where unknowns and equations stand: of n events phases, k impulses, and n states."""
+    """Numbers of unknowns and equations: phases of events, impulses, and states at some of them."""
 
     events: int
     impacts: int
-    dimension: int
+    states: int
 
-    @property
-    def size(self) -> int:
-        """How many there are of either."""
-        return self.events * (1 + self.dimension) + self.impacts
-
-    def states(self, i: int) -> slice:
-        """Those of event number `i`."""
-        begin = self.events + self.impacts + i * self.dimension
-        return slice(begin, begin + self.dimension)
+    def split(self, x: Array) -> list[Array]:
+        """The three parts of unknowns, or of equations."""
+        n, end = self.events, self.events + self.impacts
+        return [x[:n], x[n:end], x[end:]]
 
 
 class Station(NamedTuple):
-    """An event, its phase, its impulse if it is an impact, and the state (2N,) just before."""
+    """An event, its phase, its impulse if it is an impact, and the state (2N,) just before.
+
+    And whether that state is unknown.
+    """
 
     event: Happening
     phase: float
     impulse: float | None
     state: Array
+    node: bool
+
+
+def responds(oscillator: ImpactMap, itinerary: Itinerary, driven: bool) -> bool:
+    """Whether states follow from the impulses alone, as periodic responses.
+
+    That is so for impacts of one mode in which all motions have a restoring force.
+    """
+    stops = all(isinstance(element, HardStop) for element in oscillator._elements)
+    if not (driven and stops):
+        return False
+    one = all(e.kicked == e.mode and not any(e.mode.numbers) for e in itinerary)
+    return one and not len(free_motion(oscillator._contact).neutral)
 
 
 @final
-class ItineraryEquations(ImpactProblem[ItinerarySolution]):
-    """Periodic orbits of a machine with elements, by the modes that they pass and their events.
+class ItineraryEquations(ImpactProblem):
+    """Periodic orbits of an impact oscillator, by the modes that they pass and their events.
 
-    The unknowns are the phases (n,) of the events, the impulses (k,) of the impacts among them and
-    the states (n, 2N) just before the events. The equations: the guards are zero, (n,); gaps open
-    after impacts at the rate of their law, (k,); each state is what becomes of the one before,
-    (n, 2N). Where nothing drives the machine the first event is at phase 0, and the first unknown
-    the time of a turn of the phase, of which the orbit takes `periods`. Nothing is eliminated, so
-    that no mode is neutral, and rounding stays where it arises. Where an event follows another one
-    at which its guard is zero by nature, the equation is the divided difference.
+    The unknowns are the phases (n,) of the events, not wrapped, the impulses (k,) of the impacts
+    among them, changes of the relative velocity, and the states (2N,) just before the events that
+    are nodes, the first one at least. The equations: the guards are zero, (n,); gaps open after
+    impacts at the rate of their law, (k,); each state is what becomes of the one before. Where all
+    events are impacts of one mode, whose motions all have a restoring force, states follow from the
+    impulses and are no unknowns. Of a chatter the first impacts are events; the others, until contact,
+    are simulated. Then the nodes are the releases. Where nothing drives
+    the machine the first event is at phase 0, and the first unknown the time of a turn of the
+    phase, of which the orbit takes `periods`. Nothing in the equations knows whether a gap is open
+    in between, or an impulse positive. Where an event follows another one at which its guard is
+    zero by nature, the equation is the divided difference.
 
-    The itinerary is a tuple of `Happening`; sizes are those of positions and velocities.
+    The itinerary is a tuple of `Happening`; sizes are those of positions and velocities; nodes are
+    numbers of events.
+
+    References
+    ----------
+    J. Shaw, S. W. Shaw, The onset of chaos in a two-degree-of-freedom impacting system, Journal of
+    Applied Mechanics 56 (1989) 168-174 (impulse responses).
+    A. B. Nordmark, P. T. Piiroinen, Simulation and stability analysis of impacting systems with
+    complete chattering, Nonlinear Dynamics 58 (2009) 85-106.
     """
 
-    sticks = False
-    _arguments: ClassVar[tuple[str, ...]] = (*ImpactProblem._arguments, "driven")
+    _arguments: ClassVar[tuple[str, ...]] = (*ImpactProblem._arguments, "driven", "nodes")
 
     def __init__(
         self,
@@ -95,16 +124,38 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         itinerary: Itinerary,
         sizes: Any,
         driven: bool,
+        nodes: tuple[int, ...] = (0,),
     ) -> None:
         super().__init__(oscillator, names, periods, itinerary, sizes)
         check_elements(oscillator)
-        self.driven = driven
+        self.driven, self.nodes = driven, nodes
 
     @cached_property
     def layout(self) -> Layout:
         """Of unknowns and equations."""
-        hits = sum(event.kicked is not None for event in self.itinerary)
-        return Layout(len(self.itinerary), hits, 2 * self.oscillator.degrees_of_freedom)
+        hits = len(self.course.hits)
+        states = 0 if self.responds else self.dimension * len(self.nodes)
+        return Layout(len(self.itinerary), hits, states)
+
+    @property
+    def dimension(self) -> int:
+        """Number 2N of positions and velocities."""
+        return 2 * self.oscillator.degrees_of_freedom
+
+    @cached_property
+    def responds(self) -> bool:
+        """Whether states follow from the impulses: see `responds`."""
+        return responds(self.oscillator, self.itinerary, self.driven)
+
+    @cached_property
+    def course(self) -> Course:
+        """The itinerary, and what is asked of it."""
+        return Course(self.itinerary, self.nodes)
+
+    @property
+    def sides(self) -> Any:
+        """Of which stop each impact is, (k,)."""
+        return self.course.sides
 
     @cached_property
     def pairs(self) -> list[divided.Pair | None]:
@@ -122,37 +173,58 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         length, speed = self.sizes
         return np.concatenate([np.full(n, length), np.full(n, speed), np.ones(3)])
 
-    def _scene(self, p: Array) -> Scene:
+    def _scene(self, p: Array) -> responses.Scene | shooting.Scene:
+        if self.responds and self._plain:
+            # No need of a system for each value.
+            terms = Terms.of(self.oscillator, dict(zip(self._names, p.tolist(), strict=True)))
+            own = self.oscillator, self._windows, terms, self._measures
+            return responses.Scene(*own, partial(self.system, p))
         system = self.system(p) if self._names else self.oscillator
-        return Scene(Machine(system), system, self._measures)
+        if self.responds:
+            own = system, windows_of(system), Terms.of(system), self._measures
+            return responses.Scene(*own, partial(self.system, p))
+        return shooting.Scene(Machine(system), system, self._measures)
 
-    def _lap(self, x: Array) -> Lap:
-        n, k, d = self.layout
-        phases, impulses, states = np.split(x, [n, n + k])
-        turn, turns = TWO_PI / self.oscillator.frequency, TWO_PI * self.periods
+    @cached_property
+    def _windows(self) -> Windows:
+        return windows_of(self.oscillator)
+
+    @cached_property
+    def _plain(self) -> bool:
+        """Whether the free parameters are in closed form, and change nothing but themselves."""
+        own = self.oscillator
+        return not own.elements and all(changes_alone(own, name) for name in self._names)
+
+    def _solution(self, x: Array, scene: Any) -> ResponseSolution | ShootingSolution:
+        phases, impulses, states = self.layout.split(x)
+        turn, turns = 0.0, TWO_PI * self.periods
         if not self.driven:
             turn, phases = phases[0], np.append(0.0, phases[1:])
-        return Lap(np.append(phases, phases[0] + turns), turn, impulses, states.reshape(n, d))
-
-    def _solution(self, x: Array, scene: Scene) -> ItinerarySolution:
-        return ItinerarySolution(scene, self.itinerary, self._lap(x), self.driven)
+        states = states.reshape(-1, self.dimension)
+        lap = Lap(np.append(phases, phases[0] + turns), turn, impulses, states)
+        if self.responds:
+            return ResponseSolution(scene, self.course, lap)
+        return ShootingSolution(scene, self.course, lap, self.pairs, self.driven)
 
     # --- equations --------------------------------------------------------------------------------
 
     @property
     def size(self) -> int:
-        return self.layout.size
+        return sum(self.layout)
 
     @cached_property
     def _scale(self) -> Array:
-        n, k, d = self.layout
-        found = np.concatenate(
-            [np.ones(n), np.full(k, self.sizes[1]), np.tile(self._measures[:d], n)]
-        )
+        n, k, _ = self.layout
+        found = np.concatenate([np.ones(n), np.full(k, self.sizes[1]), self._state_units])
         if not self.driven:
             found[0] = self.sizes[0] / self.sizes[1]
         found.setflags(write=False)
         return found
+
+    @property
+    def _state_units(self) -> Array:
+        count = self.layout.states // self.dimension
+        return np.tile(self._measures[: self.dimension], count)
 
     def scale(self, x: Array) -> Array:  # noqa: ARG002
         return self._scale
@@ -160,183 +232,69 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
     @cached_property
     def _units(self) -> Array:
         """What the equations are measured in, at the oscillator's parameters."""
-        n, k, d = self.layout
-        m, machine = self._measures.copy(), Machine(self.oscillator)
+        pushed = np.full(self.layout.impacts, self.sizes[1])
+        units = np.concatenate([self._guard_units, pushed, self._state_units])
+        units.setflags(write=False)
+        return units
+
+    @property
+    def _guard_units(self) -> Array:
+        m, units, (length, speed) = self._measures.copy(), [], self.sizes
         m[-3:] = 0.0
-        units = np.ones(n)
-        for i, event in enumerate(self.itinerary):
+        machine = Machine(self.oscillator)
+        for event, pair in zip(self.itinerary, self.pairs, strict=True):
+            row = np.zeros_like(m)
             if event.element >= 0:
                 row = machine.watched(event.mode, event.element, event.guard)
-                pair = self.pairs[i]
-                units[i] = abs(row) @ m
-                if pair is not None:
-                    units[i] *= (self.sizes[1] / self.sizes[0]) ** pair.order
-        return np.concatenate([units, np.full(k, self.sizes[1]), np.tile(m[:d], n)])
+            size = float(abs(row) @ m) or 1.0
+            units.append(size * (speed / length) ** (pair.order if pair else 0))
+        return np.array(units)
 
     def residual(self, x: Array, p: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self._left(self.at(x, p)) / self._units)
-
-    def _left(self, s: ItinerarySolution) -> Any:
-        """What is left of the equations, (m,): complex where the machine is."""
-        found = (s.guards * s.before).sum(axis=1)
-        for i, event in enumerate(self.itinerary):
-            if event.element < 0:
-                found[i] = s.event_phases[i] - TWO_PI * np.rint(s.event_phases[i] / TWO_PI)
-            elif (pair := self.pairs[i]) is not None:
-                found[i] = divided.value(s, i, pair)
-        rates = (s.rates * s.before[s.hits]).sum(axis=1) + (1.0 - s.returned) * s.impulses
-        states = s.lap.states
-        missing = s.reached[:, : states.shape[1]] - np.roll(states, -1, axis=0)
-        return np.concatenate([found, rates, missing.ravel()])
+            return np.asarray(self.at(x, p).left / self._units)
 
     def rounding(self, x: Array, p: Array) -> Array:
-        s = self.at(x, p)
-        d = self.layout.dimension
-        turned = 8.0 + abs(s.event_phases)
-        guards = turned * (abs(s.guards) * abs(s.before)).sum(axis=1)
-        rates = turned[s.hits] * (abs(s.rates) * abs(s.before[s.hits])).sum(axis=1)
-        for i, event in enumerate(self.itinerary):
-            if event.element < 0:
-                guards[i] = turned[i]
-            elif (pair := self.pairs[i]) is not None:
-                guards[i] = divided.rounding(s, i, pair) / _ROUNDING
-        own = _ROUNDING * np.concatenate([guards, rates + 4.0 * abs(s.impulses)])
-        missing = s.rounded[:, :d] + _ROUNDING * abs(s.lap.states)
-        return np.asarray(np.concatenate([own, missing.ravel()]) / self._units)
+        return np.asarray(self.at(x, p).rounding / self._units)
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
-        s = self.at(x, p)
-        n, d = self.layout.events, self.layout.dimension
-        kind: Any = np.result_type(multiplier, 1.0)
-        out = np.zeros((self.size, self.size), dtype=kind)
-        by_phase = np.zeros_like(s.before)
-        by_phase[:, -3], by_phase[:, -2] = s.before[:, -2], -s.before[:, -3]
-        for i in range(n):
-            event, own, row = self.itinerary[i], self.layout.states(i), s.guards[i]
-            # the state before event i as a function of its phase, of its impulse, and of itself
-            columns = [i] * self._phase_is_free(i)
-            columns += [n + s.impulse_of[i]] if i in s.impulse_of else []
-            change = np.zeros((d + 3, len(columns) + d))
-            change[:d, len(columns) :] = np.eye(d)
-            if self._phase_is_free(i):
-                change[:, 0] = by_phase[i]
-            columns += range(own.start, own.stop)
-            if event.element < 0:
-                out[i, i] = 1.0
-            elif self.pairs[i] is None:
-                out[i, columns] += row @ change
-            if i in s.impulse_of:
-                j = s.impulse_of[i]
-                out[n + j, columns] += s.rates[j] @ change
-                out[n + j, n + j] += 1.0 - s.returned[j]
-                change[:, columns.index(n + j)] += s.kicks[i]
-            change = s.resets[i] @ change
-            self._follow(out, s, i, columns, change, multiplier)
-        for i, pair in enumerate(self.pairs):
-            if pair is not None:
-                self._divide(out, s, i, pair, by_phase, multiplier)
-        return out / self._units[:, None]
-
-    def _phase_is_free(self, i: int) -> bool:
-        return self.driven or i > 0
-
-    def _follow(
-        self, out: Any, s: ItinerarySolution, i: int, columns: list[int], change: Array, mu: Any
-    ) -> None:
-        """Add what becomes of the state after event `i`: rows of the next state."""
-        d, after = self.layout.dimension, (i + 1) % len(self.itinerary)
-        rows = self.layout.states(i)
-        out[rows, columns] += (s.transitions[i] @ change)[:d]
-        for column, part in self._durations(s, i, mu):
-            out[rows, column] += part * (s.flows[i] @ s.reached[i])[:d]
-        there = self.layout.states(after)
-        out[rows, there] -= np.eye(d) * (mu if after == 0 else 1.0)
-
-    def _durations(self, s: ItinerarySolution, i: int, mu: Any) -> Iterator[tuple[int, Any]]:
-        """Derivatives of the time from event `i` to the next, by columns."""
-        after = (i + 1) % len(self.itinerary)
-        if self._phase_is_free(i):
-            yield i, -1.0 / s.clock
-        if self._phase_is_free(after):
-            yield after, (mu if after == 0 else 1.0) / s.clock
-        if not self.driven:
-            yield 0, s.durations[i] / s.lap.turn
-
-    def _divide(
-        self,
-        out: Any,
-        s: ItinerarySolution,
-        i: int,
-        pair: divided.Pair,
-        by_phase: Array,
-        mu: Any,
-    ) -> None:
-        """Add the row of a divided difference."""
-        n, begun = len(self.itinerary), pair.first > i
-        for j, by_state, by_time in divided.derivatives(s, i, pair):
-            # what began before the period began: all in terms of the period before
-            factor = mu if begun and j <= i else 1.0
-            row, own = factor * (by_state @ s.resets[j]), self.layout.states(j)
-            out[i, own] += row[: own.stop - own.start]
-            if self._phase_is_free(j):
-                out[i, j] += row @ by_phase[j]
-            if j in s.impulse_of:
-                out[i, n + s.impulse_of[j]] += row @ s.kicks[j]
-            for column, part in self._durations(s, j, mu):
-                out[i, column] += factor * by_time * part
+        return self.at(x, p).jacobian(multiplier) / self._units[:, None]
 
     def _by(self, x: Array, p: Array, k: int) -> Array:
-        system = self.system(p)
-        machine = Machine(system, self._changes.by(p, k))
-        scene = Scene(machine, system, self._measures)
-        with np.errstate(all="ignore"):
-            left = self._left(self._solution(x, scene))
-        return np.asarray(left.imag / STEP / self._units)
+        s = self.at(x, p)
+        found = s.change(self._changes.by(p, k))
+        return self._numerically(x, p, k, s) if found is None else found / self._units
+
+    def _numerically(self, x: Array, p: Array, k: int, s: ItinerarySolution) -> Array:
+        """Derivative (m,) by the free parameter number `k`, from differences."""
+        # Small beside a turn of the fastest mode over the period.
+        turns = s.period * float(self.oscillator.natural_frequencies[-1])
+        h = 5e-3 * max(abs(float(p[k])), 1e-2) / (1.0 + turns)
+
+        def residual(value: float) -> Array:
+            moved = p.copy()
+            moved[k] = value
+            return self.residual(x, moved)
+
+        return difference(residual, float(p[k]), h)
 
     # --- orbits -----------------------------------------------------------------------------------
 
-    def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:
-        fixed = self.remade(oscillator=self.system(p), names=())
-        return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
-
     def multipliers(self, x: Array, p: Array) -> Any:
-        found = product_eigenvalues(self.factors(x, p)[0])
-        return found if self.driven else found[:-1]
+        s = self.at(x, p)
+        return multipliers(s) if isinstance(s, ResponseSolution) else s.multipliers
 
-    def factors(self, x: Array, p: Array) -> tuple[Array, Array]:
-        """From just before each event, at its phase, to just before the next one.
+    def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
+        s = self.at(x, p)
+        return factors(s) if isinstance(s, ResponseSolution) else s.factors
 
-        Of what nothing drives from the guard of the first event to itself, along the motion.
-        """
-        s, d = self.at(x, p), self.layout.dimension
-        found = []
-        for i in range(len(self.itinerary)):
-            moving = s.flows[i - 1] @ s.before[i]
-            passed = s.resets[i].copy()
-            if i in s.impulse_of:
-                j = s.impulse_of[i]
-                own = np.outer(s.kicks[i], s.rates[j]) / (1.0 - s.returned[j])
-                passed = s.resets[i] @ (np.eye(len(own)) - own)
-            rate = float(s.guards[i] @ moving)
-            if rate and (self.driven or i):
-                late = s.flows[i] @ s.after[i] - passed @ moving
-                passed = passed + np.outer(late, s.guards[i] / rate)
-            found.append((s.transitions[i] @ passed)[:d, :d])
-        if not self.driven:
-            moving = (s.flows[-1] @ s.reached[-1])[:d]
-            row = s.guards[0][:d]
-            found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
-        factors = np.array(found)
-        m = self._measures[:d]
-        factors = factors * m / m[:, None]
-        norms = (abs(s.flows) * self._measures / self._measures[:, None]).sum(axis=1).max(axis=1)
-        grown = 16.0 + norms * abs(s.durations)
-        return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2))
+    @property
+    def sticks(self) -> bool:
+        return self.course.sticks
 
     @property
     def section_returns(self) -> int:
-        return returns_of(self.oscillator, self.itinerary)
+        return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
 
     def counts(self) -> dict[str, float]:
         return counts_of(self.oscillator, self.itinerary)
@@ -344,41 +302,132 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
     def returns(self, x: Array, p: Array) -> Any:
         if not self.driven:
             raise NoSolution("the map of returns of a machine that nothing drives is not known")
-        return super().returns(x, p)
+        if not self.sticks:
+            return super().returns(x, p)
+        # From states in contact, at the phase of the first release, to those of a period later.
+        # Where it releases earlier or later the map is the same to first order.
+        s, at, n = self.at(x, p), float(x[0]), len(x)
+        basis, unit = s.held_directions(0), self._measures[: self.dimension]
+        first = n - self.layout.states
+        own, last = np.arange(first, first + self.dimension), np.arange(n - self.dimension, n)
+        others, rest = np.setdiff1d(np.arange(n), own), np.setdiff1d(np.arange(n), last)
+        place, flow = s.before[0], s.flows[-1]
+
+        def jacobian(state: Array) -> Array:
+            begun, y = place.copy(), x.copy()
+            begun[: self.dimension] += unit * (basis @ state)
+            for _ in range(_STEPS):
+                until = np.array([(y[0] - at) / s.clock])
+                (passed,) = shooting.moved(flow[None], until, self._measures)
+                z = passed @ begun
+                y[own] = z[: self.dimension]
+                there = self.at(y, p)
+                matrix = there.jacobian(1.0)
+                moving = (flow @ z)[: self.dimension] / s.clock
+                whole = matrix.copy()
+                whole[:, 0] += matrix[:, own] @ moving
+                step = np.linalg.solve(whole[np.ix_(rest, others)], there.left[rest])
+                y[others] -= step
+                if (abs(step) / self._scale[others]).max() < _SOLVED:
+                    break
+            else:
+                raise NoSolution("there is no such return")
+            to = passed[: self.dimension, : self.dimension] @ (unit[:, None] * basis)
+            moved = -np.linalg.solve(whole[np.ix_(rest, others)], matrix[np.ix_(rest, own)] @ to)
+            # what is left of the last equations is the end less the next begin
+            begin = matrix[np.ix_(last, own)] + np.eye(self.dimension)
+            ended = begin @ (to + np.outer(moving, moved[0]))
+            ended += matrix[np.ix_(last, others)] @ moved
+            ended -= np.outer((flow @ there.reached[-1])[: self.dimension] / s.clock, moved[0])
+            back = np.linalg.solve(passed[: self.dimension, : self.dimension], ended)
+            return np.asarray(basis.T @ (back / unit[:, None]))
+
+        return jacobian, np.zeros(basis.shape[1])
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
-        bound = orbit_bound(self, x, p)
-        return max(float(bound.max()), self.states_moved(x, p, bound))
+        bound, s = orbit_bound(self, x, p), self.at(x, p)
+        if self.sticks:  # its states, and their phases, are unknowns
+            return float(bound.max() + s.state_rounding.max() + 4.0 * _ROUNDING * abs(x).max())
+        phases = bound[: self.layout.events].max(initial=0.0)
+        moved = self.states_moved(x, p, bound) + float(s.state_rounding.max(initial=0.0))
+        sizes = 32.0 * 2.0**-52 * float(abs(s.section_states).max(initial=0.0))
+        return max(float(bound.max()), float(phases) + moved + sizes)
+
+    @property
+    def parts(self) -> int:
+        """Number of parts of the orbit that may come again: from release to release, or events."""
+        return len(self.nodes) if self.sticks else len(self.itinerary)
 
     def _may_repeat(self, k: int) -> bool:
-        return bool(self.itinerary == self.itinerary[k:] + self.itinerary[:k])
+        # how many impacts are named before a chatter is a choice
+        return self.sticks or bool(self.itinerary == self.itinerary[k:] + self.itinerary[:k])
 
     def _marked(self, x: Array) -> tuple[Array, Array]:
-        lap = self._lap(x)
-        return lap.phases[:-1], lap.states / self._measures[: self.layout.dimension]
+        phases, impulses, states = self.layout.split(x)
+        if self.sticks:
+            return phases[list(self.nodes)], (states / self._state_units).reshape(self.parts, -1)
+        pushed = np.zeros((self.layout.events, 1))
+        pushed[self.course.hits, 0] = impulses
+        if not self.driven:
+            phases = np.append(0.0, phases[1:])
+        return phases, pushed / self.sizes[1]
+
+    def _shorter(self, k: int, periods: int) -> Self:
+        nodes, end = (self.nodes[:k], self._end(k)) if self.sticks else ((0,), k)
+        return self.remade(periods=periods, itinerary=self.itinerary[:end], nodes=nodes)
+
+    def _end(self, k: int) -> int:
+        """Number of the events of the first `k` parts."""
+        return (*self.nodes, len(self.itinerary))[k] if self.sticks else k
 
     def _part(self, x: Array, k: int) -> Array:
-        n, hits, d = self.layout
-        phases, impulses, states = np.split(x, [n, n + hits])
-        some = sum(event.kicked is not None for event in self.itinerary[:k])
-        return np.concatenate([phases[:k], impulses[:some], states[: k * d]])
+        phases, impulses, states = self.layout.split(x)
+        end, nodes = self._end(k), k if self.sticks else 1
+        some = sum(event.kicked is not None for event in self.itinerary[:end])
+        return np.concatenate([phases[:end], impulses[:some], states[: nodes * self.dimension]])
 
     def in_turn(self, x: Array) -> tuple[Self, Array]:
-        """With its first event at a phase in [0, 2 pi)."""
-        if self.driven:
-            x = x.copy()
-            x[: len(self.itinerary)] -= TWO_PI * np.floor(x[0] / TWO_PI)
-        return self, x
+        """With its events in turn, from its first one at a phase in [0, 2 pi) on."""
+        if self.sticks:
+            return self.shortest(x)
+        if not self.driven:
+            return self, x
+        x = x.copy()
+        phases = x[: self.layout.events]
+        turn = TWO_PI * self.periods
+        if self.responds:
+            phases -= turn * np.floor((phases - phases[0]) / turn)
+        phases -= TWO_PI * np.floor(phases[0] / TWO_PI)
+        return self._ascending(x) if self.responds else (self, x)
 
-    def proper(self, x: Array) -> bool:  # noqa: ARG002
-        return True
+    def _ascending(self, x: Array) -> tuple[Self, Array]:
+        """The same impacts of one mode in the order of their phases."""
+        phases, impulses, _ = self.layout.split(x)
+        order = np.argsort(phases)
+        itinerary = tuple(self.itinerary[i] for i in order.tolist())
+        same = self if itinerary == self.itinerary else self.remade(itinerary=itinerary)
+        return same, np.concatenate([phases[order], impulses[order]])
+
+    def proper(self, x: Array) -> bool:
+        """Without rebound an impulse of zero follows any impact: two impacts are one."""
+        phases, impulses, _ = self.layout.split(x)
+        if self.sticks:
+            # where the derivative is all but singular it is not solved for
+            least = float(abs(impulses).min(initial=np.inf))
+            return least >= SLOW * abs(impulses).max() and self.state_error(x, NONE, 0.0) < APART
+        if not self.driven or not len(impulses):
+            return True
+        ends = np.append(phases, phases[0] + TWO_PI * self.periods)
+        slow = bool((impulses <= LEAST * self.sizes[1]).any())
+        return not slow and bool(np.diff(ends).min() >= APART)
 
     def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
-        problem = self.remade(periods=2 * self.periods, itinerary=self.itinerary * 2)
-        n, hits, _ = self.layout
-        turn = TWO_PI * self.periods
-        phases, impulses, states = np.split(x, [n, n + hits])
-        a, b, c = np.split(disturbance, [n, n + hits])
+        turn, count = TWO_PI * self.periods, len(self.itinerary)
+        nodes = *self.nodes, *(count + node for node in self.nodes)
+        more = {"itinerary": self.itinerary * 2, "nodes": nodes}
+        problem = self.remade(periods=2 * self.periods, **more)
+        phases, impulses, states = self.layout.split(x)
+        a, b, c = self.layout.split(disturbance)
         later, late = phases + turn, -a
         if not self.driven:
             stretched = a[0] / phases[0]
@@ -388,13 +437,20 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         return problem, twice, np.concatenate([a, late, b, -b, c, -c])
 
     def canonical(self, x: Array) -> Array:
-        lap, n = self._lap(x), len(self.itinerary)
-        turn = np.exp(1j * lap.phases[:-1])
-        weights = lap.states / self._measures[: self.layout.dimension]
-        moments = [weights.sum(axis=0), (weights * turn.real[:, None]).sum(axis=0)]
-        moments += [(weights * turn.imag[:, None]).sum(axis=0)]
-        period = [] if self.driven else [lap.turn / self._scale[0]]
-        return np.concatenate([np.concatenate(moments) / n, period])
+        phases, pushed = self._marked(x)
+        if self.sticks:  # means over the releases, which do not depend on which is the first
+            states = self.layout.split(x)[2].reshape(self.parts, 2, -1)
+            sizes = abs(states).max(axis=(0, 2)) + (self.dimension == 2)
+            scaled = (states / sizes[:, None]).reshape(self.parts, -1)
+            turn = np.exp(1j * phases)[:, None]
+            marks = [scaled, scaled**2, scaled * turn.real, turn.real, turn.imag]
+            mean = np.concatenate(marks, axis=1).mean(axis=0)
+            return np.append(mean, sizes[0] / sizes[1])
+        turn, weights = np.exp(1j * phases), self.course.signs * pushed[:, 0]
+        marks = [turn, weights * turn, weights**2 * turn, self.course.kinds * turn, 1j * weights]
+        found = [np.array(marks).sum(axis=1).view(float) / len(turn)]
+        period = [] if self.driven else [x[:1] / self._scale[0]]
+        return np.concatenate([*found, *period])
 
     # --- what is watched --------------------------------------------------------------------------
 
@@ -407,14 +463,14 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         kind = named(border, self.at(x, p))
         return {**found, kind: found["time"]}
 
-    def _stations(self, x: Array) -> list[Station]:
-        lap, hits = self._lap(x), iter(range(self.layout.impacts))
-        return [
-            Station(event, phase, lap.impulses[next(hits)] if event.kicked else None, state)
-            for event, phase, state in zip(
-                self.itinerary, lap.phases[:-1].tolist(), lap.states, strict=True
-            )
-        ]
+    def _stations(self, s: ResponseSolution | ShootingSolution) -> list[Station]:
+        hits, found, before = iter(s.impulses.tolist()), [], s.before[:, : self.dimension]
+        for i, (event, phase) in enumerate(
+            zip(self.itinerary, s.event_phases.tolist(), strict=True)
+        ):
+            impulse = next(hits) if event.kicked else None
+            found.append(Station(event, phase, impulse, before[i], i in self.nodes))
+        return found
 
     def _of(self, x: Array, stations: list[Station]) -> tuple[Self, Array]:
         """The equations and unknowns of some stations, the first one of them first."""
@@ -424,33 +480,37 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
             phases -= phases[0]
             phases[0] = x[0]
         impulses = [station.impulse for station in own if station.impulse is not None]
-        states = np.concatenate([station.state for station in own])
-        itinerary = tuple(station.event for station in own)
-        return self.remade(itinerary=itinerary), np.concatenate([phases, impulses, states])
+        nodes = 0, *(i for i, station in enumerate(own) if i and station.node)
+        problem = self.remade(itinerary=tuple(station.event for station in own), nodes=nodes)
+        if problem.responds:
+            return problem._ascending(np.concatenate([phases, impulses]))
+        return problem, np.concatenate([phases, impulses, *(own[i].state for i in nodes)])
 
     def with_events(
         self, x: Array, p: Array, i: int, phase: float, more: list[Happening]
     ) -> tuple[Self, Array]:
         """The same motion with events more after event `i`, at a phase, where guards touch zero."""
-        s, stations = self.at(x, p), self._stations(x)
-        state = _flown(s, i, phase)
+        s = self.at(x, p)
+        stations = self._stations(s)
+        state = s.flown(i, phase) if isinstance(s, ShootingSolution) else stations[0].state
         hits = [0.0 if event.kicked else None for event in more]
         stations[i + 1 : i + 1] = [
-            Station(event, phase, hit, state) for event, hit in zip(more, hits, strict=True)
+            Station(event, phase, hit, state, False) for event, hit in zip(more, hits, strict=True)
         ]
         return self._of(x, stations)
 
     def without(self, x: Array, p: Array, gone: list[int]) -> tuple[Self, Array] | None:
         """The same motion without some events; None where nothing drives it, nor happens."""
-        stations = self._stations(x)
+        s = self.at(x, p)
+        stations = self._stations(s)
         left = [station for i, station in enumerate(stations) if i not in gone]
         if not left:
-            if not self.driven:
+            if not (self.driven and isinstance(s, ShootingSolution)):
                 return None
-            s, i = self.at(x, p), gone[0]
+            i = gone[0]
             phase = TWO_PI * float(np.ceil(s.event_phases[i] / TWO_PI))
             mode = stations[i].event.mode
-            left = [Station(Happening(mode, -1, 0), phase, None, _flown(s, i, phase))]
+            left = [Station(Happening(mode, -1, 0), phase, None, s.flown(i, phase), True)]
         return self._of(x, left)
 
     def without_impact(self, x: Array, p: Array, i: int) -> tuple[Self, Array] | None:
@@ -463,53 +523,8 @@ class ItineraryEquations(ImpactProblem[ItinerarySolution]):
         return length, speed, speed * solution.frequency
 
     def admissible(self, x: Array, p: Array) -> bool:
-        """Whether it is a motion: no impulse pulls, and simulation finds the same events."""
+        """Whether it is a motion: no impulse pulls, nothing watched is negative, nor missed."""
         s = self.at(x, p)
-        if (s.impulses < 0.0).any() or (s.durations < 0.0).any():
-            return False
-        if any(border.value(s) < 0.0 for border in self.borders(s)):
-            return False
-        i = int(np.argmax(s.durations))
-        since = float(s.event_phases[i] - s.event_phases[0]) / s.clock + 0.5 * float(s.durations[i])
-        late = float(s.event_phases[0] - s.phases[0]) / s.clock
-        position, velocity = s.sample(np.array([since + late]))
-        system, phase = s.oscillator, float(s.event_phases[0]) + s.clock * since
-        phase = phase if self.driven else 0.0
-        try:
-            start = system.state(position[0], velocity[0], phase % TWO_PI)
-            seen = simulated(system, start, s.period)
-        except (NoMotion, NotImplementedError):
-            return False
-        return self._follows(s, seen, since)
-
-    def _follows(self, s: ItinerarySolution, seen: Any, since: float) -> bool:
-        """Whether events seen from a time on are those of the orbit."""
-        times = np.asarray((s.event_phases - s.event_phases[0]) / s.clock)
-        due = (times - since) % s.period
-        order = [i for i in np.argsort(due).tolist() if self.itinerary[i].element >= 0]
-        if len(seen.events) != len(order):
-            return False
-        same = all(
-            (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
-            for a, b in zip(seen.events, (self.itinerary[i] for i in order), strict=True)
-        )
-        return same and bool((abs(seen.times - due[order]) <= SAME * s.period).all())
-
-
-def _flown(s: ItinerarySolution, i: int, phase: float) -> Array:
-    """The state (2N,) at a phase after event `i`."""
-    late = np.array([(phase - s.event_phases[i]) / s.clock])
-    z = moved(s.flows[i : i + 1], late, s.measures)[0] @ s.after[i]
-    return np.asarray(z[:-3])
-
-
-def simulated(system: Any, start: Any, length: float) -> Any:
-    """The events of a motion from a state on, for some time."""
-    count = 4
-    while True:
-        run = system._run(start, count, store=True)
-        if run.duration > length or run.impacts < count:
-            break
-        count *= 4
-    seen = events_seen(system, run)
-    return seen.part(0, int(np.searchsorted(seen.times, length)))
+        if isinstance(s, ResponseSolution):
+            return bool((s.impulses > 0.0).all()) and flights_are_open(s)
+        return not any(b.value(s) < 0.0 for b in self.borders(s)) and s.admissible

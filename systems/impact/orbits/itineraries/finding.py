@@ -10,19 +10,25 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
 from dynkit.orbits.newton import NoConvergence, solve
-from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations, simulated
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
+    Course,
     Happening,
     Seen,
     check_elements,
     events_seen,
+    from_release,
     of_cycle,
     of_period,
     regimes_of,
+    releases_in,
 )
+from dynkit.systems.impact.orbits.itineraries.shooting import simulated
+from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
+from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -55,7 +61,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     Raises
     ------
     NotImplementedError
-        Where it chatters until it sticks, or what an element does is not known.
+        Where what an element does is not known.
     NoConvergence
         When the motion is too far from an orbit, or the orbit is one of a family.
     """
@@ -64,17 +70,31 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     driven = system._excitation.turns
     if driven:
         length = periods * TWO_PI / system.frequency
-        seen = of_period(simulated(system, state, 3.0 * length), 2.5 * length, length)
+        whole = simulated(system, state, 3.0 * length)
+        seen = of_period(whole, 2.5 * length, length)
+        if any(event.chatters for event in seen.events):
+            seen = _of_contact(whole, length, TWO_PI / system.frequency)
     else:
         run = system._run(state, _CYCLE, store=True)
         seen, length = of_cycle(events_seen(system, run))
         periods = 1
     if not len(seen.events):
         seen = _quiet(system, state)
-    problem, guess = _guess(system, state, seen, periods, length, driven)
+    begin = state.phase if seen.times.any() else 0.0
+    sizes = _sizes(system, state, seen, length)
+    problem, guess = guess_of(system, begin, seen, periods, length, sizes)
     x, history = _solved(problem, guess)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     return ImpactOrbit(*problem.in_turn(x), history, cost)
+
+
+def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
+    """The events between releases a length apart, as late as they were seen."""
+    for first in reversed(releases_in(seen)):
+        found = from_release(seen, first, float(seen.times[first]) + length, 0.25 * turn)
+        if found is not None:
+            return found
+    raise NoConvergence("the motion is not released by a stop at the same phase again")
 
 
 def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
@@ -87,45 +107,51 @@ def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
     return Seen(np.zeros(1), (marked,), states)
 
 
-def _guess(
-    system: ImpactMap, state: ImpactState, seen: Seen, periods: int, length: float, driven: bool
+def guess_of(
+    system: ImpactMap, begin: float, seen: Seen, periods: int, length: float, sizes: list[float]
 ) -> tuple[ItineraryEquations, Array]:
-    """Equations with the itinerary of a motion, and its unknowns."""
+    """Equations with the itinerary of a motion, from a phase on, and its unknowns."""
+    driven = system._excitation.turns
     clock = system.frequency if driven else TWO_PI / length
-    phases = (state.phase if seen.times.any() else 0.0) + clock * seen.times
+    phases = begin + clock * seen.times
     if not driven:
         phases = phases - phases[0]
         phases[0] = length
-    sizes = _sizes(system, state, seen, length)
-    problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven)
-    impulses = _impulses(problem, seen)
-    return problem, np.concatenate([phases, impulses, seen.states.ravel()])
+    course = Course(seen.events, (0,))
+    nodes = course.releases if course.sticks else (0,)
+    problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven, nodes)
+    states = [] if problem.responds else [seen.states[node] for node in nodes]
+    return problem, np.concatenate([phases, _impulses(system, seen, phases), *states])
 
 
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
     """Largest position and velocity, of motions that do not stand still."""
-    x, v = (
-        [seen.states[:, : system.degrees_of_freedom]],
-        [seen.states[:, system.degrees_of_freedom :]],
-    )
     run = system._run(state, 1, store=True)
     while run.duration < length and run.impacts:
         run = system._run(state, 2 * run.impacts, store=True)
-    times = np.linspace(0.0, min(length, run.duration), _SAMPLES)
-    for part, more in zip((x, v), sample_run(system, run, times), strict=True):
-        part.append(more)
-    return [float(abs(np.concatenate(part)).max()) or 1.0 for part in (x, v)]
+    return sizes_of(system, run, seen, 0.0, min(length, run.duration))
 
 
-def _impulses(problem: ItineraryEquations, seen: Seen) -> Array:
+def sizes_of(
+    system: ImpactMap, run: Trajectory, seen: Seen, begin: float, length: float
+) -> list[float]:
+    """Largest position and velocity of a motion from a time on, and at events that were seen."""
+    times, n = np.linspace(begin, begin + length, _SAMPLES), system.degrees_of_freedom
+    parts = zip(
+        (seen.states[:, :n], seen.states[:, n:]), sample_run(system, run, times), strict=True
+    )
+    return [float(abs(np.concatenate(part)).max()) or 1.0 for part in parts]
+
+
+def _impulses(system: ImpactMap, seen: Seen, phases: Array) -> Array:
     """Those that the law gives."""
-    k = problem.layout.impacts
-    n = len(seen.events)
-    x = np.concatenate([np.ones(n), np.zeros(k), seen.states.ravel()])
-    phases = problem.oscillator.frequency * seen.times
-    x[:n] = phases if problem.driven else np.append(1.0, phases[1:])
-    s = problem.at(x, NONE)
-    return np.asarray(-(s.rates * s.before[s.hits]).sum(axis=1) / (1.0 - s.returned))
+    machine, found = Machine(system), []
+    for event, state, phase in zip(seen.events, seen.states, phases, strict=True):
+        if event.kicked:
+            z = np.concatenate([state, [np.sin(phase), np.cos(phase), 1.0]])
+            r = machine.restitution(event.element)
+            found.append(-(1.0 + r) * float(machine.rate(event.element) @ z))
+    return np.array(found)
 
 
 def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[float, ...]]:

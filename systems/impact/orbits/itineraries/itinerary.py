@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -40,16 +42,75 @@ class Happening(NamedTuple):
         period of the forcing that begins.
     kicked : Regimes or None
         Of an impact the mode in which it happens: what it opens is open, what it moves slips.
+    chatters : bool
+        Whether contact with the same stop follows, the next mode, at once or after impacts that are
+        not events of the itinerary.
     """
 
     mode: Regimes
     element: int
     guard: int
     kicked: Regimes | None = None
+    chatters: bool = False
+
+    def releases(self, after: Happening) -> bool:
+        """Whether it ends contact with a stop."""
+        return self.kicked is None and self.element in set(self.mode.held) - set(after.mode.held)
 
 
 Itinerary = tuple[Happening, ...]
 """Events in their order; each mode follows the event before."""
+
+
+class Course:
+    """An itinerary, and what is asked of it again and again.
+
+    Attributes
+    ----------
+    itinerary : tuple of Happening
+    following : tuple of Happening
+        The events, each in the place of the one before.
+    hits : list of int
+        Numbers of the impacts among the events.
+    impulse_of : dict
+        The number of each among the impacts.
+    sides : (k,)
+        The stops that they hit.
+    kinds : (n,)
+        Numbers by which kinds of events differ.
+    signs : (n,)
+        Numbers by which impulses of different stops differ.
+    nodes : tuple of int
+        Numbers of the events before which the state is unknown: of what sticks the releases.
+    sticks : bool
+        Whether contact with a stop begins with an impact.
+    """
+
+    def __init__(self, itinerary: Itinerary, nodes: tuple[int, ...]) -> None:
+        self.itinerary, self.nodes = itinerary, nodes
+        self.following: Itinerary = *itinerary[1:], itinerary[0]
+        self.hits = [i for i, event in enumerate(itinerary) if event.kicked]
+        self.impulse_of = dict(zip(self.hits, range(len(self.hits)), strict=True))
+        self.sides: Any = np.array([itinerary[i].element for i in self.hits], dtype=np.intp)
+        self.kinds = np.array([_kind(event) for event in itinerary])
+        self.signs = np.array([1.0 - 2.0 * event.element for event in itinerary])
+        self.sticks = any(event.chatters for event in itinerary)
+
+    @property
+    def releases(self) -> tuple[int, ...]:
+        """Numbers of the events that end contact with a stop that began with an impact."""
+        pairs = enumerate(zip(self.itinerary, self.following, strict=True))
+        hit = {e.element for e in self.itinerary if e.kicked}
+        return tuple(i for i, (e, after) in pairs if e.releases(after) and e.element in hit)
+
+    def node_before(self, i: int) -> int:
+        """Number of the last node up to event `i`."""
+        return bisect_right(self.nodes, i) - 1
+
+
+def _kind(event: Happening) -> float:
+    regimes = sum(k * number for k, number in enumerate(event.mode.numbers, 1))
+    return event.element + 0.37 * event.guard + 0.11 * regimes
 
 
 class Seen(NamedTuple):
@@ -111,13 +172,11 @@ def _number(guards: Sequence[Any], watch: Any) -> int:
     return [(w.to, w.gap, w.rate, w.force, w.level) for w in guards].index(own)
 
 
-def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
+def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> Seen:
     """The events of a motion that end modes; what only follows at once is left out.
 
-    Raises
-    ------
-    NotImplementedError
-        Where chatter is followed by contact.
+    Impacts of a chatter before contact are left out but for the first ones, between which the
+    motion is not smooth: see `Happening.chatters`. Where all are to be named, contact is an event.
     """
     automaton, parts, machine = oscillator._automaton, run.segments, Machine(oscillator)
     soft = oscillator._elements[len(oscillator._stops) :]
@@ -135,7 +194,9 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
             known[number] = regimes_of(oscillator, run.regimes[number])
         return known[number]
 
-    times, events, states = [], [], []
+    times: list[float] = []
+    events: list[Happening] = []
+    states: list[Array] = []
     at_once = _AT_ONCE * max(run.duration, 1.0 / oscillator.frequency)
     last, lasting, now = -np.inf, parts.mode[0], set[int]()
     reached = _reached(run)
@@ -148,11 +209,17 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
         begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
         guard = automaton.guards[parts.guard[k]]
         if parts.kind[k] == EventKind.CONTACT and parts.speed[k] > 0.0:
-            name = element_names(oscillator)[guard.element]
-            raise NotImplementedError(
-                f"orbits by itinerary must not chatter; the one found does, at {name}: "
-                "dynkit.periodic_orbit finds orbits of the map"
-            )
+            if named:
+                _name(machine, guard.element, (times, events, states), run)
+            else:
+                times.append(begin)
+                events.append(Happening(mode_of(before), guard.element, -1, chatters=True))
+                states.append(reached[k - 1][:-3])
+            last, now = begin, {guard.element}
+            continue
+        hits = events[-1].element if events and events[-1].kicked else -1
+        if parts.kind[k] == EventKind.CONTACT and hits == guard.element and hits in now:
+            events[-1] = events[-1]._replace(chatters=True)
         if begin - last > at_once:
             lasting, now = before, set()
         elif not now:
@@ -177,6 +244,37 @@ def events_seen(oscillator: ImpactMap, run: Trajectory) -> Seen:
         states.append(z[:-3])
     shape = len(times), 2 * machine.size
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
+
+
+def _name(
+    machine: Machine,
+    k: int,
+    seen: tuple[list[float], list[Happening], list[Array]],
+    run: Trajectory,
+) -> None:
+    """Leave out, in place, the last impacts with a stop between which the motion is smooth.
+
+    There the gap is concave, the more the less the acceleration changes, and flights shrink.
+    """
+    times, events, states = seen
+    last, n = events[-1], len(events)
+    begin = n - 1
+    while begin and events[begin - 1] == last:
+        begin -= 1
+    phases = run.start.phase + run.start._system.frequency * np.array(times[begin:])
+    turn = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
+    z = np.concatenate([np.array(states[begin:]), turn], axis=1)
+    z -= (1.0 + machine.restitution(k)) * np.outer(z @ machine.rate(k), machine.kick(last.mode, k))
+    flow = machine.flow(last.mode)
+    pressing = -z @ (machine.gap(k) @ flow @ flow)
+    flights, change = np.diff(times[begin:]), abs(np.diff(pressing))
+    smooth = np.minimum(pressing[:-1], pressing[1:]) > 2.0 * change
+    smooth[1:] &= flights[1:] < flights[:-1]
+    rough = np.flatnonzero(~smooth)
+    keep = begin + (int(rough[-1]) + 2 if len(rough) else 1)
+    for part in seen:
+        del part[keep:]
+    events[-1] = last._replace(chatters=True)
 
 
 def _reached(run: Trajectory, part: float = 1.0) -> Array:
@@ -204,6 +302,25 @@ def of_period(seen: Seen, end: float, length: float) -> Seen:
     return seen.part(low, high)
 
 
+def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | None:
+    """The events from number `first`, a release, to the one before a release near a time."""
+    events = seen.events
+    found = [
+        k
+        for k in range(first + 1, len(events) - 1)
+        if events[k].releases(events[k + 1]) and abs(seen.times[k] - end) < within
+    ]
+    if not found:
+        return None
+    return seen.part(first, min(found, key=lambda k: abs(seen.times[k] - end)))
+
+
+def releases_in(seen: Seen) -> list[int]:
+    """Numbers of the events that end contact with a stop."""
+    pairs = zip(seen.events[:-1], seen.events[1:], strict=True)
+    return [k for k, (event, after) in enumerate(pairs) if event.releases(after)]
+
+
 def of_cycle(seen: Seen) -> tuple[Seen, float]:
     """The events of a motion that nothing drives until it comes again, and its period.
 
@@ -218,8 +335,9 @@ def of_cycle(seen: Seen) -> tuple[Seen, float]:
         if seen.events[-k:] == seen.events[-2 * k : -k]:
             changes = abs(seen.states[-k:] - seen.states[-2 * k : -k])
             if (changes <= _SAME * size).all():
-                length = seen.times[-1] - seen.times[-1 - k]
-                return seen.part(count - k - 1, count - 1), float(length)
+                length, low = seen.times[-1] - seen.times[-1 - k], count - k - 1
+                low = max((j for j in releases_in(seen) if j <= low), default=low)
+                return seen.part(low, low + k), float(length)
     raise NoConvergence(f"the motion does not come again within {count} events")
 
 
@@ -230,8 +348,9 @@ def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
         zip(element_names(oscillator), oscillator._elements, strict=True)
     ):
         if isinstance(element, HardStop):
-            hits = (e.kicked is not None and e.element == k for e in itinerary)
-            found[f"{name}.impacts"] = sum(hits)
+            hits = [e for e in itinerary if e.kicked is not None and e.element == k]
+            chatters = element.restitution and any(e.chatters for e in hits)
+            found[f"{name}.impacts"] = math.inf if chatters else len(hits)
         doing = [element.doing[event.mode.numbers[k]] for event in itinerary]
         for what in sorted(filter(None, set(element.doing))):
             begun = zip(doing, [doing[-1], *doing[:-1]], strict=True)

@@ -8,12 +8,12 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
-from dynkit.systems.impact.orbits.impulses.solution import LATE, ROUNDING
+from dynkit.systems.impact.orbits.itineraries.motion import LATE, ROUNDING
 from dynkit.systems.impact.variational.saltation import saltation
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.mode import Transitions
-    from dynkit.systems.impact.orbits.impulses.solution import ImpulseSolution
+    from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
 
 LARGE = 50
 """From so many coordinates on, the multipliers are found without a matrix of all of them."""
@@ -24,11 +24,12 @@ FEW = 4
 _STEPS, _TOLERANCE, _AGREEMENT = 100, 1e-14, 1e-9
 
 
-def multipliers(solution: ImpulseSolution) -> Any:
+def multipliers(solution: ResponseSolution) -> Any:
     """Floquet multipliers (2N,), complex, the largest modulus first."""
+    slots = solution.mode.layout.modes
     if not solution.impulses.all():
         # An impact that only grazes stretches without bound.
-        found = np.zeros(2 * len(solution.motion.mode.layout.modes), dtype=complex)
+        found = np.zeros(2 * len(slots), dtype=complex)
         found[0] = np.inf
         return found
     flights, jumps = _passages(solution)
@@ -36,11 +37,10 @@ def multipliers(solution: ImpulseSolution) -> Any:
         roots = _secular(flights, jumps)
         if roots is not None:
             return roots[np.lexsort((-roots.imag, -abs(roots)))]
-    slots = solution.motion.mode.layout.modes
     return product_eigenvalues(_jumped(flights.matrices(slots), slots, jumps))
 
 
-def factors(solution: ImpulseSolution) -> tuple[Array, Array] | None:
+def factors(solution: ResponseSolution) -> tuple[Array, Array] | None:
     """Matrices (n, 2N, 2N) from each impact to the next, and their rounding; see `Problem.factors`.
 
     None where an impact only grazes. Entries are rounded, and flights, of which they are functions,
@@ -49,11 +49,11 @@ def factors(solution: ImpulseSolution) -> tuple[Array, Array] | None:
     if not solution.impulses.all():
         return None
     flights, jumps = _passages(solution)
-    slots = solution.motion.mode.layout.modes
+    slots = solution.mode.layout.modes
     matrices = flights.matrices(slots)
-    states = np.zeros((*matrices.shape[:2], 2, solution.motion.kick.shape[1]))
+    states = np.zeros((*matrices.shape[:2], 2, solution.mode.layout.slots))
     states[..., slots] = matrices.transpose(0, 2, 1).reshape(*states.shape[:2], 2, -1)
-    rates = solution.motion.mode.rate(states)[..., slots].reshape(matrices.shape).transpose(0, 2, 1)
+    rates = solution.mode.rate(states)[..., slots].reshape(matrices.shape).transpose(0, 2, 1)
     found, changed = (_jumped(part, slots, jumps) for part in (matrices, rates))
     late = LATE * solution.period * (_norms(changed) / _norms(found)).max()
     return found, (ROUNDING + float(late)) * _norms(found)
@@ -71,23 +71,25 @@ def _jumped(matrices: Array, slots: Any, jumps: list[tuple[Array, Array]]) -> Ar
     return matrices
 
 
-def _passages(solution: ImpulseSolution) -> tuple[Transitions, list[tuple[Array, Array]]]:
+def _passages(solution: ResponseSolution) -> tuple[Transitions, list[tuple[Array, Array]]]:
     """Flights after each impact in turn, and what the next impact makes of their ends.
 
     An impact takes a disturbance of the free state times 1 + U V', both (2, slots, 2): see
     `saltation`.
     """
-    motion, t = solution.motion, solution.terms
-    place, speed = motion.rows[:2].reshape(2, 2, -1)
-    order = np.argsort(solution.phases)
-    flights = motion.mode.transitions(solution.lasts[order])
-    rates = -solution.impulses / (1.0 + t.restitution)
-    bends = solution.gaps[2] - solution.impulses * motion.bend
-    numbers = saltation(t.restitution, rates, bends)[order].tolist()
-    jumps = [
-        (motion.pushes, np.array([p * place + q * speed, q * place]).transpose(1, 2, 0))
-        for p, q in numbers[1:] + numbers[:1]
-    ]
+    windows, order = solution.windows, np.argsort(solution.event_phases)
+    flights = solution.mode.transitions(solution.lasts[order])
+    r, sides = solution.restitutions, solution.sides
+    rates = -solution.impulses / (1.0 + r)
+    turns = (windows.rows[:, 2] * windows.kicks.reshape(len(windows.kicks), -1)).sum(axis=1)
+    bends = solution.gaps[2] - solution.impulses * turns[sides]
+    numbers = saltation(r, rates, bends)
+    jumps = []
+    for i in np.roll(order, -1).tolist():
+        (p, q), side = numbers[i].tolist(), sides[i]
+        place, speed = windows.rows[side, :2].reshape(2, 2, -1)
+        right = np.array([p * place + q * speed, q * place]).transpose(1, 2, 0)
+        jumps.append((windows.pushes[side], right))
     return flights, jumps
 
 
@@ -97,7 +99,7 @@ def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | No
     The product is D + U V' with D of 2 by 2 blocks and U, V of rank 2n. The sum of the roots is
     compared with the trace.
     """
-    from dynkit.systems.impact.orbits.impulses.secular_kernels import simultaneous_roots
+    from dynkit.systems.impact.orbits.itineraries.secular_kernels import simultaneous_roots
 
     count = len(flights.alone)
     blocks = np.broadcast_to(np.eye(2)[..., None], (2, 2, count))

@@ -1,0 +1,211 @@
+"""Chatter between an impact of an itinerary and contact: it is simulated, with its derivative."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.orbits.itineraries.itinerary import Happening
+from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes, lifted
+from dynkit.systems.impact.simulation.state import Motion, state_at
+from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
+
+CHUNK, MOST = 128, 8192
+"""Impacts of a chatter that are simulated at first, and at most."""
+
+_NEARLY = 1e-3
+"""A chatter nearly completes where its slowest impact is so slow, beside the fastest of all."""
+
+
+@final
+class Chatter:
+    """The impacts that follow one with a stop until contact with it begins, without that one.
+
+    Where the chatter does not complete, only just, it is cut where its impacts are slowest.
+
+    Parameters
+    ----------
+    oscillator : ImpactMap
+    machine : Machine
+        Of it, real.
+    event : Happening
+        The impact that it follows.
+    held : Regimes
+        The mode of contact.
+    state : (D,)
+        Just after that impact, on the stop.
+    fastest : float
+        Largest change of velocity by an impact of the orbit.
+
+    Attributes
+    ----------
+    run : Trajectory
+        The impacts (n,), without contact.
+    complete : bool
+    begin : (D,)
+        State with which contact begins.
+
+    Raises
+    ------
+    NoSolution
+        When contact does not follow, not even nearly.
+    """
+
+    def __init__(
+        self,
+        oscillator: Any,
+        machine: Machine,
+        event: Happening,
+        held: Regimes,
+        state: Array,
+        fastest: float,
+    ) -> None:
+        assert event.kicked is not None
+        self.machine, self.element, self.flying, self.held = (
+            machine,
+            event.element,
+            event.kicked,
+            held,
+        )
+        self._start, self._rebounds = state, machine.restitution(event.element) > 0.0
+        n, speed = machine.size, self._rebounds * float(machine.rate(self.element) @ state)
+        if not (speed >= 0.0 and np.isfinite(state).all()):
+            raise NoSolution("the chatter must begin with an impact that pushes")
+        turn, closed = state[-3:-1], self.flying.held
+        x, v = state[:n], state[n : 2 * n]
+        try:
+            start = state_at(oscillator, x, v, turn, speed, self.element, Motion.TABLE, closed)
+            self.run = self._to_contact(oscillator, start, fastest)
+        except NoMotion as refusal:
+            raise NoSolution(str(refusal)) from refusal
+        last = self._after[-1] if self.run.impacts else state
+        self.begin = machine.caught(self.flying, held) @ machine.put_on(self.element) @ last
+
+    def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:
+        count = CHUNK
+        while True:
+            run: Trajectory = oscillator._run(start, count, store=True)
+            contact = run.guards[run.switches.guard, 3] == EventKind.CONTACT
+            contact &= run.guards[run.switches.guard, 1] == self.element
+            k = int(run.switches.before[contact][0]) if contact.any() else run.impacts
+            away = self._lifts_off(run, k)
+            if k < count or away.any() or count >= MOST:
+                break
+            count *= 4
+        self.complete = bool(contact.any()) and not away.any()
+        if contact.any() and run.switches.time[: int(np.argmax(contact))].any():
+            raise NoSolution("nothing else may happen during a chatter")
+        if not self.complete:
+            speeds = run.speeds
+            most = int(np.argmax(away)) if away.any() else k
+            k = int(np.argmin(speeds[: most + 1]))
+            if speeds[k] > _NEARLY * fastest:
+                raise NoSolution("the chatter must be complete")
+        return replace(run.part(0, k), switches=run.switches.until(0))
+
+    def _lifts_off(self, run: Trajectory, count: int) -> Any:
+        """Whether each of the first flights, (count,), leaves the chatter.
+
+        It is longer than the one before, and nothing holds the mass down to its end. Without
+        rebound there is no chatter, and any flight leaves.
+        """
+        if not self._rebounds:
+            return np.ones(count, dtype=bool)
+        m, flow = self.machine, self.machine.flow(self.flying)
+        states = np.concatenate([self._start[None], _states(run, count)])[:count]
+        flights = np.diff(run.time[:count], prepend=0.0)
+        by_bend = m.gap(self.element) @ flow @ flow
+        bend, change = states @ by_bend, states @ (by_bend @ flow)
+        freed = bend + np.maximum(change, 0.0) * flights >= 0.0
+        longer = flights > np.append(np.inf, flights[:-1])
+        return (freed & longer) | (run.element[:count] != self.element)
+
+    @cached_property
+    def _after(self) -> Array:
+        """States (n, D) just after the impacts."""
+        return _states(self.run, self.run.impacts)
+
+    @cached_property
+    def lasts(self) -> float:
+        """Time until contact begins."""
+        return float(self.run.time[-1]) if self.run.impacts else 0.0
+
+    @property
+    def pressing(self) -> float:
+        """Contact force where contact begins; negative where the chatter does not complete."""
+        force = self.machine.force(self.held, self.element)
+        if self.complete or not self._rebounds:
+            return float(force @ self.begin)
+        # What is left of the velocity is about the square of the force that is missing.
+        speed = float(self.run.speeds[-1])
+        return -math.sqrt(speed * abs(float(force @ self.machine.flow(self.held) @ self.begin)))
+
+    def carried(self, machine: Machine, changes: Array) -> tuple[Array, Array]:
+        """Changes (D, k) of the state with which contact begins, and (k,) of the time until then.
+
+        An impact is where the gap is zero, so its time changes. Late in a chatter rates are far
+        below the rounding of velocities, and what a flight changes is far below that of states: the
+        rates that are known are taken, and the gap at the begin of each flight as zero.
+
+        Parameters
+        ----------
+        machine : Machine
+            With imaginary parts where its numbers change, too.
+        changes : (D, k)
+            Of the state just after the impact before, on the stop.
+        """
+        m, k, late = machine, self.element, np.zeros(changes.shape[1])
+        if self.run.impacts:
+            steps, more, delays, delay = self._steps(m)
+            for step, added, later, own in zip(steps, more, delays, delay, strict=True):
+                late += later @ changes + own
+                changes = step @ changes + added[:, None]
+        last = self._after[-1] if self.run.impacts else self._start
+        catch = m.caught(self.flying, self.held) @ m.put_on(k)
+        return catch.real @ changes + (catch.imag @ last / STEP)[:, None], late
+
+    def _steps(self, m: Machine) -> tuple[Array, Array, Array, Array]:
+        """What each flight, and the impact that ends it, make of changes (D,) of the state before.
+
+        Matrices (n, D, D), and what changes of the numbers add, (n, D). By how much later the
+        impact happens: rows (n, D), and (n,).
+        """
+        k, flow = self.element, m.flow(self.flying)
+        gap, by_rate, push = m.gap(k), m.rate(k), (1.0 + m.restitution(k)) * m.kick(self.flying, k)
+        rates = -self.run.log.speed / float(m.restitution(k).real)
+        before = self._after + np.outer(rates, push.real)
+        since = np.concatenate([self._start[None], self._after[:-1]])
+        flown = lifted(flow, np.diff(self.run.time, prepend=0.0))
+        row, gap_changed, rate_changed = gap.real, gap.imag / STEP, by_rate.imag / STEP
+        back = m.shift(k) - push.real * float(by_rate.real @ m.shift(k))
+        put = np.eye(len(row)) - np.outer(back, row) - np.outer(push.real, by_rate.real)
+        moving = (before @ flow.real.T) @ put.T
+        delays = -(row @ flown.real) / rates[:, None]
+        steps = put + put @ flown.real + moving[:, :, None] * delays[:, None, :]
+        moved = (np.stack([flown.real, flown.imag / STEP]) @ since[:, :, None])[..., 0]
+        delay = -(moved[1] @ row + moved[0] @ gap_changed) / rates
+        more = moved[1] @ put.T + moving * delay[:, None]
+        more -= np.outer(before @ gap_changed, back) + np.outer(before @ rate_changed, push.real)
+        return steps, more - np.outer(rates, push.imag / STEP), delays, delay
+
+
+def _states(run: Trajectory, count: int) -> Array:
+    """States (count, D) just after the first impacts of a run."""
+    log, system = run.log, run.start._system
+    n = system.degrees_of_freedom
+    out = np.empty((count, 2 * n + 3))
+    for number, where in grouped(log.guard[:count]):
+        mode = run.gap(number)[1]
+        states = log.states[:count][where][..., : mode.layout.slots]
+        out[where, :n], out[where, n : 2 * n] = mode.motion(states)
+    phases = run.start.phase + system.frequency * log.time[:count]
+    out[:, -3:] = np.stack([np.sin(phases), np.cos(phases), np.ones(count)], axis=1)
+    return out

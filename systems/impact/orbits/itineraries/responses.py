@@ -1,0 +1,391 @@
+"""Motions of one mode between impacts: by the periodic responses to all impulses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple, final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy.linalg import expm
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
+from dynkit.systems.impact.modes.mode import Transitions
+from dynkit.systems.impact.modes.structure import Contact
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course
+from dynkit.systems.impact.orbits.itineraries.motion import LATE, ROUNDING, ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.itineraries.terms import Terms
+from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers
+from dynkit.systems.impact.simulation.state import TWO_PI
+
+
+@final
+class Windows:
+    """The gaps of all stops in the free motion, which they share, and what impulses do there.
+
+    Attributes
+    ----------
+    motion : FreeMotion
+    rows : (e, 4, 2 slots)
+        Products with a state are the gap of a stop and its first three derivatives.
+    kicks : (e, 2, slots)
+        Change of the state by an impulse that changes the rate of the gap by one.
+    bounds : (e, 4, 2, slots)
+        Weights of abs(state) that bound the gap, and its derivatives of order 1, 2 and 6, for ever.
+    """
+
+    def __init__(self, contacts: tuple[Contact, ...], signs: tuple[int, ...]) -> None:
+        self.motion: FreeMotion = free_motion(contacts[0])
+        mode = self.motion.mode
+        own = [sign * mode.row(c.row) for c, sign in zip(contacts, signs, strict=True)]
+        rows = [[mode.pairs.derivative_rows(row, k).ravel() for k in range(4)] for row in own]
+        self.rows = np.array(rows)
+        pairs = zip(contacts, signs, strict=True)
+        self.kicks = np.array([sign * mode.placed(c.kick[:2]) for c, sign in pairs])
+        self.bounds = np.array(
+            [[mode.pairs.bound(row, order) for order in (0, 1, 2, 6)] for row in own]
+        )
+        self.pushes = np.stack([self.kicks, mode.rate(self.kicks)], axis=-1)
+        self._returns: list[tuple[float, Transitions, Array]] = []
+
+    def repeated(self, period: float) -> tuple[Transitions, Array]:
+        """Transitions over a period, and states (e, 2, slots) just after an impulse per period.
+
+        Results for the last two periods are kept.
+
+        Raises
+        ------
+        NoSolution
+            When the free motion has this period itself (resonance without damping).
+        """
+        for known, transitions, kicked in self._returns:
+            if known == period:
+                return transitions, kicked
+        transitions = self.motion.mode.transitions(np.array([period]))
+        kicked = np.array([transitions.periodic(kick) for kick in self.kicks])
+        self._returns = [(period, transitions, kicked), *self._returns[:1]]
+        return transitions, kicked
+
+
+_windows: WeakKeyDictionary[Contact, dict[Any, Windows]] = WeakKeyDictionary()
+
+
+def windows_of(oscillator: Any) -> Windows:
+    """The gaps of all stops of an oscillator; kept with its structure."""
+    contacts = oscillator._contacts
+    signs = tuple(stop.sign for stop in oscillator._stops)
+    known = _windows.setdefault(contacts[0], {})
+    key = (tuple(c.row.tobytes() for c in contacts), signs)
+    if key not in known:
+        known[key] = Windows(contacts, signs)
+    return known[key]
+
+
+class Scene(NamedTuple):
+    """Gaps in free motion and the steady response, at some parameters.
+
+    The oscillator has the structure, and may differ in the numbers of its table; the system, as a
+    function, is the one at these parameters.
+    """
+
+    oscillator: Any
+    windows: Windows
+    terms: Terms
+    measures: Array
+    system: Callable[[], Any]
+
+
+@final
+class ResponseSolution(ItinerarySolution):
+    """Impacts of one mode: its states follow from phases and impulses, as periodic responses.
+
+    The impacts need not be in order: each is followed by the one whose phase comes next.
+
+    Parameters
+    ----------
+    scene : Scene
+    course : Course
+    lap : Lap
+    """
+
+    blind = False
+
+    def __init__(self, scene: Scene, course: Course, lap: Lap) -> None:
+        self.windows, self.terms, self.system = scene.windows, scene.terms, scene.system
+        self.mode = scene.windows.motion.mode
+        super().__init__(scene.oscillator, scene.measures, course, lap, scene.terms.frequency)
+        self.turn = TWO_PI * round(float(lap.phases[-1] - lap.phases[0]) / TWO_PI)
+        self.transition, self.kicked = self.windows.repeated(self.period)
+        self._curves: dict[tuple[int, int], Curve] = {}
+
+    @property
+    def period(self) -> float:  # type: ignore[override]
+        return float(self.turn / self.clock)
+
+    @cached_property
+    def restitutions(self) -> Array:
+        """Of the stop of each impact, (n,)."""
+        return np.asarray(self.terms.restitutions[self.sides])
+
+    @cached_property
+    def _apart(self) -> Array:
+        return self.event_phases[:, None] - self.event_phases
+
+    @cached_property
+    def turns(self) -> Array:
+        """(n, n) whole periods, of -1 where an impulse comes later in the period."""
+        return np.asarray(np.floor(self._apart / self.turn))
+
+    @cached_property
+    def since(self) -> Array:
+        """(n, n) times from an impulse, a column, to an impact, a row."""
+        return np.asarray((self._apart - self.turns * self.turn) / self.clock)
+
+    @cached_property
+    def turning(self) -> Any:
+        """exp(i phase), (n,), at the impacts."""
+        return np.exp(1j * self.event_phases)
+
+    # --- responses --------------------------------------------------------------------------------
+
+    def _spread(self, states: Array) -> Array:
+        """States (n, n, 2 slots) at the impacts, rows, of one for each stop, after the impulses."""
+        n = len(self.sides)
+        if n == 1:
+            return np.asarray(states[self.sides].reshape(1, 1, -1))
+        which = np.broadcast_to(self.sides, (n, n)).ravel()
+        return np.asarray(self.mode.after(states, which, self.since.ravel()).reshape(n, n, -1))
+
+    def _seen(self, spread: Array, orders: slice) -> Array:
+        """Gaps and derivatives, (orders, n, n), at the rows of states (n, n, 2 slots)."""
+        rows = self.windows.rows[self.sides, orders]
+        return np.asarray((spread @ rows.transpose(0, 2, 1)).transpose(2, 0, 1))
+
+    @cached_property
+    def _kicks(self) -> Array:
+        return self._spread(self.kicked)
+
+    @cached_property
+    def _assembled(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Responses, steady part of the gaps, gaps, equations and their derivative."""
+        from dynkit.systems.impact.orbits.itineraries.response_kernels import assemble
+
+        n = len(self.sides)
+        out = np.empty((4, n, n)), np.empty((3, n)), np.empty((3, n)), np.empty(2 * n)
+        jacobian = np.empty((2 * n, 2 * n))
+        own = self.windows.rows, self._kicks, self.sides, self.terms.numbers
+        assemble(*own, self.event_phases, self.impulses, self.clock, *out, jacobian)
+        return *out, jacobian
+
+    @property
+    def responses(self) -> Array:
+        """Responses (4, n, n) of gaps and derivatives, at the rows, to unit impulses."""
+        return self._assembled[0]
+
+    def _disturbed(self, multiplier: complex) -> Any:
+        """The same, (3, n, n), where impulses are multiplied from one period to the next."""
+        periodic = [self.transition.periodic(kick, multiplier) for kick in self.windows.kicks]
+        states = np.array(periodic)
+        out = self._seen(self._spread(np.ascontiguousarray(states.real)), slice(3))
+        if np.iscomplexobj(states):
+            out = out + 1j * self._seen(self._spread(np.ascontiguousarray(states.imag)), slice(3))
+        return out * multiplier**self.turns
+
+    @cached_property
+    def _by_period(self) -> Array:
+        """Derivatives (2, n, n) of the first two responses by the period."""
+        # What the period makes of a periodic state is what it is just before the impulse.
+        moved = self.mode.rate(self.kicked - self.windows.kicks)
+        states = np.array([self.transition.periodic(state) for state in moved])
+        return self._seen(self._spread(states), slice(2))
+
+    @property
+    def steady(self) -> Array:
+        """Steady part (3, n) of `gaps`."""
+        return self._assembled[1]
+
+    @property
+    def gaps(self) -> Array:
+        """Gaps (3, n) at the impacts, and two derivatives in time just after them."""
+        return self._assembled[2]
+
+    # --- equations --------------------------------------------------------------------------------
+
+    @property
+    def left(self) -> Array:
+        """What is left of the equations, (m,)."""
+        return self._assembled[3]
+
+    def jacobian(self, multiplier: complex) -> Any:
+        """Their derivative D(multiplier), (m, m)."""
+        if multiplier == 1.0:
+            return self._assembled[4]
+        n, back = len(self.sides), self._disturbed(multiplier) - self.responses[:3]
+        out = self._assembled[4].astype(np.result_type(back, multiplier))
+        # Only impulses of other periods are multiplied.
+        rows = out.reshape(2, n, 2 * n)
+        rows[..., :n] -= self.impulses * back[1:] / self.clock
+        rows[..., n:] += back[:2]
+        return out
+
+    @property
+    def rounding(self) -> Array:
+        """Responses grow, and cancel, on the way."""
+        return np.concatenate([self._rounding(0), self._rounding(1)])
+
+    def _rounding(self, order: int) -> Array:
+        """What rounding may make of `gaps`, (n,)."""
+        steady = self.clock**order * abs(self.terms.drives[self.sides])
+        if order == 0:
+            steady = steady + abs(self.steady[0]).max()
+        rows = abs(self.windows.rows[self.sides, order])
+        free = (self.state_rounding * rows).sum(axis=1)
+        return np.asarray(free + ROUNDING * self.turned * steady)
+
+    @cached_property
+    def state_rounding(self) -> Array:
+        """What rounding may make of the free states, (n, 2 slots).
+
+        Their numbers are rounded, and grow in the periodic response; so are the times in which
+        they change: the period T, with (1 - E)^-1 E times the rate of change for each part of the
+        state (E the transition over T), and the times since the other impacts.
+        """
+        n, slots = len(self.sides), self.kicked.shape[-1]
+        grown = self.transition.amplification(slots)
+        rates = abs(self.mode.rate(self._kicks.reshape(n, n, 2, slots)))
+        rates *= abs(self.impulses)[:, None, None]
+        others = rates * (1.0 - np.eye(n))[..., None, None]
+        late = LATE * self.period * (grown * rates + others).sum(axis=1)
+        own = ROUNDING * self.turned * abs(self.states * np.maximum(1.0, grown))
+        return np.asarray((own + late).reshape(n, -1))
+
+    @property
+    def turned(self) -> float:
+        """How often more than other numbers phases are rounded."""
+        return float(1.0 + abs(self.event_phases).max())
+
+    def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers; None where it is not known."""
+        oscillator, r = self.oscillator, self.restitutions
+        whole, by = change
+        if by.matrices.any():
+            if oscillator.degrees_of_freedom > self.LARGEST:
+                return None
+            return _change(self, whole)
+        terms, w = self.terms.change(oscillator, by), self.clock
+        gaps, rates = terms._replace(frequency=w).gaps(self.sides, self.turning, 2)
+        rates = rates - terms.restitutions[self.sides] / (1.0 + r) ** 2 * self.impulses
+        if by.frequency:
+            later = self.responses[1:3] * self.since + self._by_period * self.period
+            gap, rate = later @ self.impulses * (by.frequency / w)
+            gaps, rates = gaps - gap, rates - rate + by.frequency / w * self.steady[1]
+        return np.concatenate([gaps, rates])
+
+    # --- states -----------------------------------------------------------------------------------
+
+    @cached_property
+    def states(self) -> Array:
+        """Free states (n, 2, slots) just after each impact."""
+        n = len(self.sides)
+        return np.asarray(np.einsum("j,ijs->is", self.impulses, self._kicks).reshape(n, 2, -1))
+
+    @cached_property
+    def _ahead(self) -> Array:
+        """Turns (n, n) from each impact to the others, and to itself a period later."""
+        ahead = -self._apart % self.turn
+        np.fill_diagonal(ahead, self.turn)
+        return np.asarray(ahead)
+
+    @cached_property
+    def lasts(self) -> Array:
+        """Times (n,) from each impact to the one that comes next."""
+        return np.asarray(self._ahead.min(axis=1) / self.clock)
+
+    def ends(self, i: int) -> tuple[int, int]:
+        return i, int(np.argmin(self._ahead[i]))
+
+    @property
+    def whole(self) -> Array:
+        return self._states(self.states, self.turning)
+
+    @property
+    def before(self) -> Array:
+        """Positions and velocities (n, 2N), or more, just before the events."""
+        pushed = self.windows.kicks[self.sides] * self.impulses[:, None, None]
+        return self._states(self.states - pushed, self.turning)
+
+    def passed(self, since: Array) -> Array:
+        times = (self.event_phases - self.event_phases[0]) / self.clock
+        order = np.argsort(times)
+        which = order[np.searchsorted(times[order], since, side="right") - 1]
+        states = self.mode.after(self.states, which, since - times[which])
+        return self._states(states, np.exp(1j * (self.event_phases[0] + self.clock * since)))
+
+    def _states(self, states: Array, turn: Any) -> Array:
+        """Positions and velocities (k, 2N) of free states (k, 2, slots) at exp(i phase), (k,)."""
+        t, mode, turn = self.terms, self.mode, turn[:, None]
+        q, free = states[..., mode.layout.modes], mode.structure.free  # type: ignore[union-attr]
+        position = free.positions(q) + (t.shape * turn).imag + t.still
+        velocity = free.velocities(q) + t.frequency * (t.shape * turn).real
+        return np.concatenate([position, velocity], axis=1)
+
+    # --- what is watched --------------------------------------------------------------------------
+
+    def curve(self, i: int, element: int, guard: int = 0) -> Curve:  # noqa: ARG002
+        if (i, element) not in self._curves:
+            t, drive = self.terms, self.terms.drives[element]
+            size, bend = self.sizes(i, element)[::2].reshape(2, -1).sum(axis=1).tolist()
+            total = size + abs(drive), bend + abs(drive) * self.clock**2
+            rows, phase = self.windows.rows[element], float(self.event_phases[i])
+
+            def values(since: Array, orders: int) -> Array:
+                states = self.mode.flown(self.states[i], since)
+                free = rows[:orders] @ states.reshape(len(since), -1).T
+                turn = np.exp(1j * (phase + self.clock * since))
+                return np.asarray(free + t.gaps(element, turn, orders))
+
+            self._curves[i, element] = Curve(values, float(self.lasts[i]), total)
+        return self._curves[i, element]
+
+    def sizes(self, i: int, element: int) -> Array:
+        """Bounds (4, 2, slots) of the terms of the free gap of a stop after impact number `i`.
+
+        And of its derivatives of order 1, 2 and 6.
+        """
+        return np.asarray(self.windows.bounds[element] * abs(self.states[i]))
+
+    def size_of(self, i: int, element: int, guard: int) -> float:  # noqa: ARG002
+        row = self.oscillator._stops[element].row(self.oscillator.degrees_of_freedom)
+        return float(abs(row).sum() * self.measures[0])
+
+    def acceleration(self, i: int) -> tuple[float, float]:
+        return float(self.gaps[2, i]), float(self._rounding(2)[i])
+
+
+def _change(s: ResponseSolution, change: Array) -> Array:
+    """Derivative (2n,) of the equations by a change of all numbers, of the structure too."""
+    m = Machine(s.system(), change)
+    flow, kicks = m.flow(m.free), [m.kick(m.free, side) for side in range(len(m.elements))]
+    order = np.argsort(s.since[:, 0])
+    lasts = s.lasts[order] * s.clock / m.frequency
+    d = 2 * m.size
+    first = s.event_phases[0]
+    # what becomes of all states just before the first impact, and of the phase
+    moved = np.eye(d + 3, d + 1, dtype=complex)
+    moved[d:, d] = np.sin(first), np.cos(first), 1.0
+    before = []
+    for i, flight in zip(order.tolist(), lasts, strict=True):
+        before.append(moved.copy())
+        moved[:, d] += s.impulses[i] * kicks[s.sides[i]]
+        moved = expm(flow * flight) @ moved
+    start = np.append(np.linalg.solve(np.eye(d) - moved[:d, :d], moved[:d, d]), 1.0)
+    gaps, rates = np.empty((2, len(order)))
+    for i, block in zip(order.tolist(), before, strict=True):
+        z, side = block @ start, s.sides[i]
+        gaps[i] = (m.gap(side) @ z).imag / STEP
+        left = m.rate(side) @ z + s.impulses[i] / (1.0 + m.restitution(side))
+        rates[i] = left.imag / STEP
+    return np.concatenate([gaps, rates])

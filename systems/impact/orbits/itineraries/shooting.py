@@ -1,0 +1,636 @@
+"""Motions of several modes: from unknown states before some events to the next of these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from scipy.linalg import null_space
+
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
+from dynkit.orbits.multipliers import product_eigenvalues
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries import divided
+from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
+from dynkit.systems.impact.orbits.itineraries.itinerary import (
+    Course,
+    Happening,
+    Seen,
+    events_seen,
+)
+from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers, exponentials
+from dynkit.systems.impact.orbits.solution import SAME
+from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.state import TWO_PI, Motion, state_at
+
+_ROUNDING = 2.0**-52
+
+_MOST = 4096
+"""Impacts within which a time passes."""
+
+
+class Scene(NamedTuple):
+    """The machine at some parameters, the oscillator, and what states are measured in, (D,)."""
+
+    machine: Machine
+    oscillator: Any
+    measures: Array
+
+
+@final
+class ShootingSolution(ItinerarySolution):
+    """The motion of an itinerary from the states at its nodes, given phases and impulses.
+
+    Nothing is eliminated, so that no mode is neutral. Impulses are given, so that no impact
+    stretches on the way.
+
+    Parameters
+    ----------
+    scene : Scene
+    course : Course
+    lap : Lap
+    pairs : list of divided.Pair or None
+        Of each event the one before at which its guard is zero by nature.
+    driven : bool
+    chatters : dict, optional
+        Those after some impacts, by the numbers of these, where they are known.
+    """
+
+    blind = True
+
+    def __init__(
+        self,
+        scene: Scene,
+        course: Course,
+        lap: Lap,
+        pairs: list[divided.Pair | None],
+        driven: bool,
+        chatters: dict[int, Chatter] | None = None,
+    ) -> None:
+        self._known = chatters
+        self.scene, self.machine, self.pairs, self.driven = scene, scene.machine, pairs, driven
+        clock = scene.machine.frequency if driven else TWO_PI / lap.turn
+        super().__init__(scene.oscillator, scene.measures, course, lap, clock)
+        self.dimension = lap.states.shape[1]
+        self._node_of = dict(zip(course.nodes, range(len(course.nodes)), strict=True))
+
+    # --- on the way; with complex numbers of a machine complex ------------------------------------
+
+    @cached_property
+    def durations(self) -> Any:
+        return np.diff(self.lap.phases) / self.clock
+
+    @cached_property
+    def _turning(self) -> Array:
+        """Sine and cosine of the phases of the events, and one: (n, 3)."""
+        phases = self.event_phases
+        return np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
+
+    @cached_property
+    def kicks(self) -> Any:
+        """Changes (n, D) by unit impulses; zero where there is none."""
+        none = np.zeros(self.dimension + 3)
+        kicks = [
+            self.machine.kick(e.kicked, e.element) if e.kicked else none for e in self.itinerary
+        ]
+        return np.array(kicks)
+
+    @cached_property
+    def resets(self) -> Any:
+        """(n, D, D): rates of what begins to hold, or to stick, are lost.
+
+        Where a chatter follows, the gap is put to zero.
+        """
+        pairs = zip(self.itinerary, self.following, strict=True)
+        return np.array(
+            [
+                self.machine.put_on(event.element)
+                if event.chatters
+                else self.machine.caught(event.mode, after.mode)
+                for event, after in pairs
+            ]
+        )
+
+    @cached_property
+    def flows(self) -> Any:
+        """A, (n, D, D), of the modes that follow the events, and chatters."""
+        return np.array([self.machine.flow(event.mode) for event in self.following])
+
+    @property
+    def _chattering(self) -> list[int]:
+        return [i for i, event in enumerate(self.itinerary) if event.chatters]
+
+    @cached_property
+    def transitions(self) -> Any:
+        """(n, D, D) from just after each event to just before the next.
+
+        Of chatters derivatives, of states on the stop.
+        """
+        out = self._flown.copy()
+        for i, chatter in self.chatters.items():
+            changes, later = chatter.carried(self.machine, np.eye(len(out[i])))
+            out[i] = out[i] @ (changes - (self.flows[i] @ chatter.begin)[:, None] * later)
+        return out
+
+    @property
+    def _flown(self) -> Any:
+        """The same, but from the begin of contact after chatters."""
+        return self._way[3]
+
+    @property
+    def chatters(self) -> dict[int, Chatter]:
+        """Those after some impacts, by the numbers of these."""
+        return self._way[4]
+
+    def _chatter(self, i: int, state: Any) -> Chatter:
+        if self._known is not None:
+            return self._known[i]
+        if self.impulses[self.impulse_of[i]] < 0.0:
+            raise NoSolution("the chatter must begin with an impact that pushes")
+        own = self.itinerary[i], self.following[i].mode, state, float(abs(self.impulses).max())
+        found = Chatter(self.oscillator, self.machine, *own)
+        if self.durations[i] < found.lasts:
+            raise NoSolution("the chatter must be complete before the next event")
+        return found
+
+    def _caught(self, i: int, chatter: Chatter, state: Any) -> tuple[Any, Any]:
+        """State (D,) before the next event, and (D, D) from contact on, where a chatter follows."""
+        late = np.array([self.durations[i] - chatter.lasts])
+        (held,) = moved(self.flows[i : i + 1], late, self.measures)
+        begin: Any = chatter.begin
+        if np.iscomplexobj(state):
+            changes, later = chatter.carried(self.machine, state.imag[:, None] / STEP)
+            changes = changes[:, 0] - (self.flows[i] @ begin).real * later
+            begin = begin + 1j * STEP * changes
+        return held @ begin, held
+
+    @cached_property
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
+        """Whole states (n, D) before and after the events, and before the next ones.
+
+        With `_flown` and `chatters`.
+        """
+        n, d = self.events, self.dimension
+        if self.course.sticks and not (self.durations.real > 0.0).all():
+            raise NoSolution("events must come one after the other")
+        lasts, chattering = np.array(self.durations), self._chattering
+        lasts[chattering] = 0.0
+        flown, chatters = moved(self.flows, lasts, self.measures), {}
+        before, after, reached = np.empty((3, n, d + 3), dtype=flown.dtype)
+        state: Any = None
+        for i in range(n):
+            state = self.lap.states[self._node_of[i]] if i in self._node_of else state
+            before[i, :d], before[i, d:] = state, self._turning[i]
+            pushed = before[i]
+            if i in self.impulse_of:
+                pushed = pushed + self.impulses[self.impulse_of[i]] * self.kicks[i]
+            after[i] = self.resets[i] @ pushed
+            if self.itinerary[i].chatters:
+                chatters[i] = self._chatter(i, after[i])
+                reached[i], flown[i] = self._caught(i, chatters[i], after[i])
+            else:
+                reached[i] = flown[i] @ after[i]
+            state = reached[i, :d]
+        return before, after, reached, flown, chatters
+
+    @property
+    def before(self) -> Any:
+        """Positions and velocities (n, 2N), or more, just before the events."""
+        return self._way[0]
+
+    @property
+    def after(self) -> Any:
+        """Whole states (n, D) just after the events."""
+        return self._way[1]
+
+    @property
+    def reached(self) -> Any:
+        """Whole states (n, D) just before the next events."""
+        return self._way[2]
+
+    @property
+    def whole(self) -> Array:
+        return np.asarray(self.after)
+
+    @cached_property
+    def guards(self) -> Any:
+        """Rows (n, D) of what is zero at the events; zero where a period begins."""
+        none = np.zeros(self.dimension + 3)
+        return np.array(
+            [
+                self.machine.watched(e.mode, e.element, e.guard) if e.element >= 0 else none
+                for e in self.itinerary
+            ]
+        )
+
+    @cached_property
+    def rates(self) -> Any:
+        """Rows (k, D) of the rates of the gaps that impacts close."""
+        rows = [self.machine.rate(int(side)) for side in self.sides]
+        return np.array(rows).reshape(len(rows), self.dimension + 3)
+
+    @cached_property
+    def restitutions(self) -> Any:
+        return np.array([self.machine.restitution(int(side)) for side in self.sides])
+
+    # --- equations --------------------------------------------------------------------------------
+
+    @property
+    def left(self) -> Any:
+        """What is left of the equations, (m,)."""
+        found = (self.guards * self.before).sum(axis=1)
+        for i, event in enumerate(self.itinerary):
+            if event.element < 0:
+                turns = np.rint(self.event_phases[i] / TWO_PI)
+                found[i] = self.event_phases[i] - TWO_PI * turns
+            elif (pair := self.pairs[i]) is not None:
+                found[i] = divided.value(self, i, pair)
+        rates = (self.rates * self.before[self.hits]).sum(axis=1)
+        rates = rates + self.impulses / (1.0 + self.restitutions)
+        ended = self.reached[[node - 1 for node in self.course.nodes], : self.dimension]
+        missing = np.roll(ended, -1, axis=0) - np.roll(self.lap.states, -1, axis=0)
+        return np.concatenate([found, rates, missing.ravel()])
+
+    def jacobian(self, multiplier: complex) -> Any:
+        """Their derivative D(multiplier), (m, m)."""
+        n, d, k, last = self.events, self.dimension, len(self.hits), len(self.course.nodes) - 1
+        kind: Any = np.result_type(multiplier, 1.0)
+        size = n + k + d * (last + 1)
+        out = np.zeros((size, size), dtype=kind)
+        # changes of the state before and after an event, at one time, by all unknowns
+        change, changes, node = np.zeros((d, size), dtype=kind), [], -1
+        for i, event in enumerate(self.itinerary):
+            if i in self._node_of:
+                node = self._node_of[i]
+                change = np.zeros_like(change)
+                change[:, self._own(node)] = np.eye(d)
+            turned = np.array([self._turning[i, 1], -self._turning[i, 0]])
+            row, reset, free = self.guards[i], self.resets[i, :d], self._phase_is_free(i)
+            if event.element < 0:
+                out[i, i] = 1.0
+            elif self.pairs[i] is None:
+                out[i] += row[:d] @ change
+                out[i, i] += free * (row[d : d + 2] @ turned)
+            after = reset[:, :d] @ change
+            if i in self.impulse_of:
+                j = self.impulse_of[i]
+                out[n + j] += self.rates[j, :d] @ change
+                out[n + j, i] += free * (self.rates[j, d : d + 2] @ turned)
+                out[n + j, n + j] += 1.0 / (1.0 + self.restitutions[j])
+                after[:, n + j] += reset @ self.kicks[i]
+            if free:
+                after[:, i] += reset[:, d : d + 2] @ turned
+                if not event.chatters:
+                    after[:, i] -= (self.flows[i] @ self.after[i])[:d] / self.clock
+            changes.append(after)
+            change = self.transitions[i, :d, :d] @ after
+            moving = (self.flows[i] @ self.reached[i])[:d]
+            if free and event.chatters:
+                change[:, i] += self.transitions[i, :d, d : d + 2] @ turned - moving / self.clock
+            for column, part in self._ends(i, multiplier):
+                change[:, column] += part * moving
+            if i == n - 1 or i + 1 in self._node_of:
+                there = 0 if node == last else node + 1
+                out[self._own(node)] = change
+                out[self._own(node), self._own(there)] -= np.eye(d) * (1.0 if there else multiplier)
+        for i, pair in enumerate(self.pairs):
+            if pair is not None:
+                self._divide(out, i, pair, changes, multiplier)
+        return out
+
+    def _own(self, node: int) -> slice:
+        """Which unknowns are the state at a node; which equations tell the next one."""
+        begin = self.events + len(self.hits) + self.dimension * node
+        return slice(begin, begin + self.dimension)
+
+    def _phase_is_free(self, i: int) -> bool:
+        return self.driven or i > 0
+
+    def _ends(self, i: int, mu: Any) -> Iterator[tuple[int, Any]]:
+        """Derivatives of the time from event `i`, at its phase, to the next one, by columns."""
+        after = (i + 1) % self.events
+        if self._phase_is_free(after):
+            yield after, (mu if after == 0 else 1.0) / self.clock
+        if not self.driven:
+            yield 0, self.durations[i] / self.lap.turn
+
+    def _divide(self, out: Any, i: int, pair: divided.Pair, changes: list[Any], mu: Any) -> None:
+        """Add the row of a divided difference."""
+        begun = pair.first > i
+        for j, by_state, by_time in divided.derivatives(self, i, pair):
+            # what began before the period began: all in terms of the period before
+            factor = mu if begun and j <= i else 1.0
+            out[i] += factor * (by_state[: self.dimension] @ changes[j])
+            if self._phase_is_free(j):
+                rate = by_state @ (self.flows[j] @ self.after[j])
+                out[i, j] += factor * (rate - by_time) / self.clock
+            for column, part in self._ends(j, mu):
+                out[i, column] += factor * by_time * part
+
+    @cached_property
+    def rounded(self) -> Array:
+        """What rounding may make of `reached`, (n, D), from `after`, to first order."""
+        m = self.measures
+        scaled = abs(self.flows) * m / m[:, None]
+        norms = scaled.sum(axis=1).max(axis=1) * abs(self.durations)
+        sizes = abs(self.transitions) @ abs(self.after)[:, :, None]
+        level = (sizes[:, :, 0] / m).max(axis=1, keepdims=True)
+        turned = 1.0 + abs(self.lap.phases).max()
+        late = turned / self.clock * abs(self.flows @ self.reached[:, :, None])[:, :, 0]
+        out = _ROUNDING * ((8.0 + norms[:, None]) * level * m + 2.0 * late)
+        for i, chatter in self.chatters.items():
+            # each impact rounds, and the last ones are replaced
+            out[i] += _ROUNDING * chatter.run.impacts * level[i] * m + chatter.run.chatter_error
+        return np.asarray(out)
+
+    @cached_property
+    def rounding(self) -> Array:
+        """What rounding may make of them, (m,), to first order."""
+        n, k, d = self.events, len(self.hits), self.dimension
+        turned = 8.0 + abs(self.event_phases)
+        own = np.empty(n + k + self.lap.states.size)
+        own[:n] = turned * (abs(self.guards) * abs(self.before)).sum(axis=1)
+        rates = (abs(self.rates) * abs(self.before[self.hits])).sum(axis=1)
+        own[n : n + k] = turned[self.hits] * rates + 4.0 * abs(self.impulses)
+        own[n + k :] = abs(self.lap.states).ravel()
+        for i, event in enumerate(self.itinerary):
+            if event.element < 0:
+                own[i] = turned[i]
+            elif (pair := self.pairs[i]) is not None:
+                own[i] = divided.rounding(self, i, pair) / _ROUNDING
+        # rows through which errors of a state reach the equations of later events
+        rows, out = np.zeros((len(own), d)), _ROUNDING * own
+        for j in reversed(range(n)):
+            if j == n - 1 or j + 1 in self._node_of:
+                node = max(number for at, number in self._node_of.items() if at <= j)
+                rows[:] = 0.0
+                rows[self._own(node)] = np.eye(d)
+            out += abs(rows) @ self.rounded[j, :d]
+            rows = rows @ (self.transitions[j, :d, :d] @ self.resets[j, :d, :d])
+            if self.itinerary[j].element >= 0 and self.pairs[j] is None:
+                rows[j] = self.guards[j, :d]
+            if j in self.impulse_of:
+                rows[n + self.impulse_of[j]] = self.rates[self.impulse_of[j], :d]
+        return out
+
+    @cached_property
+    def state_rounding(self) -> Array:
+        """What rounding may make of states, to first order."""
+        out, error = np.zeros((self.events, self.dimension)), np.zeros(self.dimension)
+        for i in range(self.events):
+            out[i] = error = 0.0 * error if i in self._node_of else error
+            step = self.transitions[i] @ self.resets[i]
+            error = abs(step[: self.dimension, : self.dimension]) @ error
+            error += self.rounded[i, : self.dimension]
+        return out
+
+    def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers; None where it is not known."""
+        scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
+        given = self.course, self.lap, self.pairs, self.driven, self.chatters
+        there = ShootingSolution(scene, *given)
+        with np.errstate(all="ignore"):
+            return np.asarray(there.left.imag / STEP)
+
+    # --- the motion -------------------------------------------------------------------------------
+
+    def passed(self, since: Array) -> Array:
+        begin = (self.event_phases - self.event_phases[0]) / self.clock
+        which = np.clip(np.searchsorted(begin, since, side="right") - 1, 0, None)
+        after, states = since - begin[which], np.array(self.after[which])
+        for i, chatter in self.chatters.items():
+            here = which == i
+            after[here] -= chatter.lasts
+            states[here] = chatter.begin
+        z = moved(self.flows[which], np.maximum(after, 0.0), self.measures)
+        out = np.asarray((z @ states[:, :, None])[:, : self.dimension, 0])
+        for i, chatter in self.chatters.items():
+            here = np.flatnonzero((which == i) & (after < 0.0))
+            bouncing = sample_run(self.oscillator, chatter.run, chatter.lasts + after[here])
+            out[here] = np.concatenate(bouncing, axis=1)
+        return out
+
+    def flown(self, i: int, phase: float) -> Array:
+        """The state (2N,) at a phase after event `i`."""
+        late = np.array([(phase - self.event_phases[i]) / self.clock])
+        z = moved(self.flows[i : i + 1], late, self.measures)[0] @ self.after[i]
+        return np.asarray(z[:-3])
+
+    # --- what is watched --------------------------------------------------------------------------
+
+    def begins(self, i: int) -> float:
+        late = self.clock * self.chatters[i].lasts if i in self.chatters else 0.0
+        return float(self.event_phases[i] + late)
+
+    def curve(self, i: int, element: int, guard: int = 0) -> Curve:
+        mode = self.following[i].mode
+        row, flow = self.machine.watched(mode, element, guard), self.flows[i]
+        start, m, lasts = self.after[i], self.measures, float(self.durations[i])
+        if i in self.chatters:
+            start, lasts = self.chatters[i].begin, lasts - self.chatters[i].lasts
+        rows = [row, row @ flow, row @ flow @ flow]
+
+        def values(times: Array, orders: int) -> Array:
+            states = _run_through(flow, start, times, m)
+            return np.array([r @ states.T for r in rows[:orders]])
+
+        ends = np.maximum(abs(start), abs(self.reached[i]))
+        sizes = float(abs(rows[0]) @ ends), float(abs(rows[2]) @ ends)
+        return Curve(values, lasts, sizes)
+
+    def size_of(self, i: int, element: int, guard: int) -> float:
+        row = self.machine.watched(self.following[i].mode, element, guard)
+        return float(abs(row) @ self.measures)
+
+    def acceleration(self, i: int) -> tuple[float, float]:
+        k = self.hits[i]
+        row = self.machine.gap(int(self.sides[i])) @ self.flows[k] @ self.flows[k]
+        return float(row @ self.after[k]), 64.0 * _ROUNDING * float(abs(row) @ abs(self.after[k]))
+
+    @property
+    def bounces(self) -> tuple[Array, Array]:
+        phases, speeds, at = self.impact_phases, self.relative_velocity, self.hits
+        for i, chatter in reversed(self.chatters.items()):
+            k = at.index(i) + 1
+            later = self.event_phases[i] + self.clock * chatter.run.time
+            phases = np.insert(phases, k, later)
+            speeds = np.insert(speeds, k, chatter.run.relative_velocity)
+        return phases, speeds
+
+    @property
+    def chatter_error(self) -> float:
+        return max((chatter.run.chatter_error for chatter in self.chatters.values()), default=0.0)
+
+    # --- the orbit --------------------------------------------------------------------------------
+
+    @property
+    def multipliers(self) -> Any:
+        """Floquet multipliers (2N,), the largest modulus first; some of what sticks are zero."""
+        factors, _ = self.factors
+        found = np.zeros(self.dimension - (not self.driven), dtype=complex)
+        if self.course.sticks and not self.impulses.all():
+            # an impact that only grazes stretches without bound
+            found[0] = np.inf
+            return found
+        own = product_eigenvalues(factors)[: len(found)] if factors.size else found[:0]
+        found[: len(own)] = own
+        return found
+
+    @cached_property
+    def factors(self) -> tuple[Array, Array]:
+        """From just before each event, at its phase, to just before the next one.
+
+        Of what nothing drives from the guard of the first event to itself, along the motion. Of
+        what sticks from each node to the next one, of motions in contact.
+        """
+        d, found = self.dimension, []
+        for i in range(self.events):
+            moving = self.flows[i - 1] @ self.before[i]
+            passed = self.resets[i].copy()
+            if i in self.impulse_of:
+                j = self.impulse_of[i]
+                own = np.outer(self.kicks[i], self.rates[j]) * (1.0 + self.restitutions[j])
+                passed = self.resets[i] @ (np.eye(len(own)) - own)
+            rate = float(self.guards[i] @ moving)
+            later = self.guards[i] / rate if rate and (self.driven or i) else 0.0 * self.guards[i]
+            passed = self.transitions[i] @ (passed - np.outer(passed @ moving, later))
+            passed += np.outer(self.flows[i] @ self.reached[i], later)
+            found.append(passed[:d, :d])
+        if not self.driven:
+            moving = (self.flows[-1] @ self.reached[-1])[:d]
+            row = self.guards[0][:d]
+            found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
+        factors = np.array(found)
+        m = self.measures[:d]
+        factors = factors * m / m[:, None]
+        if self.course.sticks:
+            factors = self._in_contact(factors)
+        scaled = abs(self.flows) * self.measures / self.measures[:, None]
+        grown = 16.0 + scaled.sum(axis=1).max(axis=1) * abs(self.durations)
+        if self.course.sticks:
+            grown = grown.sum() + np.zeros(len(factors))
+        return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
+
+    def held_directions(self, node: int) -> Array:
+        """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
+        mode, m = self.itinerary[self.course.nodes[node]].mode, self.measures[: self.dimension]
+        stops = [k for k in mode.held if k < len(self.oscillator._stops)]
+        rows = [
+            row(k)[: self.dimension] for k in stops for row in (self.machine.gap, self.machine.rate)
+        ]
+        return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m)) * m))
+
+    def _in_contact(self, factors: Array) -> Array:
+        """Matrices from each node to the next one, of changes that leave what is held closed."""
+        count, found = len(self.course.nodes), []
+        bases = [self.held_directions(node) for node in range(count)]
+        if len({basis.shape for basis in bases}) > 1:
+            return factors
+        ends = [*self.course.nodes[1:], self.events]
+        for k, (begin, end) in enumerate(zip(self.course.nodes, ends, strict=True)):
+            moved = bases[k]
+            for factor in factors[begin:end]:
+                moved = factor @ moved
+            found.append(bases[(k + 1) % count].T @ moved)
+        return np.array(found)
+
+    @property
+    def admissible(self) -> bool:
+        """Whether simulation finds the same events."""
+        if (self.impulses < 0.0).any() or (self.durations < 0.0).any():
+            return False
+        if self.course.sticks:
+            return all(map(self._comes_again, range(len(self.course.nodes))))
+        i = int(np.argmax(self.durations))
+        since = float(self.event_phases[i] - self.event_phases[0]) / self.clock
+        since += 0.5 * float(self.durations[i])
+        (z,), n = self.passed(np.array([since])), self.dimension // 2
+        phase = float(self.event_phases[0]) + self.clock * since if self.driven else 0.0
+        try:
+            start = self.oscillator.state(z[:n], z[n:], phase % TWO_PI)
+            seen = simulated(self.oscillator, start, self.period)
+        except (NoMotion, NotImplementedError):
+            return False
+        return self._follows(seen, since)
+
+    def _comes_again(self, node: int) -> bool:
+        """Whether simulation from a release makes the same events until the next one.
+
+        How many impacts of a chatter are events is a choice.
+        """
+        begin = self.course.nodes[node]
+        count = (*self.course.nodes, self.events)[node + 1] - begin
+        wanteds = self.following[begin : begin + count]
+        due = np.cumsum(self.durations[begin : begin + count])
+        if not all(self.chatters[i].complete for i in self.chatters):
+            return False
+        z, n, within = self.after[begin], self.dimension // 2, SAME * self.period
+        own = 0.0, self.itinerary[begin].element, Motion.RELEASE, self.following[begin].mode.held
+        try:
+            start = state_at(self.oscillator, z[:n], z[n : 2 * n], z[-3:-1], *own)
+            count = 4 + count + sum(c.run.impacts for c in self.chatters.values())
+            seen = simulated(self.oscillator, start, float(due[-1]) + within, False, count)
+        except (NoMotion, NotImplementedError):
+            return False
+        found = iter(zip(seen.times, seen.events, strict=True))
+        for wanted, at in zip(wanteds, due, strict=True):
+            time, event = next(found, (np.inf, wanted))
+            if not same(event, wanted) or abs(time - at) > within:
+                return False
+            bounces = wanted.chatters and self.restitutions[0] > 0.0
+            while bounces and event.guard >= 0:
+                _, event = next(found, (np.inf, wanted._replace(guard=-1)))
+                if event.element != wanted.element or not (event.kicked or event.guard < 0):
+                    return False
+        return True
+
+    def _follows(self, seen: Seen, since: float) -> bool:
+        """Whether events seen from a time on are those of the orbit."""
+        times = np.asarray((self.event_phases - self.event_phases[0]) / self.clock)
+        due = (times - since) % self.period
+        order = [i for i in np.argsort(due).tolist() if self.itinerary[i].element >= 0]
+        if len(seen.events) != len(order):
+            return False
+        pairs = zip(seen.events, (self.itinerary[i] for i in order), strict=True)
+        agree = all(same(*pair) for pair in pairs)
+        return agree and bool((abs(seen.times - due[order]) <= SAME * self.period).all())
+
+
+def same(a: Happening, b: Happening) -> bool:
+    """Whether the same happens in the same mode."""
+    return (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
+
+
+def simulated(system: Any, start: Any, length: float, named: bool = True, count: int = 4) -> Seen:
+    """The events of a motion from a state on, for some time, of about so many impacts."""
+    while True:
+        run = system._run(start, count, store=True)
+        if run.duration > length or run.impacts < count or count > _MOST:
+            break
+        count *= 4
+    seen = events_seen(system, run, named)
+    return seen.part(0, int(np.searchsorted(seen.times, length)))
+
+
+def _run_through(flow: Array, start: Array, times: Array, measures: Array) -> Array:
+    """States (k, D) at times (k,) from a start; of equal steps from zero on by doubling."""
+    count, step = len(times), float(times[-1]) / max(len(times) - 1, 1)
+    if count < 4 or times[0] != 0.0 or (abs(np.diff(times) - step) > 1e-12 * times[-1]).any():
+        each = np.broadcast_to(flow, (count, *flow.shape))
+        return np.asarray(moved(each, times, measures) @ start)
+    matrix, out = moved(flow[None], np.array([step]), measures)[0], start[None]
+    while len(out) < count:
+        out = np.concatenate([out, out @ matrix.T])
+        matrix = matrix @ matrix
+    return out[:count]
+
+
+def moved(flows: Any, lasts: Any, measures: Array) -> Any:
+    """exp(A t), (n, D, D), in units in which states are of order one."""
+    scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
+    return np.asarray(exponentials(scaled)) * measures[:, None] / measures

@@ -1,1 +1,0 @@
-"""Equations of orbits P(inf,m): passages from one release to the next."""

@@ -1,0 +1,116 @@
+"""Orbits that stick beside other elements, against simulation alone."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynkit import continue_orbit
+from dynkit.core.validation import Array
+from dynkit.systems import HardStop, ImpactChain, SoftStop
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.testing import check_problem
+from tests.impact_orbits.sticking_cases import differences
+
+NONE = np.empty(0)
+
+
+def table(coordinate: object, restitution: float) -> HardStop:
+    return HardStop(coordinate, amplitude=0.1, restitution=restitution, name="table")
+
+
+MACHINES = {
+    "beside a soft stop": ImpactChain(
+        masses=2,
+        frequency=0.408,
+        elements=[table(1, 0.3), SoftStop(0, offset=-0.05, stiffness=2.0)],
+    ),
+    "without rebound": ImpactChain(
+        masses=2,
+        frequency=0.408,
+        elements=[table(1, 0.0), SoftStop(0, offset=-0.05, stiffness=2.0)],
+    ),
+    "of two masses": ImpactChain(
+        masses=2, frequency=0.5, damping=0.2, elements=[table((0, 1), 0.2)]
+    ),
+    "beside a stop": ImpactChain(
+        masses=3,
+        frequency=0.3,
+        elements=[table(2, 0.3), HardStop((0, 1), offset=-0.05, restitution=0.5)],
+    ),
+}
+
+
+@cache
+def orbit_of(name: str) -> ImpactOrbit:
+    found = MACHINES[name].attractor().periodic_orbit()
+    assert isinstance(found, ImpactOrbit)
+    return found
+
+
+def released(system: ImpactChain, state: Array, period: float) -> tuple[Array, float]:
+    """Section coordinates but the last two, and phase, at the release about a period later."""
+    record = system.simulate(impacts=300, start=system.impact_state(state))
+    ends = record.sticking[:, 1]
+    time = float(ends[np.argmin(abs(ends - period))])
+    x, v = record.sample([time])
+    others = system._others[0]
+    phase = state[-1] + system.frequency * time
+    return np.concatenate([x[0, others], v[0, others]]), phase
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_simulation_from_the_release_comes_back_to_it(name: str) -> None:
+    orbit = orbit_of(name)
+    assert orbit.sticks
+    assert orbit.admissible
+    assert orbit.label == "P(inf,1)"
+    (state,) = orbit.states
+    places, phase = released(MACHINES[name], state, orbit.period)
+    assert abs(places - state[:-2]).max() < 1e-11 + 4.0 * orbit.error
+    assert abs(phase - state[-1] - 2.0 * np.pi) < 1e-7  # a release is a root of second order
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_multipliers_are_those_of_differences_of_simulations(name: str) -> None:
+    """Of the map from places in contact at one phase to those of a period later."""
+    orbit, system = orbit_of(name), MACHINES[name]
+    (state,) = orbit.states
+    early, d = 0.05, len(state) - 2
+
+    def held(places: Array) -> Array:
+        """Places in contact a little before the release, after a period."""
+        start = np.concatenate([places, [0.0, state[-1] - early]])
+        record = system.simulate(impacts=300, start=system.impact_state(start))
+        x, v = record.sample([orbit.period])
+        others = system._others[0]
+        return np.concatenate([x[0, others], v[0, others]])
+
+    times = np.array([orbit.period - early / system.frequency])
+    others = system._others[0]
+    x, v = orbit.sample(times)
+    begin = np.concatenate([x[0, others], v[0, others]])
+    matrix = differences(held, begin, np.full(d, 1e-5))
+    wanted = np.sort(abs(np.linalg.eigvals(matrix)))
+    assert abs(np.sort(abs(orbit.multipliers[:-2])) - wanted).max() < 1e-7
+    assert not orbit.multipliers[-2:].any()
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_contract_of_problems_holds(name: str) -> None:
+    orbit = orbit_of(name)
+    check_problem(orbit.problem("frequency"), orbit.unknowns, np.array([orbit.system.frequency]))
+
+
+def test_a_branch_is_followed_in_numbers_of_an_element() -> None:
+    orbit = orbit_of("beside a soft stop")
+    branch = continue_orbit(orbit, "elements[1].stiffness", bounds=(1.0, 4.0))
+    assert branch.parameter.min() == 1.0
+    assert branch.parameter.max() == 4.0
+    assert branch.admissible.all()
+    end = branch.orbit(int(np.argmax(branch.parameter)))
+    changed = MACHINES["beside a soft stop"].replace(**{"elements[1].stiffness": 4.0})
+    other = changed.attractor().periodic_orbit()
+    assert abs(other.states - end.states).max() < 1e-10
