@@ -359,3 +359,22 @@ _TERMS, _LONGEST = 18, 2.0**50
 
 def _norm(flow: Any) -> float:
     return float(abs(flow).sum(axis=0).max())
+
+
+def run_through(flow: Array, start: Array, times: Array, measures: Array) -> Array:
+    """States (k, D) at times (k,) from a start; of equal steps from zero on by doubling."""
+    count, step = len(times), float(times[-1]) / max(len(times) - 1, 1)
+    if count < 4 or times[0] != 0.0 or (abs(np.diff(times) - step) > 1e-12 * times[-1]).any():
+        each = np.broadcast_to(flow, (count, *flow.shape))
+        return np.asarray(moved(each, times, measures) @ start)
+    matrix, out = moved(flow[None], np.array([step]), measures)[0], start[None]
+    while len(out) < count:
+        out = np.concatenate([out, out @ matrix.T])
+        matrix = matrix @ matrix
+    return out[:count]
+
+
+def moved(flows: Any, lasts: Any, measures: Array) -> Any:
+    """exp(A t), (n, D, D), in units in which states are of order one."""
+    scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
+    return np.asarray(exponentials(scaled)) * measures[:, None] / measures

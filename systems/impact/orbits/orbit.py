@@ -72,9 +72,9 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     The unknowns of P(n,m) are phases and impulses, (2n,). Where some motion has no restoring force,
     and for a machine with other elements than hard stops, they are the phases of the events, the
     impulses of the impacts among them, and positions and velocities just before the first event.
-    Those of P(inf,m) are the phases of releases and of the impacts before the chatters, the impulses
-    of these, and positions and velocities just before each release. An orbit is admissible when simulation from
-    each of its states finds the next one.
+    Those of P(inf,m) are the phases of releases and of the impacts before the chatters, the
+    impulses of these, and positions and velocities just before each release. An orbit is admissible
+    when simulation from each of its states finds the next one.
     """
 
     _problem: OrbitEquations

@@ -29,7 +29,7 @@ from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows, windows_of
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
-from dynkit.systems.impact.orbits.machine import Machine, difference
+from dynkit.systems.impact.orbits.machine import Machine, difference, moved
 from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
 from dynkit.systems.impact.simulation.parameters import changes_alone
@@ -96,11 +96,11 @@ class ItineraryEquations(ImpactProblem):
     are nodes, the first one at least. The equations: the guards are zero, (n,); gaps open after
     impacts at the rate of their law, (k,); each state is what becomes of the one before. Where all
     events are impacts of one mode, whose motions all have a restoring force, states follow from the
-    impulses and are no unknowns. Of a chatter the first impacts are events; the others, until contact,
-    are simulated. Then the nodes are the releases. Where nothing drives
-    the machine the first event is at phase 0, and the first unknown the time of a turn of the
-    phase, of which the orbit takes `periods`. Nothing in the equations knows whether a gap is open
-    in between, or an impulse positive. Where an event follows another one at which its guard is
+    impulses and are no unknowns. Of a chatter the first impacts are events; the others, until
+    contact, are simulated. Then the nodes are the releases. Where nothing drives the machine the
+    first event is at phase 0, and the first unknown the time of a turn of the phase, of which the
+    orbit takes `periods`. Nothing in the equations knows whether a gap is open in between, or an
+    impulse positive. Where an event follows another one at which its guard is
     zero by nature, the equation is the divided difference.
 
     The itinerary is a tuple of `Happening`; sizes are those of positions and velocities; nodes are
@@ -318,7 +318,7 @@ class ItineraryEquations(ImpactProblem):
             begun[: self.dimension] += unit * (basis @ state)
             for _ in range(_STEPS):
                 until = np.array([(y[0] - at) / s.clock])
-                (passed,) = shooting.moved(flow[None], until, self._measures)
+                (passed,) = moved(flow[None], until, self._measures)
                 z = passed @ begun
                 y[own] = z[: self.dimension]
                 there = self.at(y, p)
@@ -333,12 +333,14 @@ class ItineraryEquations(ImpactProblem):
             else:
                 raise NoSolution("there is no such return")
             to = passed[: self.dimension, : self.dimension] @ (unit[:, None] * basis)
-            moved = -np.linalg.solve(whole[np.ix_(rest, others)], matrix[np.ix_(rest, own)] @ to)
+            others_by = -np.linalg.solve(
+                whole[np.ix_(rest, others)], matrix[np.ix_(rest, own)] @ to
+            )
             # what is left of the last equations is the end less the next begin
             begin = matrix[np.ix_(last, own)] + np.eye(self.dimension)
-            ended = begin @ (to + np.outer(moving, moved[0]))
-            ended += matrix[np.ix_(last, others)] @ moved
-            ended -= np.outer((flow @ there.reached[-1])[: self.dimension] / s.clock, moved[0])
+            ended = begin @ (to + np.outer(moving, others_by[0]))
+            ended += matrix[np.ix_(last, others)] @ others_by
+            ended -= np.outer((flow @ there.reached[-1])[: self.dimension] / s.clock, others_by[0])
             back = np.linalg.solve(passed[: self.dimension, : self.dimension], ended)
             return np.asarray(basis.T @ (back / unit[:, None]))
 

@@ -23,7 +23,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     regimes_of,
     releases_in,
 )
-from dynkit.systems.impact.orbits.itineraries.shooting import simulated
+from dynkit.systems.impact.orbits.itineraries.simulated import simulated
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run

@@ -9,29 +9,20 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from scipy.linalg import null_space
 
-from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
-from dynkit.systems.impact.orbits.itineraries.itinerary import (
-    Course,
-    Happening,
-    Seen,
-    events_seen,
-)
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers, exponentials
-from dynkit.systems.impact.orbits.solution import SAME
+from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
+from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers, moved, run_through
 from dynkit.systems.impact.simulation.sampling import sample_run
-from dynkit.systems.impact.simulation.state import TWO_PI, Motion, state_at
+from dynkit.systems.impact.simulation.state import TWO_PI
 
 _ROUNDING = 2.0**-52
-
-_MOST = 4096
-"""Impacts within which a time passes."""
 
 
 class Scene(NamedTuple):
@@ -436,7 +427,7 @@ class ShootingSolution(ItinerarySolution):
         rows = [row, row @ flow, row @ flow @ flow]
 
         def values(times: Array, orders: int) -> Array:
-            states = _run_through(flow, start, times, m)
+            states = run_through(flow, start, times, m)
             return np.array([r @ states.T for r in rows[:orders]])
 
         ends = np.maximum(abs(start), abs(self.reached[i]))
@@ -542,95 +533,4 @@ class ShootingSolution(ItinerarySolution):
     @property
     def admissible(self) -> bool:
         """Whether simulation finds the same events."""
-        if (self.impulses < 0.0).any() or (self.durations < 0.0).any():
-            return False
-        if self.course.sticks:
-            return all(map(self._comes_again, range(len(self.course.nodes))))
-        i = int(np.argmax(self.durations))
-        since = float(self.event_phases[i] - self.event_phases[0]) / self.clock
-        since += 0.5 * float(self.durations[i])
-        (z,), n = self.passed(np.array([since])), self.dimension // 2
-        phase = float(self.event_phases[0]) + self.clock * since if self.driven else 0.0
-        try:
-            start = self.oscillator.state(z[:n], z[n:], phase % TWO_PI)
-            seen = simulated(self.oscillator, start, self.period)
-        except (NoMotion, NotImplementedError):
-            return False
-        return self._follows(seen, since)
-
-    def _comes_again(self, node: int) -> bool:
-        """Whether simulation from a release makes the same events until the next one.
-
-        How many impacts of a chatter are events is a choice.
-        """
-        begin = self.course.nodes[node]
-        count = (*self.course.nodes, self.events)[node + 1] - begin
-        wanteds = self.following[begin : begin + count]
-        due = np.cumsum(self.durations[begin : begin + count])
-        if not all(self.chatters[i].complete for i in self.chatters):
-            return False
-        z, n, within = self.after[begin], self.dimension // 2, SAME * self.period
-        own = 0.0, self.itinerary[begin].element, Motion.RELEASE, self.following[begin].mode.held
-        try:
-            start = state_at(self.oscillator, z[:n], z[n : 2 * n], z[-3:-1], *own)
-            count = 4 + count + sum(c.run.impacts for c in self.chatters.values())
-            seen = simulated(self.oscillator, start, float(due[-1]) + within, False, count)
-        except (NoMotion, NotImplementedError):
-            return False
-        found = iter(zip(seen.times, seen.events, strict=True))
-        for wanted, at in zip(wanteds, due, strict=True):
-            time, event = next(found, (np.inf, wanted))
-            if not same(event, wanted) or abs(time - at) > within:
-                return False
-            bounces = wanted.chatters and self.restitutions[0] > 0.0
-            while bounces and event.guard >= 0:
-                _, event = next(found, (np.inf, wanted._replace(guard=-1)))
-                if event.element != wanted.element or not (event.kicked or event.guard < 0):
-                    return False
-        return True
-
-    def _follows(self, seen: Seen, since: float) -> bool:
-        """Whether events seen from a time on are those of the orbit."""
-        times = np.asarray((self.event_phases - self.event_phases[0]) / self.clock)
-        due = (times - since) % self.period
-        order = [i for i in np.argsort(due).tolist() if self.itinerary[i].element >= 0]
-        if len(seen.events) != len(order):
-            return False
-        pairs = zip(seen.events, (self.itinerary[i] for i in order), strict=True)
-        agree = all(same(*pair) for pair in pairs)
-        return agree and bool((abs(seen.times - due[order]) <= SAME * self.period).all())
-
-
-def same(a: Happening, b: Happening) -> bool:
-    """Whether the same happens in the same mode."""
-    return (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
-
-
-def simulated(system: Any, start: Any, length: float, named: bool = True, count: int = 4) -> Seen:
-    """The events of a motion from a state on, for some time, of about so many impacts."""
-    while True:
-        run = system._run(start, count, store=True)
-        if run.duration > length or run.impacts < count or count > _MOST:
-            break
-        count *= 4
-    seen = events_seen(system, run, named)
-    return seen.part(0, int(np.searchsorted(seen.times, length)))
-
-
-def _run_through(flow: Array, start: Array, times: Array, measures: Array) -> Array:
-    """States (k, D) at times (k,) from a start; of equal steps from zero on by doubling."""
-    count, step = len(times), float(times[-1]) / max(len(times) - 1, 1)
-    if count < 4 or times[0] != 0.0 or (abs(np.diff(times) - step) > 1e-12 * times[-1]).any():
-        each = np.broadcast_to(flow, (count, *flow.shape))
-        return np.asarray(moved(each, times, measures) @ start)
-    matrix, out = moved(flow[None], np.array([step]), measures)[0], start[None]
-    while len(out) < count:
-        out = np.concatenate([out, out @ matrix.T])
-        matrix = matrix @ matrix
-    return out[:count]
-
-
-def moved(flows: Any, lasts: Any, measures: Array) -> Any:
-    """exp(A t), (n, D, D), in units in which states are of order one."""
-    scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
-    return np.asarray(exponentials(scaled)) * measures[:, None] / measures
+        return is_motion(self)

@@ -1,0 +1,88 @@
+"""Whether the solution of an itinerary is a motion: simulation makes the same events."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dynkit.core.no_motion import NoMotion
+from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Seen, events_seen
+from dynkit.systems.impact.orbits.solution import SAME
+from dynkit.systems.impact.simulation.state import TWO_PI, Motion, state_at
+
+_MOST = 4096
+"""Impacts within which a time passes."""
+
+
+def simulated(system: Any, start: Any, length: float, named: bool = True, count: int = 4) -> Seen:
+    """The events of a motion from a state on, for some time, of about so many impacts."""
+    while True:
+        run = system._run(start, count, store=True)
+        if run.duration > length or run.impacts < count or count > _MOST:
+            break
+        count *= 4
+    seen = events_seen(system, run, named)
+    return seen.part(0, int(np.searchsorted(seen.times, length)))
+
+
+def is_motion(s: Any) -> bool:
+    """Whether simulation finds the same events as a `ShootingSolution` has."""
+    if (s.impulses < 0.0).any() or (s.durations < 0.0).any():
+        return False
+    try:
+        if not s.course.sticks:
+            return _comes_again(s)
+        complete = all(chatter.complete for chatter in s.chatters.values())
+        return complete and all(_is_released(s, k) for k in range(len(s.course.nodes)))
+    except (NoMotion, NotImplementedError):
+        return False
+
+
+def _comes_again(s: Any) -> bool:
+    """Whether simulation from amid its longest mode finds the events of a period."""
+    i, n, clock = int(np.argmax(s.durations)), s.dimension // 2, s.clock
+    times = np.asarray((s.event_phases - s.event_phases[0]) / clock)
+    since = float(times[i] + 0.5 * s.durations[i])
+    (z,) = s.passed(np.array([since]))
+    phase = float(s.event_phases[0]) + clock * since if s.driven else 0.0
+    start = s.oscillator.state(z[:n], z[n:], phase % TWO_PI)
+    seen = simulated(s.oscillator, start, s.period)
+    due = (times - since) % s.period
+    order = [k for k in np.argsort(due).tolist() if s.itinerary[k].element >= 0]
+    if len(seen.events) != len(order):
+        return False
+    pairs = zip(seen.events, (s.itinerary[k] for k in order), strict=True)
+    agree = all(_same(*pair) for pair in pairs)
+    return agree and bool((abs(seen.times - due[order]) <= SAME * s.period).all())
+
+
+def _is_released(s: Any, node: int) -> bool:
+    """Whether simulation from a release makes the same events until the next one.
+
+    How many impacts of a chatter are events is a choice.
+    """
+    begin = s.course.nodes[node]
+    end = (*s.course.nodes, s.events)[node + 1]
+    due, within = np.cumsum(s.durations[begin:end]), SAME * s.period
+    z, n, held = s.after[begin], s.dimension // 2, s.following[begin].mode.held
+    own = 0.0, s.itinerary[begin].element, Motion.RELEASE, held
+    start = state_at(s.oscillator, z[:n], z[n : 2 * n], z[-3:-1], *own)
+    count = 4 + len(due) + sum(chatter.run.impacts for chatter in s.chatters.values())
+    seen = simulated(s.oscillator, start, float(due[-1]) + within, False, count)
+    found = iter(zip(seen.times, seen.events, strict=True))
+    for wanted, at in zip(s.following[begin:end], due, strict=True):
+        time, event = next(found, (np.inf, wanted))
+        if not _same(event, wanted) or abs(time - at) > within:
+            return False
+        bounces = wanted.chatters and s.machine.restitution(wanted.element) > 0.0
+        while bounces and event.guard >= 0:  # until contact
+            _, event = next(found, (np.inf, Happening(wanted.mode, -1, 0)))
+            if event.element != wanted.element or not (event.kicked or event.guard < 0):
+                return False
+    return True
+
+
+def _same(a: Happening, b: Happening) -> bool:
+    """Whether the same happens in the same mode."""
+    return (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
