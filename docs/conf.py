@@ -17,6 +17,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent)]
 
 from reference import analysis_page  # noqa: E402
+from scripts import draw_all, gallery_page  # noqa: E402
 
 # Sphinx reads sources from one folder only, and does not follow links.
 shutil.copytree(
@@ -67,7 +68,8 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 # Pages without pages below them need no sidebar.
-html_sidebars = {page: [] for page in ("install", "benchmarks", "comparison", "limits", "glossary")}
+ALONE = ("install", "benchmarks", "comparison", "coming-from", "limits", "glossary")
+html_sidebars = {page: [] for page in (*ALONE, "gallery/index")}
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
@@ -89,6 +91,8 @@ for command in COMMANDS:
     pages += [f"## `dynkit {command}`", help_of(command)]
 (HERE / "api" / "command.md").write_text("\n\n".join(pages) + "\n", encoding="utf-8")
 (HERE / "api" / "analysis.md").write_text(analysis_page(), encoding="utf-8")
+draw_all()
+(HERE / "gallery" / "index.md").write_text(gallery_page(), encoding="utf-8")
 
 
 def keep_values(_app: Sphinx, _what: str, _name: str, member: object, *_: object) -> bool | None:

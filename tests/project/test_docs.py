@@ -97,6 +97,8 @@ def undefined(code: str) -> set[str]:
             known.add(node.name)
         elif isinstance(node, ast.arg):
             known.add(node.arg)
+        elif isinstance(node, ast.ExceptHandler):
+            known.add(node.name or "")
     return {name.id for name in names} - known
 
 
