@@ -44,7 +44,7 @@ extensions = [
     "whole_numbers",
 ]
 # jupyter_execute holds the pictures of notebooks, beside the built pages.
-exclude_patterns = ["_build", "jupyter_execute", "README.md"]
+exclude_patterns = ["_build", "jupyter_execute", "paper", "README.md"]
 templates_path = ["_templates"]
 nitpicky = False
 suppress_warnings = ["myst.strikethrough"]
@@ -68,8 +68,16 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 # Pages without pages below them need no sidebar.
-ALONE = ("install", "benchmarks", "comparison", "coming-from", "limits", "glossary")
-html_sidebars = {page: [] for page in (*ALONE, "gallery/index")}
+ALONE = (
+    "install",
+    "benchmarks",
+    "comparison",
+    "coming-from",
+    "limits",
+    "glossary",
+    "release-notes",
+)
+html_sidebars = {page: [] for page in (*ALONE, "gallery/index", "release-notes")}
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
