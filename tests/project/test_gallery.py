@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from matplotlib.figure import Figure
 
 from dynkit.plotting.figures import new_figure
 from tests.pictures import overprinted
@@ -81,7 +82,8 @@ def test_overprinted_texts_are_found() -> None:
 
 
 def test_an_offset_of_an_axis_is_found() -> None:
-    figure, (axes,) = new_figure()
+    figure = Figure()
+    axes = figure.subplots()
     axes.set_ylabel("x")
     axes.plot([0.0, 1.0], [1e-9, 2e-9])
     assert [name for name, _ in overprinted(figure)] == ["x"]
