@@ -62,6 +62,12 @@ def branch(chain: ImpactChain) -> Branch:
     return continue_orbit(orbit, "frequency", bounds=(0.7, 1.1))
 
 
+def many_names() -> Branch:
+    """Return a branch with five period doublings, two of them beside each other."""
+    orbit = ImpactChain(masses=3, frequency=0.9).periodic_orbit(impacts=1, periods=4)
+    return continue_orbit(orbit, "frequency", bounds=(0.7, 1.3))
+
+
 def marked() -> None:
     modes = enumerate(CHAIN.natural_frequencies)
     mark_values(swept().plot(), {f"$w_{{{i + 1}}}$": float(w) for i, w in modes})
@@ -102,6 +108,7 @@ FIGURES: dict[str, Callable[[], Any]] = {
     "natural frequencies": marked,
     "narrow sweep": narrow,
     "branch": lambda: branch(CHAIN).plot(),
+    "branch with many names": lambda: many_names().plot(),
     "branch of small motions": lambda: branch(SMALL).plot(),
     "orbit of small motions": lambda: SMALL.periodic_orbit(impacts=1, periods=3).plot(),
     "record": lambda: chaos().record.plot(end=1000.0),
