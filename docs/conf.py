@@ -51,7 +51,7 @@ suppress_warnings = ["myst.strikethrough"]
 
 # Notebooks contain their outputs; the tests execute them and compare.
 nb_execution_mode = "off"
-myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 autosummary_generate = True

@@ -1,7 +1,7 @@
 """A section of Henon and Heiles.
 
 Stars of the energy 1/8, each in a colour of its own: closed curves around stable periodic orbits,
-and one star that is chaotic.
+and chaos between them.
 """
 
 import numpy as np

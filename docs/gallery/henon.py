@@ -1,7 +1,7 @@
 """Henon's map.
 
-Iterates on the strange attractor, and the unstable orbits of up to four iterates within it: fixed
-points, and cycles of two and four. The search covers the box and proves that there are no others.
+Iterates on the strange attractor, and the unstable orbits that a search of the box finds for four
+iterates: two fixed points, one of them on the attractor, and cycles of two and of four.
 """
 
 from dynkit import find_orbits
