@@ -66,7 +66,7 @@ tutorials: .venv/.dev  ## execute the tutorials and write their outputs into the
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.notebooks
 
 clean:  ## remove environment, results and caches
-	rm -rf .venv $(OLDEST) results docs/_build docs/api/generated docs/concepts/*.png docs/gallery/*.png docs/gallery/*.gif docs/jupyter_execute docs/tutorials build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
+	rm -rf .venv $(OLDEST) results docs/_build docs/api/generated docs/concepts/*.png docs/gallery/*.png docs/gallery/*.gif docs/gallery/index.md docs/jupyter_execute docs/tutorials build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
 		.mypy_cache .pytest_cache .ruff_cache
 	find dynkit systems analysis tests tutorials -name __pycache__ -type d -prune -exec rm -rf {} +
 
