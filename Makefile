@@ -1,10 +1,13 @@
 # Every target does all of its own set-up; only python3 and make are needed.
 PYTHON ?= python3
-BIN := .venv/bin
+BIN := $(if $(filter Windows_NT,$(OS)),.venv/Scripts,.venv/bin)
+# --system-site-packages takes heyoka from conda-forge where the package index has none
+VENV_OPTIONS ?=
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # The oldest versions that are supported, in an environment of their own; TESTS= picks some tests.
 OLDEST_PYTHON ?= $(shell command -v python3.11 || echo $(PYTHON))
 OLDEST := .venv-oldest
+OLDEST_BIN := $(subst .venv,$(OLDEST),$(BIN))
 
 # Processors that differ from this one in last digits: vector instructions and fused products of Numba's code, of
 # OpenBLAS, of NumPy and of the C library's sin, cos and exp; and the order of sums of two threads.
@@ -41,11 +44,12 @@ test-plain: .venv/.dev  ## run tests of the kernels with the JIT switched off
 
 # What newer libraries warn of when older ones use them is not ours to mend: warnings are no errors.
 test-oldest: $(OLDEST)/.ready  ## run the tests on the oldest supported versions
-	OMP_NUM_THREADS=1 $(OLDEST)/bin/python -m pytest --numprocesses auto --dist worksteal -W default $(TESTS)
+	OMP_NUM_THREADS=1 $(OLDEST_BIN)/python -m pytest --numprocesses auto --dist worksteal -W default $(TESTS)
 
-check: .venv/.dev  ## lint, format, types, layers
+check: .venv/.dev  ## lint, format, spelling, types, layers
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/codespell
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -62,15 +66,16 @@ tutorials: .venv/.dev  ## execute the tutorials and write their outputs into the
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.notebooks
 
 clean:  ## remove environment, results and caches
-	rm -rf .venv $(OLDEST) results docs/_build docs/api/generated docs/jupyter_execute docs/tutorials build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
+	rm -rf .venv $(OLDEST) results docs/_build docs/api/generated docs/concepts/*.png docs/gallery/*.png docs/gallery/*.gif docs/gallery/index.md docs/jupyter_execute docs/tutorials build dist htmlcov *.egg-info .coverage .hypothesis .import_linter_cache \
 		.mypy_cache .pytest_cache .ruff_cache
 	find dynkit systems analysis tests tutorials -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # An environment that works is kept; one that is broken or too old is made anew.
 .venv/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "dynkit needs Python 3.11 or newer; $(PYTHON) is %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
+	@test -d dynkit/systems || { echo "dynkit/systems must be a symbolic link: clone with git clone -c core.symlinks=true" >&2; exit 1; }
 	@echo "Setting up .venv (once, about a minute)"
-	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || $(PYTHON) -m venv --clear .venv
+	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || $(PYTHON) -m venv --clear $(VENV_OPTIONS) .venv
 	@$(INSTALL) --editable .
 	@touch $@
 
@@ -84,6 +89,6 @@ clean:  ## remove environment, results and caches
 
 $(OLDEST)/.ready: pyproject.toml tests/oldest.txt
 	@echo "Setting up $(OLDEST)"
-	@$(OLDEST_PYTHON) -m venv --clear $(OLDEST)
-	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --constraint tests/oldest.txt --editable '.[dev]'
+	@$(OLDEST_PYTHON) -m venv --clear $(VENV_OPTIONS) $(OLDEST)
+	@$(OLDEST_BIN)/python -m pip install --quiet --disable-pip-version-check --constraint tests/oldest.txt --editable '.[dev]'
 	@touch $@

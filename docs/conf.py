@@ -17,6 +17,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent)]
 
 from reference import analysis_page  # noqa: E402
+from scripts import draw_all, gallery_page  # noqa: E402
 
 # Sphinx reads sources from one folder only, and does not follow links.
 shutil.copytree(
@@ -43,14 +44,14 @@ extensions = [
     "whole_numbers",
 ]
 # jupyter_execute holds the pictures of notebooks, beside the built pages.
-exclude_patterns = ["_build", "jupyter_execute", "README.md"]
+exclude_patterns = ["_build", "jupyter_execute", "paper", "README.md"]
 templates_path = ["_templates"]
 nitpicky = False
 suppress_warnings = ["myst.strikethrough"]
 
 # Notebooks contain their outputs; the tests execute them and compare.
 nb_execution_mode = "off"
-myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 autosummary_generate = True
@@ -67,7 +68,16 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 # Pages without pages below them need no sidebar.
-html_sidebars = {page: [] for page in ("install", "benchmarks", "comparison", "limits", "glossary")}
+ALONE = (
+    "install",
+    "benchmarks",
+    "comparison",
+    "coming-from",
+    "limits",
+    "glossary",
+    "release-notes",
+)
+html_sidebars = {page: [] for page in (*ALONE, "gallery/index", "release-notes")}
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
@@ -89,6 +99,8 @@ for command in COMMANDS:
     pages += [f"## `dynkit {command}`", help_of(command)]
 (HERE / "api" / "command.md").write_text("\n\n".join(pages) + "\n", encoding="utf-8")
 (HERE / "api" / "analysis.md").write_text(analysis_page(), encoding="utf-8")
+draw_all()
+(HERE / "gallery" / "index.md").write_text(gallery_page(), encoding="utf-8")
 
 
 def keep_values(_app: Sphinx, _what: str, _name: str, member: object, *_: object) -> bool | None:

@@ -12,7 +12,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -109,3 +109,38 @@ def style(line: Line2D) -> str:
     if pattern is None:
         return "solid"
     return "dotted" if max(pattern[::2]) <= 1.0 else "dashed"
+
+
+def overprinted(figure: Figure) -> list[tuple[str, str]]:
+    """Return pairs of texts of a figure that are printed over each other.
+
+    Texts overlap where their boxes have more than a point of width and height in common. An axis
+    with an offset, such as ``1e-5`` at its end, is a pair of its name and that offset.
+    """
+    from matplotlib.text import Text
+
+    figure.draw_without_rendering()
+    point = figure.dpi / 72.0
+    unseen: list[Text] = []
+    found = []
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+                if not low <= tick.get_loc() <= high:
+                    unseen += [tick.label1, tick.label2]
+            if offset := axis.get_offset_text().get_text():
+                found.append((axis.get_label_text(), offset))
+    texts = [
+        text
+        for text in cast("list[Text]", figure.findobj(Text))
+        if text.get_visible() and text.get_text().strip() and not any(text is one for one in unseen)
+    ]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+    for k, (one, box) in enumerate(boxes):
+        for other, beside in boxes[k + 1 :]:
+            wide = min(box.x1, beside.x1) - max(box.x0, beside.x0)
+            high = min(box.y1, beside.y1) - max(box.y0, beside.y0)
+            if min(wide, high) > point:
+                found.append((one, other))
+    return found

@@ -12,6 +12,7 @@ from dynkit.continuation.lines import Line
 from dynkit.core.validation import Array
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.plotting.figures import circles, crosses, ink, print_style, shown_axes
+from dynkit.plotting.names import write_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,15 +43,15 @@ def draw_branch(line: Line, ax: Axes | None) -> Axes:
             y = np.concatenate([np.append(part[:, column], np.nan) for _, part in parts])
             label = kind if column == 0 else "_"
             axes.plot(x, y, linestyle=LINES[kind], label=label, color=ink(), linewidth=0.9)
-    labels: list[tuple[str, float, float]] = []
-    for b, x_place, row in line.marks():
+    marks: list[tuple[str, float, float]] = []
+    for b, x_place, row in sorted(line.marks(), key=lambda mark: not mark[0].admissible):
         look = circles(3.5, 0.7) if b.admissible else crosses(3.5, 0.5)
         axes.plot(np.full(len(row), x_place), row, label="_", zorder=3.0, **look)
-        labels.append((b.kind if b.admissible else f"({b.kind})", x_place, float(row.max())))
+        marks.append((b.kind if b.admissible else f"({b.kind})", x_place, float(row.max())))
     points = [i for i, (_, b) in enumerate(line.nodes) if b is None]
-    for text, x_place, y_place in _merged(labels, np.ptp(line.x[points]), np.ptp(line.y[points])):
-        axes.annotate(text, (x_place, y_place), **_TEXT)
     name_axes(axes, line.names)
+    merged = _merged(marks, np.ptp(line.x[points]), np.ptp(line.y[points]))
+    write_names(axes, [(x, y, text) for text, x, y in merged], _TEXT["fontsize"])
     return axes
 
 

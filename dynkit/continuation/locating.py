@@ -34,7 +34,8 @@ _UNSURE = 1e-5
 # ones have large rounding errors.
 _ON_BORDER = 1e-5
 _PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
-# Largest distance of a multiplier from the critical value at a bifurcation that is only bisected.
+# Largest distance of a multiplier from the critical value at PD, and where a bifurcation is only
+# bisected: near grazing its rounding errors are large.
 _NEAR = 0.01
 
 
@@ -138,6 +139,11 @@ def _on_the_border(problem: Problem, x: Array, p: Array) -> int:
     return int(np.count_nonzero(near & (values.imag > 0.0) & ~are_real(values)))
 
 
+def _is_multiplier(problem: Problem, x: Array, p: Array, number: float) -> bool:
+    """Whether one of the multipliers is near a number."""
+    return bool((abs(np.asarray(problem.spectrum(x, p)) - number) < _NEAR).any())
+
+
 def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
     """Return the bifurcation that Newton's method finds between two points, if any."""
     kind, event, _ = crossing
@@ -173,6 +179,8 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         return None
     # at grazing D(mu) is singular for numbers that are not multipliers
     if kind in _PAIRS and _on_the_border(problem, x, p) != 1:
+        return None
+    if kind is BifurcationKind.PD and not _is_multiplier(problem, x, p, -1.0):
         return None
     if not bound[-1] < _UNSURE * before.scale[-1]:
         return None

@@ -139,9 +139,11 @@ def new_figure(
     """
     from matplotlib.figure import Figure
 
+    from dynkit.plotting.ticks import write_whole_numbers
+
     with print_style():
         figure = Figure(figsize=(width, height), layout="constrained")
-        return figure, list(figure.subplots(rows, squeeze=False)[:, 0])
+        return figure, list(map(write_whole_numbers, figure.subplots(rows, squeeze=False)[:, 0]))
 
 
 def shown_figure(width: float = COLUMN_WIDTH, height: float = 2.6) -> Figure:
@@ -159,9 +161,11 @@ def shown_axes(ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6
         if not isinstance(ax, Axes):
             raise ValueError(f"ax must be axes of matplotlib; got {ax!r}")
         return ax
+    from dynkit.plotting.ticks import write_whole_numbers
+
     figure = shown_figure(width, height)
     with print_style():
-        return figure.subplots()
+        return write_whole_numbers(figure.subplots())
 
 
 def size_in_points(axes: Axes) -> tuple[float, float]:

@@ -13,8 +13,8 @@ from matplotlib.text import Annotation
 
 from dynkit import Network, explore
 from dynkit.continuation.network import Finish
-from dynkit.continuation.network_drawing import write_names
 from dynkit.core.cost import Cost
+from dynkit.plotting.names import write_names
 from dynkit.systems import ImpactChain
 
 NONE = Network((), (), (), Finish.COMPLETE, Finish.COMPLETE.value, Cost(0.0))
@@ -76,7 +76,7 @@ def test_names_without_room_are_left_out() -> None:
     axes = Figure(figsize=(2.0, 2.0)).subplots()
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(0.0, 1.0)
-    write_names(axes, [(0.5 + 1e-3 * i, 0.5, "PD") for i in range(40)])
+    write_names(axes, [(0.5 + 1e-3 * i, 0.5, "PD") for i in range(40)], 5.0)
     boxes = [text.get_window_extent() for text in names_of(axes)]
     assert 0 < len(boxes) < 40
     assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
@@ -85,7 +85,7 @@ def test_names_without_room_are_left_out() -> None:
 def test_names_outside_of_the_axes_are_not_written() -> None:
     axes = Figure().subplots()
     axes.set_xlim(0.0, 1.0)
-    write_names(axes, [(2.0, 0.5, "PD")])
+    write_names(axes, [(2.0, 0.5, "PD")], 5.0)
     assert names_of(axes) == []
 
 

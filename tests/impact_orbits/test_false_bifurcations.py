@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, continue_curve, continue_orbit
-from dynkit.systems import MatrixOscillator
+from dynkit.systems import ImpactChain, MatrixOscillator, SoftStop
 from tests.validation.curves import _oscillators as oscillators
 
 
@@ -61,3 +61,16 @@ def test_no_curve_is_begun_from_what_was_not_solved_for() -> None:
     grazing = replace(weak().bifurcations[0], event=1, own=np.array([np.nan]))
     with pytest.raises(ValueError, match=r"^bifurcation must be solved for; got "):
         continue_curve(grazing, ("amplitude", "frequency"), bounds=((0.1, 0.2), (0.05, 0.1)))
+
+
+def test_no_period_doubles_where_a_soft_stop_is_only_just_reached() -> None:
+    """The equations of both crossings are singular there, for -1 also, which is no multiplier."""
+    pad = SoftStop(0, offset=-0.5, stiffness=3.0)
+    machine = ImpactChain(
+        masses=1, damping=0.05, frequency=0.3, harmonic_forces=[0.2], elements=[pad]
+    )
+    linear = machine.attractor().periodic_orbit()
+    below = continue_orbit(linear, "frequency", bounds=(0.3, 0.9), largest_step=0.2)
+    (reaching,) = below.bifurcations[0].switch()
+    branch = continue_orbit(reaching, "frequency", bounds=(0.3, 1.5), largest_step=0.2)
+    assert [found.kind for found in branch.bifurcations] == ["GR", "SN", "SN", "GR"]

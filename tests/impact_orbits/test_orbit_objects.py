@@ -12,8 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynkit.continuation.continuing import continue_orbit
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.plotting.figures import new_figure
+from dynkit.systems.impact.elements.friction import DryFriction
+from dynkit.systems.impact.elements.stops import SoftStop
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.ball import BouncingBall
 from dynkit.systems.impact.oscillators.chain import ImpactChain
@@ -370,3 +374,38 @@ def test_an_orbit_of_a_family_is_not_isolated() -> None:
     system = MatrixOscillator(frequency=1.0, K=np.diag([1.44, 1.0]), **free)
     assert not system.periodic_orbit().isolated
     assert MatrixOscillator(frequency=0.9, K=np.diag([1.44, 1.0]), **free).periodic_orbit().isolated
+
+
+def test_branches_without_a_hard_stop_have_the_states_as_observables_and_are_drawn() -> None:
+    pad = SoftStop(0, offset=-0.5, stiffness=3.0, name="pad")
+    machine = ImpactChain(
+        masses=1, damping=0.05, frequency=0.3, harmonic_forces=[0.2], elements=[pad]
+    )
+    orbit = machine.attractor().periodic_orbit()
+    # x'' + 0.05 x' + x = 0.2 sin(phase) before the pad is reached, at phase zero
+    np.testing.assert_allclose(
+        [orbit.observable("state[0]"), orbit.observable("state[1]")],
+        [[part] for part in steady(0.2, 0.05, 0.3)],
+        rtol=1e-12,
+    )
+    branch = continue_orbit(orbit, "frequency", bounds=(0.3, 0.9), largest_step=0.2)
+    (line, *_) = branch.plot(new_figure()[1][0]).lines
+    ends = [branch.orbit(i).states[0, 0] for i in (0, -1)]
+    drawn = np.asarray(line.get_ydata(), dtype=float)
+    assert ends[0] in drawn
+    np.testing.assert_array_equal(branch.observable("state[0]")[[0, -1], 0], ends)
+
+
+def steady(force: float, damping: float, frequency: float) -> tuple[float, float]:
+    """Displacement and velocity of the steady response at phase zero."""
+    response = force / (1.0 - frequency**2 + 1j * damping * frequency)
+    return response.imag, (1j * frequency * response).imag
+
+
+def test_cycles_that_nothing_drives_have_the_states_as_observables() -> None:
+    belt = DryFriction(0, force=0.5, static=0.8, velocity=0.2, name="belt")
+    block = ImpactChain(masses=1, damping=0.0, frequency=1.0, elements=[belt])
+    cycle = block.periodic_orbit(start=block.state([0.0], [0.2]))
+    np.testing.assert_array_equal(cycle.observable("state[1]"), cycle.states[:, 1])
+    with pytest.raises(ValueError, match="name must be"):
+        cycle.observable("state[2]")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.lines import Line2D
 
-from dynkit import MapAttractor, sweep
+from dynkit import MapAttractor, basins, sweep
 from dynkit.analysis import BifurcationDiagram, ImpactSection, TimeSeries
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
@@ -127,3 +127,12 @@ def test_a_sweep_is_drawn_as_its_diagram_without_labels() -> None:
     np.testing.assert_array_equal(data(ours.lines[0]), data(theirs.lines[0]))
     assert (ours.get_xlabel(), ours.get_ylabel()) == ("rate", "state[0]")
     assert (ours.get_xlim(), len(ours.texts)) == (theirs.get_xlim(), 0)
+
+
+def test_basins_are_drawn_over_the_coordinate_that_ascends() -> None:
+    phases = np.linspace(0.0, 2.0, 5)  # both sin(3 phase) and the phase change along the first axis
+    pair = PlayOscillator(play=1.0, amplitude=0.2, frequency=1.0, restitution=0.5)
+    starts = [[[0.1 * np.sin(3.0 * p), v, p] for v in (0.1, 0.2, 0.3)] for p in phases]
+    axes = basins(pair, starts, transient=20, keep=10, progress=False).plot(new_figure()[1][0])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("start[2]", "start[1]")
+    assert axes.get_xlim() == (-0.25, 2.25)

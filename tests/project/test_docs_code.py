@@ -113,6 +113,8 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
     "page",
     [
         "docs/index.md",
+        "docs/coming-from.md",
+        "docs/concepts/chatter.md",
         *(
             f"{HOW_TO}{name}.md"
             for name in (
@@ -122,6 +124,8 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
                 "write-your-own-map-or-flow",
                 "write-your-own-element",
                 "continue-your-own-equations",
+                "choose-transient-and-keep",
+                "troubleshooting",
             )
         ),
     ],

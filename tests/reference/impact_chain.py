@@ -40,7 +40,7 @@ def to_mpf(x: arb) -> Real:
 
 
 def _precisely(function: Callable[P, R]) -> Callable[P, R]:
-    """Run with guard digits in both arithmetics."""
+    """Run with guard digits in both arithmetic."""
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:

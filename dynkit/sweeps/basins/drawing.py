@@ -57,15 +57,18 @@ def draw_basins(
 def _axis(starts: Array, axis: int) -> tuple[int, Array]:
     """Return the coordinate that changes along this axis only, and its values.
 
-    Without such a coordinate, return -1 and the indices along the axis.
+    Of several such coordinates it is the first that ascends or descends, else the first. Without
+    such a coordinate, return -1 and the indices along the axis.
     """
     other = np.moveaxis(starts, axis, 0)
+    found = []
     for coordinate in range(starts.shape[-1]):
         values = other[:, 0, coordinate]
         alone = (other[:, :, coordinate] == values[:, None]).all()
         if alone and len(np.unique(values)) == len(values) > 1:
-            return coordinate, values
-    return -1, np.arange(len(other), dtype=np.float64)
+            found.append((coordinate, values))
+    steady = [one for one in found if len(set(np.sign(np.diff(one[1])))) == 1]
+    return (steady + found + [(-1, np.arange(len(other), dtype=np.float64))])[0]
 
 
 def _name(coordinate: int, axis: int) -> str:

@@ -230,7 +230,13 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         return self._solution.chatter_error
 
     def observable(self, name: str) -> Array:
-        """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,)."""
+        """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,).
+
+        Without a hard stop the coordinates ``state[0]`` and so on at the states, too.
+        """
+        coordinates = self.system.coordinates(self.states) if self.system._strobed else {}
+        if name in coordinates:
+            return coordinates[name]
         if name == "phase":
             return np.asarray(self._solution.impact_phases % TWO_PI)
         if name in ("relative_velocity", "time"):

@@ -22,7 +22,7 @@ def figure_14(workshop: Workshop) -> Section:
         pods = _pods(workshop)
     pod = pods[0][2]
     with watch.time("drawing"), print_style():
-        figure = Figure(figsize=(6.8, 4.4))
+        figure = Figure(figsize=(6.8, 4.4), layout="constrained")
         panels = list(figure.subplots(2, 2, sharex=True).ravel())
         pod.plot_modes(panels, count=paper.MODES_14)
         save_figure(figure, workshop.folder / "figure-14")
