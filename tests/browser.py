@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import fcntl
 import itertools
 import json
 import os
+import select
 import shutil
-import subprocess
+import signal
 import time
 from pathlib import Path
 from types import TracebackType
@@ -36,17 +38,19 @@ class Browser:
         assert program is not None
         (ours, self._in), (self._out, theirs) = os.pipe(), os.pipe()
         flags = [*FLAGS, f"--user-data-dir={folder}", "about:blank"]
+        nothing = os.open(os.devnull, os.O_RDWR)
         # the protocol is on the file descriptors 3 and 4
-        command = ["sh", "-c", f'exec "$0" "$@" 3<&{ours} 4>&{theirs}', program, *flags]
-        self._process = subprocess.Popen(
-            command,
-            pass_fds=(ours, theirs),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+        ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 16) for end in (ours, theirs)]
+        places = zip([nothing, nothing, nothing, *ends], range(5), strict=True)
+        self._process = os.posix_spawn(
+            program,
+            [program, *flags],
+            os.environ,
+            file_actions=[(os.POSIX_SPAWN_DUP2, end, place) for end, place in places],
+            setpgroup=0,
         )
-        os.close(ours)
-        os.close(theirs)
+        for end in (ours, theirs, nothing, *ends):
+            os.close(end)
         self._numbers, self._rest = itertools.count(1), b""
         self._session: dict[str, str] = {}
         self.requests: list[str] = []
@@ -67,8 +71,8 @@ class Browser:
         value: BaseException | None,
         at: TracebackType | None,
     ) -> None:
-        self._process.terminate()
-        self._process.wait()
+        os.killpg(self._process, signal.SIGKILL)
+        os.waitpid(self._process, 0)
         os.close(self._in)
         os.close(self._out)
 
@@ -85,6 +89,8 @@ class Browser:
 
     def _read(self) -> Any:
         while b"\0" not in self._rest:
+            ready, _, _ = select.select([self._out], [], [], PATIENCE)
+            assert ready, "the browser does not answer"
             part = os.read(self._out, 1 << 20)
             assert part, "the browser has ended"
             self._rest += part

@@ -145,27 +145,29 @@ function fill(id, wanted) {
 function motion() {
   const settings = {...SETTINGS, displayModeBar: false, scrollZoom: false};
   for (const id of ["time", "portrait"]) {
-    $(id).hidden = !shown;
+    $(id).parentNode.hidden = !shown;
     if (!shown) Plotly.purge(id);
   }
   if (!shown) return;
-  const of = $("of").value, ink = colour("ink"), accent = colour("accent");
+  const of = $("of").value, ink = colour("ink");
   const mode = shown.discrete ? "lines+markers" : "lines";
-  const now = {mode: "markers", marker: {color: accent, size: 11, symbol: "circle"}, hoverinfo: "skip", showlegend: false, x: [], y: []};
   const own = of === shown.shown[0];
   const over = (own ? shown.shown : [of]).map((name, k) => ({x: shown.times, y: shown.columns[name], name: words(name), mode,
     line: {color: ink, width: shown.discrete ? .6 : 1.4, dash: k ? "dash" : "solid"}, marker: {size: 5, color: ink}}));
   const hits = {mode: "markers", name: "impacts", x: shown.marks.map(k => shown.times[k]),
     y: shown.marks.map(k => shown.columns[of][k]), marker: {size: 6, color: ink, symbol: "diamond"}};
   const legend = {showlegend: over.length > 1 || shown.marks.length > 0, legend: {orientation: "h", y: 1.02, yanchor: "bottom", x: 0}};
-  Plotly.react("time", [...over, hits, now], layout(shown.discrete ? "iterate" : "time", of, {...legend, uirevision: selected}), settings);
+  Plotly.react("time", [...over, hits], layout(shown.discrete ? "iterate" : "time", of, {...legend, uirevision: selected}), settings);
   const across = $("across").value, up = $("up").value;
   Plotly.react("portrait", [{x: shown.columns[across], y: shown.columns[up], hoverinfo: "x+y", mode: shown.discrete ? "markers" : "lines",
-    line: {color: ink, width: 1.4}, marker: {size: 5, color: ink}}, now],
+    line: {color: ink, width: 1.4}, marker: {size: 5, color: ink}}],
   padded(layout(across, up, {uirevision: selected}), shown.columns[across]), settings);
+  for (const id of ["time", "portrait"]) {
+    $(id).removeAllListeners("plotly_afterplot");
+    $(id).on("plotly_afterplot", frame);
+  }
   frame();
 }
-
 /* Lines end within the frame. */
 function padded(plan, x) {
   const known = Array.from(x).filter(value => !Number.isNaN(value)), low = Math.min(...known), high = Math.max(...known);
@@ -206,8 +208,17 @@ function at() {
   return {t: discrete ? times[low] : t, value};
 }
 function frame() {
+  if (!shown) return;
   const {t, value} = at();
-  const moved = (id, x, y) => Plotly.restyle(id, {x: [[x]], y: [[y]]}, [$(id).data.length - 1]);
+  /* An element above the plot moves at once; a trace would be drawn anew. */
+  const moved = (id, x, y) => {
+    const {xaxis, yaxis} = $(id)._fullLayout ?? {}, {style} = $(id).parentNode.querySelector(".dot");
+    if (!xaxis) return;
+    const px = xaxis.d2p(x), py = yaxis.d2p(y);
+    style.visibility = px >= 0 && px <= xaxis._length && py >= 0 && py <= yaxis._length ? "visible" : "hidden";
+    style.left = `${xaxis._offset + px}px`;
+    style.top = `${yaxis._offset + py}px`;
+  };
   moved("time", t, value($("of").value));
   moved("portrait", value($("across").value), value($("up").value));
   $("now").value = Math.round(1000 * clock);
@@ -217,7 +228,7 @@ function reach({masses}) {
   let far = 0;
   for (let k = 0; k < masses.length; k++) {
     const x = shown.columns[masses[k]], before = k ? shown.columns[masses[k - 1]] : null;
-    for (let i = 0; i < x.length; i++) far = Math.max(far, Math.abs(before ? x[i] - before[i] : x[i]));
+    for (let i = 0; i < x.length; i++) far = Math.max(far, .7 * Math.abs(x[i]), Math.abs(before ? x[i] - before[i] : x[i]));
   }
   return far || 1;
 }
@@ -227,7 +238,7 @@ function sketch(t, value) {
   canvas.height = h * ratio;
   const pen = canvas.getContext("2d"), {masses, stops, walls} = shown.machine;
   pen.scale(ratio, ratio);
-  const room = Math.min(w / (masses.length + 1.2), 160), begin = (w - room * (masses.length + 1)) / 2;
+  const room = Math.min(w / (masses.length + 2), 160), begin = (w - room * (masses.length + 1.8)) / 2;
   const half = room * .17, middle = h / 2, scale = .6 * room / reach(shown.machine);
   const rest = k => begin + room * (k + 1), centre = masses.map((name, k) => rest(k) + scale * value(name));
   pen.strokeStyle = pen.fillStyle = colour("ink");
@@ -301,7 +312,7 @@ $("play").addEventListener("click", () => play(!playing));
 $("now").addEventListener("input", event => {
   play(false);
   clock = event.target.value / 1000;
-  if (shown) frame();
+  frame();
 });
 for (const id of ["of", "across", "up"]) {
   $(id).addEventListener("change", event => { chosen[id] = event.target.value; motion(); });

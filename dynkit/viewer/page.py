@@ -367,7 +367,7 @@ def view(
     --------
     >>> from dynkit import sweep, view
     >>> from dynkit.systems import Logistic
-    >>> found = sweep(Logistic(rate=3.0), "rate", [3.2, 3.5], progress=False)
+    >>> found = sweep(Logistic(rate=3.0), "rate", [3.2, 3.5], start=[0.3], progress=False)
     >>> view(found, show=False)
     <Page 'Sweep of rate': 2 points, 2 time series>
     """
