@@ -75,7 +75,7 @@ clean:  ## remove environment, results and caches
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "dynkit needs Python 3.11 or newer; $(PYTHON) is %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
 	@echo "Setting up .venv (once, about a minute)"
 	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || $(PYTHON) -m venv --clear .venv
-	@$(INSTALL) --editable .
+	@$(INSTALL) --editable '.[view]'
 	@touch $@
 
 .venv/.dev: .venv/.ready

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import fcntl
 import itertools
 import json
 import os
@@ -34,8 +33,10 @@ class Browser:
     """One tab. All requests that it makes are in `requests`, all errors of pages in `errors`."""
 
     def __init__(self, folder: Path) -> None:
+        import fcntl  # not on Windows
+
         program = chromium()
-        assert program is not None
+        assert program is not None, f"a browser must be installed, one of {', '.join(NAMES)}"
         (ours, self._in), (self._out, theirs) = os.pipe(), os.pipe()
         flags = [*FLAGS, f"--user-data-dir={folder}", "about:blank"]
         nothing = os.open(os.devnull, os.O_RDWR)

@@ -11,13 +11,10 @@ import pytest
 
 from dynkit import Page, view
 from dynkit.viewer.page import Viewed
-from tests.browser import Browser, chromium
+from tests.browser import Browser
 from tests.viewer.pages import branch, branch_of_impacts, grid, many, plane, swept
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(chromium() is None, reason="there is no Chromium: see `make test-view`"),
-]
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
