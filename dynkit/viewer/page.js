@@ -40,7 +40,9 @@ const DASHES = {stable: "solid", unstable: "dash", inadmissible: "dot"};
 const SYMBOLS = {motion: "circle", stable: "circle", unstable: "circle-open", inadmissible: "x-thin-open",
   bifurcation: "diamond", "inadmissible bifurcation": "diamond-open"};
 const GLYPHS = {motion: "•", stable: "● ──", unstable: "○ ╌╌", inadmissible: "× ┈┈", bifurcation: "◆", "inadmissible bifurcation": "◇"};
-const SHADES = {motion: "ink", stable: "ink", unstable: "ink", inadmissible: "faint",
+/* Later ones are drawn above the others. */
+const ORDER = ["inadmissible", "motion", "unstable", "stable", "inadmissible bifurcation", "bifurcation"];
+const SHADES = {motion: Object.keys(data.lines).length ? "soft" : "ink", stable: "ink", unstable: "ink", inadmissible: "soft",
   bifurcation: "accent", "inadmissible bifurcation": "accent"};
 const canvasHasGL = Boolean(document.createElement("canvas").getContext("webgl"));
 /* Few points are sharper as vector graphics; many need the graphics processor. */
@@ -73,8 +75,8 @@ function markers(look) {
   const dots = [...point.keys()].filter(d => data.look[point[d]] === look);
   const name = looks[look], texts = new Map();
   const text = p => texts.get(p) ?? (texts.set(p, hover(p)), texts.get(p));
-  const many = count > 300;
-  const size = name.endsWith("bifurcation") ? 9 : name === "motion" && dots.length > 500 ? 3 : many ? 4 : 6;
+  const crowd = dots.length > 3000 ? 2 : count > 300 ? 1 : 0;
+  const size = name.endsWith("bifurcation") ? (count > 3000 ? 6 : 9) : [6, 4, 2.5][crowd];
   return {type: KIND, mode: "markers", name,
     x: dots.map(d => data.x[d]), y: dots.map(d => data.y[d]), customdata: dots.map(d => point[d]),
     text: dots.map(d => text(point[d])), hovertemplate: "%{text}<extra></extra>",
@@ -82,11 +84,13 @@ function markers(look) {
 }
 function traces() {
   const found = cells ? [heatmap()] : [];
-  for (const [name, [x, y]] of Object.entries(data.lines)) {
+  for (const name of ORDER.filter(name => name in data.lines)) {
+    const [x, y] = data.lines[name];
     found.push({type: KIND, mode: "lines", name, x, y, hoverinfo: "skip",
       line: {color: colour(SHADES[name]), width: 1.4, dash: DASHES[name]}});
   }
-  for (let look = 0; look < looks.length; look++) {
+  for (const name of ORDER) {
+    const look = looks.indexOf(name);
     if (!cells && data.look.includes(look)) found.push(markers(look));
   }
   for (const [shade, width] of [["paper", 7], ["accent", 2.5]]) {
@@ -326,7 +330,17 @@ function entry(name, shade, glyph) {
   patch.textContent = glyph;
   patch.style[glyph ? "color" : "background"] = shade;
   patch.setAttribute("aria-hidden", "true");
-  found.append(patch, name);
+  const label = document.createElement("label"), box = document.createElement("input");
+  label.append(patch, name);
+  found.append(label);
+  if (glyph) {
+    Object.assign(box, {type: "checkbox", checked: true});
+    label.prepend(box);
+    box.addEventListener("change", () => {
+      const places = $("diagram").data.flatMap((trace, k) => trace.name === name ? [k] : []);
+      Plotly.restyle("diagram", {visible: box.checked}, places);
+    });
+  }
   return found;
 }
 $("legend").replaceChildren(...cells ? cells.regions.map(([name, shade]) => entry(name, shade, ""))

@@ -162,6 +162,18 @@ def test_the_animation_moves_and_pauses(tab: Tab) -> None:
     assert shown.value("playing") is True
 
 
+def test_what_crowds_a_diagram_can_be_hidden(tab: Tab) -> None:
+    shown = tab(branch().view(show=False))
+    shapes = "$('diagram').data.filter(t => t.name === 'stable').map(t => t.visible ?? true)"
+    assert shown.value(shapes) == [True, True]  # the line and its points
+    shown.value("document.querySelector('#legend input').click()")
+    first = shown.value("document.querySelector('#legend label').textContent")
+    assert "stable" in first
+    shown.wait(f"{shapes}.every(on => !on)")
+    shown.value("document.querySelector('#legend input').click()")
+    shown.wait(f"{shapes}.every(on => on)")
+
+
 def test_columns_can_be_chosen_and_stay(tab: Tab) -> None:
     shown = tab(swept().view(show=False))
     shown.value("$('of').value = 'x₁'; $('of').dispatchEvent(new Event('change')); 1")

@@ -32,7 +32,7 @@ _STARTS = 7
 # Motions of the sweep are compared at every so many values, after so many impacts more.
 _EVERY, _LONGER = 5, 20_000
 # Time series in the page of the sweep, and of the branches.
-_MOTIONS = 250
+_MOTIONS = 120
 # The same motion, where the branch is right to rounding and the motion has settled.
 _SAME = 1e-9
 _DOTS = {**DOTS, "color": "0.62"}
