@@ -86,16 +86,12 @@ function traces() {
   const found = cells ? [heatmap()] : [];
   for (const name of ORDER.filter(name => name in data.lines)) {
     const [x, y] = data.lines[name];
-    found.push({type: KIND, mode: "lines", name, x, y, hoverinfo: "skip",
+    found.push({type: "scatter", mode: "lines", name, x, y, hoverinfo: "skip",
       line: {color: colour(SHADES[name]), width: 1.4, dash: DASHES[name]}});
   }
   for (const name of ORDER) {
     const look = looks.indexOf(name);
     if (!cells && data.look.includes(look)) found.push(markers(look));
-  }
-  for (const [shade, width] of [["paper", 7], ["accent", 2.5]]) {
-    found.push({type: "scatter", mode: "markers", name: "selected", x: [], y: [], hoverinfo: "skip",
-      marker: {symbol: "square-open", size: 15, color: colour(shade), line: {width}}});
   }
   return found;
 }
@@ -109,10 +105,17 @@ function draw() {
 let selected = -1, shown = null, chosen = {}, clock = 0, playing = false, last = 0;
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
+/* Elements above the plot move at once; a trace would draw all of them anew. */
 function mark() {
-  const [x, y] = selected < 0 ? [[], []] : place(selected);
-  const last = $("diagram").data.length - 1;
-  Plotly.restyle("diagram", {x: [x, x], y: [y, y]}, [last - 1, last]);
+  const {xaxis, yaxis} = $("diagram")._fullLayout, [x, y] = selected < 0 ? [[], []] : place(selected);
+  const inside = (axis, at) => at >= 0 && at <= axis._length;
+  const spots = Array.from(x, (at, k) => [xaxis.d2p(at), yaxis.d2p(y[k])]).filter(([px, py]) => inside(xaxis, px) && inside(yaxis, py));
+  $("marks").replaceChildren(...spots.map(([px, py]) => {
+    const box = document.createElement("i");
+    box.style.left = `${xaxis._offset + px}px`;
+    box.style.top = `${yaxis._offset + py}px`;
+    return box;
+  }));
 }
 function select(p, moving = !still.matches) {
   selected = p;
@@ -321,7 +324,7 @@ $("now").addEventListener("input", event => {
 for (const id of ["of", "across", "up"]) {
   $(id).addEventListener("change", event => { chosen[id] = event.target.value; motion(); });
 }
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw().then(() => { mark(); motion(); }));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw().then(motion));
 
 $("notes").textContent = data.notes.join(" ");
 $("diagram").setAttribute("aria-label", `Diagram of ${words(data.names[1])} against ${words(data.names[0])}, ${count} points`);
@@ -346,6 +349,7 @@ function entry(name, shade, glyph) {
 $("legend").replaceChildren(...cells ? cells.regions.map(([name, shade]) => entry(name, shade, ""))
   : looks.filter((_, look) => data.look.includes(look)).map(name => entry(name, `var(--${SHADES[name]})`, GLYPHS[name])));
 draw().then(() => {
+  for (const event of ["plotly_afterplot", "plotly_relayouting"]) $("diagram").on(event, mark);
   $("diagram").on("plotly_click", ({points: [hit]}) => {
     const picked = cells ? hit.pointIndex[1] * width + hit.pointIndex[0] * 1 : hit.customdata;
     if (picked !== undefined) select(picked);
