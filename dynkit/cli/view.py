@@ -24,7 +24,7 @@ from dynkit.cli.output import output_file, print_summary
 from dynkit.cli.stored import loaded
 from dynkit.core.validation import non_negative_integer
 from dynkit.viewer.html import refuse_without_plotly
-from dynkit.viewer.page import MOTIONS, view
+from dynkit.viewer.viewing import MOTIONS, view
 
 if TYPE_CHECKING:
     from dynkit.viewer.page import Page

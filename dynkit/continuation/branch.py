@@ -22,7 +22,8 @@ from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, Variables
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.spectrum import Spectrum
-from dynkit.viewer.page import Page, Viewed
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,7 +22,8 @@ from dynkit.core.validation import Array, finite_scalar
 from dynkit.data.dataset import Dataset, Variables, described
 from dynkit.data.result import Saved, read_result, write_result
 from dynkit.orbits.equations import ProblemSolution
-from dynkit.viewer.page import Page, Viewed
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 # Largest residual of a solution.
 _SOLVED = 1e-8

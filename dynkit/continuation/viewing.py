@@ -14,7 +14,6 @@ from dynkit.core.validation import Array
 from dynkit.viewer.page import LOOKS, Page
 
 if TYPE_CHECKING:
-    from dynkit.continuation.branch import Branch
     from dynkit.viewer.series import Series
 
 _WITHOUT = (
@@ -26,7 +25,7 @@ _SPECTRUM = "largest modulus of the spectrum"
 _MULTIPLIERS = 4
 
 
-def page_of(title: str, branches: Sequence[Branch], y: str | None, motions: int) -> Page:
+def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) -> Page:
     """Return the page of branches: an observable, by default the first, and the motions.
 
     Points and bifurcations are points of the page, in the order of the curve.
@@ -80,7 +79,7 @@ def page_of(title: str, branches: Sequence[Branch], y: str | None, motions: int)
     return page.with_series(motions, series)
 
 
-def _spectra(branch: Branch) -> Line:
+def _spectra(branch: Any) -> Line:
     """Return the line of a branch without orbits: the largest modulus of its spectrum."""
     nodes = nodes_of(len(branch), branch.bifurcations)
     moduli = abs(branch.multipliers).max(axis=1)
@@ -91,7 +90,7 @@ def _spectra(branch: Branch) -> Line:
     return Line((branch.name, _SPECTRUM), nodes, np.array(x), y, kinds)
 
 
-def _looks(branch: Branch, line: Line) -> Array:
+def _looks(branch: Any, line: Line) -> Array:
     names = [
         _kind(branch, int(place))
         if b is None
@@ -103,7 +102,7 @@ def _looks(branch: Branch, line: Line) -> Array:
     return np.array([LOOKS.index(name) for name in names])
 
 
-def _kind(branch: Branch, place: int) -> str:
+def _kind(branch: Any, place: int) -> str:
     if not branch.admissible[place]:
         return "inadmissible"
     return "stable" if branch.stable[place] else "unstable"
@@ -124,12 +123,12 @@ def _drawn(lines: Sequence[Line]) -> dict[str, tuple[Array, Array]]:
     }
 
 
-def _error(branch: Branch, at: int) -> float:
+def _error(branch: Any, at: int) -> float:
     known = branch._problem is not None or "error" in vars(branch)
     return float(branch.error[at]) if known else float("nan")
 
 
-def _facts(branch: Branch, place: float, b: Any) -> dict[str, Any]:
+def _facts(branch: Any, place: float, b: Any) -> dict[str, Any]:
     """Return what is said of a point, or of a bifurcation, of a branch."""
     if b is not None:
         numbers = [] if b.multiplier is None else [b.multiplier]

@@ -18,7 +18,8 @@ from dynkit.engine.points import Rows
 from dynkit.labels.label import OrbitLabel
 from dynkit.sweeps.plan import KIND, Plan, Values
 from dynkit.sweeps.swept import Swept
-from dynkit.viewer.page import Page, Viewed
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

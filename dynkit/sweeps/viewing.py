@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from dynkit.dynamics.attractor import Attractor
 from dynkit.viewer.page import LOOKS, Page
 from dynkit.viewer.series import Series
-
-if TYPE_CHECKING:
-    from dynkit.sweeps.result import Sweep
 
 NO_SYSTEM = "The result was loaded without its system: the page has no time series."
 """Note of a page without motions."""
 
 
-def page_of(sweep: Sweep, motions: int) -> Page:
+def page_of(sweep: Any, motions: int) -> Page:
     """Return the page of a sweep: the first observable, and the motion of each value."""
     name, k = sweep.observables[0], len(sweep)
     numbers = sweep.observable(name)
@@ -34,7 +32,7 @@ def page_of(sweep: Sweep, motions: int) -> Page:
     )
 
     def series(at: int) -> Series:
-        attractor = sweep.attractor(at)
+        attractor: Attractor = sweep.attractor(at)
         sweep._labels[at] = attractor.label
         return attractor._series()
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 import webbrowser
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -17,16 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.validation import Array, boolean, non_negative_integer
+from dynkit.core.validation import Array
 from dynkit.data.atomic_files import whole
-from dynkit.viewer.html import html_of, refuse_without_plotly
+from dynkit.viewer.html import html_of
 from dynkit.viewer.series import Series
 
 LOOKS = ("motion", "stable", "unstable", "inadmissible", "bifurcation", "inadmissible bifurcation")
 """How points are drawn, by number."""
-
-MOTIONS = 200
-"""Default of the largest number of time series."""
 
 # Most points, dots and bytes of a page: browsers stay quick up to here.
 _MOST_POINTS, _MOST_DOTS, _MOST_BYTES = 250_000, 200_000, 48_000_000
@@ -307,95 +302,6 @@ class Page:
             nearest=np.append(below._nearest, near),
             owners=[*below.owners, *(place + shift for place in self.owners)],
         )
-
-
-class Viewed(ABC):
-    """A result that is shown in the browser."""
-
-    @abstractmethod
-    def _page(self, motions: int) -> Page:
-        """Return the page with time series of at most this number of points."""
-
-    @final
-    def view(
-        self,
-        out: str | os.PathLike[str] | None = None,
-        *,
-        motions: int = MOTIONS,
-        show: bool = True,
-    ) -> Page:
-        """Show the result in the browser; see `dynkit.view`."""
-        return view(self, out=out, motions=motions, show=show)
-
-
-def view(
-    *results: Viewed,
-    out: str | os.PathLike[str] | None = None,
-    motions: int = MOTIONS,
-    show: bool = True,
-) -> Page:
-    """Show results in the browser, and return the page.
-
-    A page is one file that needs neither a server nor a network. It has the diagram, which zooms,
-    and names points under the pointer. A click on a point, or the arrow keys, show its time series,
-    phase portrait and animation. These motions are computed when the page is made.
-
-    Parameters
-    ----------
-    *results : Sweep, ParameterMap, Basins, Branch or Network
-        Several results with the same axes are drawn in one diagram, the last one above.
-    out : path, optional
-        File for the page; by default a temporary one.
-    motions : int
-        Largest number of points with time series, evenly chosen; the others show the nearest.
-    show : bool
-        Whether to open the page in the browser. A notebook shows the page itself instead.
-
-    Returns
-    -------
-    Page
-
-    Raises
-    ------
-    ImportError
-        When plotly is not installed: ``pip install 'dynkit[view]'``.
-    ValueError
-        When a result cannot be shown, axes differ, the page would be too large, or the file cannot
-        be written.
-
-    Examples
-    --------
-    >>> from dynkit import sweep, view
-    >>> from dynkit.systems import Logistic
-    >>> found = sweep(Logistic(rate=3.0), "rate", [3.2, 3.5], start=[0.3], progress=False)
-    >>> view(found, show=False)
-    <Page 'Sweep of rate': 2 points, 2 time series>
-    """
-    most = non_negative_integer("motions", motions)
-    shown = boolean("show", show)
-    if not results:
-        raise ValueError("results must be at least one; got none")
-    given: tuple[object, ...] = results
-    for result in given:
-        if not isinstance(result, Viewed):
-            kinds = "sweeps, parameter maps, basins, branches or networks"
-            raise ValueError(f"results must be {kinds}; got {result!r}")
-    if shown or out is not None:
-        refuse_without_plotly()
-    page = results[0]._page(most)
-    for result in results[1:]:
-        page = result._page(most).over(page)
-    page = page.thinned()
-    if shown and not _in_notebook():
-        page.show(out)
-    elif out is not None:
-        page.write(out)
-    return page
-
-
-def _in_notebook() -> bool:
-    known: Any = sys.modules.get("IPython")
-    return known is not None and hasattr(known.get_ipython(), "kernel")
 
 
 def _motion(series: Callable[[int], Series | None], place: int) -> Series | None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynkit import Page, view
-from dynkit.viewer.page import Viewed
+from dynkit.viewer.viewing import Viewed
 from tests.browser import Browser
 from tests.viewer.pages import branch, branch_of_impacts, grid, many, plane, swept
 

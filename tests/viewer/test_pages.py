@@ -28,8 +28,9 @@ from dynkit import (
 )
 from dynkit.systems import Henon, Logistic, Lorenz, VanDerPol
 from dynkit.viewer import html
-from dynkit.viewer.page import LOOKS, MOTIONS, Viewed
+from dynkit.viewer.page import LOOKS
 from dynkit.viewer.series import Series
+from dynkit.viewer.viewing import MOTIONS, Viewed
 from tests.viewer.pages import CHAIN, branch, branch_of_impacts, data_of, grid, many, plane, swept
 
 RESULTS: list[Callable[[], Viewed]] = [swept, branch, branch_of_impacts, plane, grid]

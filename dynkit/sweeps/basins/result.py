@@ -19,7 +19,8 @@ from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.sweeps.basins.basin import Basin
 from dynkit.sweeps.basins.classification import OTHER_ENDS, Look, look_at
-from dynkit.viewer.page import Page, Viewed
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,14 +13,14 @@ from dynkit.sweeps.viewing import NO_SYSTEM
 from dynkit.viewer.page import LOOKS, Page, page_of_cells
 
 if TYPE_CHECKING:
-    from dynkit.sweeps.basins.result import Basins
+    from dynkit.dynamics.attractor import Attractor
     from dynkit.viewer.series import Series
 
 # Coordinates of a start that are named.
 _COORDINATES = 8
 
 
-def page_of(found: Basins, motions: int) -> Page:
+def page_of(found: Any, motions: int) -> Page:
     """Return the page of basins, and the motion on each attractor."""
     starts, numbers, title = found.starts, found.numbers, "Basins of attraction"
     flat, group = starts.reshape(-1, starts.shape[-1]), numbers.ravel()
@@ -51,7 +51,8 @@ def page_of(found: Basins, motions: int) -> Page:
         return page.noting(NO_SYSTEM)
 
     def series(at: int) -> Series:
-        return found.attractor(*map(int, np.unravel_index(at, numbers.shape)))._series()
+        motion: Attractor = found.attractor(*map(int, np.unravel_index(at, numbers.shape)))
+        return motion._series()
 
     chosen = sorted(int(np.ravel_multi_index(b.start, numbers.shape)) for b in found.basins)
     return page.with_series(motions, series, chosen=chosen, group=group).noting(

@@ -25,7 +25,8 @@ from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Grid, Plan
 from dynkit.sweeps.swept import Swept
-from dynkit.viewer.page import Page, Viewed
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

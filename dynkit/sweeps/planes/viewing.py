@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,11 +13,10 @@ from dynkit.sweeps.viewing import NO_SYSTEM
 from dynkit.viewer.page import page_of_cells
 
 if TYPE_CHECKING:
-    from dynkit.sweeps.planes.result import ParameterMap
     from dynkit.viewer.page import Page
 
 
-def page_of(found: ParameterMap, motions: int) -> Page:
+def page_of(found: Any, motions: int) -> Page:
     """Return the page of a map of two parameters: the kinds of motion, and some motions."""
     (one, first), (other, second) = found.values.items()
     cells, regions = regions_of(found.names, found.where)
