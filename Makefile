@@ -21,7 +21,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-generic test-processors test-plain test-oldest check bench validate docs tutorials clean
+.PHONY: help run test test-generic test-processors test-plain test-view test-oldest check bench validate docs tutorials clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST)
@@ -41,6 +41,10 @@ test-processors: test-generic  ## run the tests as on three other processors, on
 
 test-plain: .venv/.dev  ## run tests of the kernels with the JIT switched off
 	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(PYTEST) -m plain tests
+
+test-view: .venv/.dev  ## run the tests of pages in a browser, which needs Chromium
+	@$(BIN)/python -c 'from tests.browser import chromium; import sys; sys.exit(None if chromium() else "test-view needs Chromium; none was found")'
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m browser tests/viewer
 
 # What newer libraries warn of when older ones use them is not ours to mend: warnings are no errors.
 test-oldest: $(OLDEST)/.ready  ## run the tests on the oldest supported versions
@@ -76,7 +80,7 @@ clean:  ## remove environment, results and caches
 	@test -d dynkit/systems || { echo "dynkit/systems must be a symbolic link: clone with git clone -c core.symlinks=true" >&2; exit 1; }
 	@echo "Setting up .venv (once, about a minute)"
 	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || $(PYTHON) -m venv --clear $(VENV_OPTIONS) .venv
-	@$(INSTALL) --editable .
+	@$(INSTALL) --editable '.[view]'
 	@touch $@
 
 .venv/.dev: .venv/.ready

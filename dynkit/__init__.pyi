@@ -53,3 +53,5 @@ from .orbits.search import OrbitSearch as OrbitSearch, find_orbits as find_orbit
 from .sweeps import Sweep as Sweep, sweep as sweep
 from .sweeps.basins import Basin as Basin, Basins as Basins, basins as basins
 from .sweeps.planes import ParameterMap as ParameterMap, parameter_map as parameter_map
+from .viewer.page import Page as Page
+from .viewer.viewing import view as view

@@ -13,6 +13,9 @@ gc.disable()
 # Figures are drawn without a display, also by the processes that tests start.
 os.environ["MPLBACKEND"] = "Agg"
 
+# Pages for the browser open nothing.
+os.environ["BROWSER"] = "true"
+
 register_profiles()
 
 APART = (

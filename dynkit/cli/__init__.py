@@ -5,6 +5,7 @@ For instance:
   dynkit sweep --from 0.70 --to 0.76 --step 0.002 --out diagram.png
   dynkit continue --frequency 0.87 --from 0.7 --to 1.1
   dynkit map --x frequency,0.2,1.8,60 --y damping,0.02,0.3,40 --out map.png
+  dynkit view results.h5
   dynkit work-precision --frequency 0.87 --out error-time.png
 
 dynkit COMMAND --help lists the options of a command.
@@ -26,9 +27,10 @@ COMMANDS = {
     "sweep": "a sweep of one parameter",
     "map": "a map of two parameters",
     "continue": "a branch of periodic orbits",
+    "view": "a page for the browser, of a stored result",
     "work-precision": "error against run time of dynkit and of SciPy's integrators",
 }
-_FILES = ("simulate", "sweep", "map", "branch", "work_precision")
+_FILES = ("simulate", "sweep", "map", "branch", "view", "work_precision")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -82,9 +84,13 @@ class _Parser(argparse.ArgumentParser):
         self.description, mark, examples = (module.__doc__ or "").partition("For instance:")
         self.epilog = mark + examples
         self.set_defaults(run=module.run, options=module.OPTIONS)
-        self.add_argument("file", metavar="FILE.toml", nargs="?", help="file of options")
-        self.add_argument("--config", metavar="FILE.toml", help="another way to give it")
+        if not any(option.positional for option in module.OPTIONS):
+            self.add_argument("file", metavar="FILE.toml", nargs="?", help="file of options")
+            self.add_argument("--config", metavar="FILE.toml", help="another way to give it")
         for option in module.OPTIONS:
+            if option.positional:
+                self.add_argument(option.name, metavar=option.metavar, help=option.help)
+                continue
             kind: dict[str, Any] = {"metavar": option.metavar}
             if not option.metavar:
                 kind = {"action": argparse.BooleanOptionalAction}
@@ -114,11 +120,10 @@ def _run(arguments: argparse.Namespace, unknown: list[str]) -> int:
     if unknown:
         return _say(command, f"error: there is no argument {' '.join(unknown)}", _BAD_INPUT)
     try:
-        if arguments.file and arguments.config:
-            raise ValueError(
-                f"config must not be given together with a file; got {arguments.config!r}"
-            )
-        file = arguments.file or arguments.config
+        file, config = (getattr(arguments, name, None) for name in ("file", "config"))
+        if file and config:
+            raise ValueError(f"config must not be given together with a file; got {config!r}")
+        file = file or config
         arguments.run(Asked.of(arguments.options, file, vars(arguments)))
     except ValueError as refusal:
         return _say(command, f"error: {_with_notes(refusal)}", _BAD_INPUT)

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 # More values than this are taken for a mistake.
 _MOST_VALUES = 1_000_000
 _NUMBERS = "X1,X2,..."
-_ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction, Jenkins)}
-_LAWS = {kind.__name__: kind for kind in (PlasticBelow, ViscoelasticSpheres)}
+ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction, Jenkins)}
+LAWS = {kind.__name__: kind for kind in (PlasticBelow, ViscoelasticSpheres)}
 _RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 
 
@@ -37,18 +37,20 @@ _RANGE, _START = ("from", "to", "step"), ("position", "velocity", "phase")
 class Option:
     """One option: its name on the command line and in a file, and its help.
 
-    An option without a metavar is a switch. The value of a name or a file is text; the values of
-    all others are numbers, or names, separated by commas.
+    An option without a metavar is a switch. A positional one is given by its place alone. The value
+    of a name or a file is text; the values of all others are numbers, or names, separated by
+    commas.
     """
 
     name: str
     metavar: str
     help: str
+    positional: bool = False
 
     @property
     def text(self) -> bool:
         """Whether the value is text, which may contain commas."""
-        return self.metavar in ("NAME", "FILE", "FILE.h5")
+        return self.metavar in ("NAME", "FILE", "FILE.h5", "RESULTS.h5")
 
     def parsed(self, value: Any) -> Any:
         """Return the value of a text on the command line, in the types of TOML."""
@@ -159,7 +161,7 @@ class Asked(dict[str, Any]):
             options.pop("values", None)
         checked = {name: by_name[name].checked(x) for name, x in {**options, **direct}.items()}
         if isinstance(checked.get("restitution"), dict):
-            checked["restitution"] = _made("restitution", checked["restitution"], _LAWS)
+            checked["restitution"] = _made("restitution", checked["restitution"], LAWS)
         return cls(checked | elements)
 
     def only(self, *names: str) -> dict[str, Any]:
@@ -228,7 +230,7 @@ def _elements(given: object) -> tuple[Element, ...]:
     """Return the elements from tables with a key ``kind``; ValueError when one is refused."""
     if not (isinstance(given, list) and given):
         raise ValueError(f"elements must be tables [[elements]]; got {given!r}")
-    return tuple(_made(f"elements[{k}]", table, _ELEMENTS) for k, table in enumerate(given))
+    return tuple(_made(f"elements[{k}]", table, ELEMENTS) for k, table in enumerate(given))
 
 
 def _made(name: str, given: object, kinds: Mapping[str, Any]) -> Any:
@@ -242,7 +244,7 @@ def _made(name: str, given: object, kinds: Mapping[str, Any]) -> Any:
         if key not in numbers and entry.default is MISSING:
             raise ValueError(f"{name}.{key} must be given")
         if isinstance(numbers.get(key), dict):
-            numbers[key] = _made(f"{name}.{key}", numbers[key], _LAWS)
+            numbers[key] = _made(f"{name}.{key}", numbers[key], LAWS)
     try:
         return kind(**numbers)
     except ValueError as refusal:

@@ -22,6 +22,8 @@ from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, Variables
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.spectrum import Spectrum
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Branch(SolutionCurve):
+class Branch(Viewed, SolutionCurve):
     """Periodic orbits, or equilibria, along a parameter; made by `continue_orbit`.
 
     Its k points are in the order of the curve; `orbit` returns the orbit of a point. All arrays are
@@ -227,6 +229,12 @@ class Branch(SolutionCurve):
             y=np.array([row for _, row in points]),
             kinds=kinds_of(nodes, self.stable, self.admissible),
         )
+
+    def _page(self, motions: int) -> Page:
+        from dynkit.continuation.viewing import page_of
+
+        title = f"Branch of {self.label} along {self.name}"
+        return page_of(title, [self], None, motions)
 
     def dataset(self) -> Dataset:
         """Return the points as a dataset.

@@ -22,6 +22,8 @@ from dynkit.core.validation import Array, finite_scalar
 from dynkit.data.dataset import Dataset, Variables, described
 from dynkit.data.result import Saved, read_result, write_result
 from dynkit.orbits.equations import ProblemSolution
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 # Largest residual of a solution.
 _SOLVED = 1e-8
@@ -62,7 +64,7 @@ class Unexplored(NamedTuple):
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Network(Saved):
+class Network(Viewed, Saved):
     """Branches found by `explore`, and the bifurcations that lead from one to another.
 
     Parameters
@@ -195,6 +197,15 @@ class Network(Saved):
         """Name of the common observable, if it is not the first observable of each branch."""
         rows = [branch.orbit(0).observables for branch in self.branches]
         return "norm" if len({row[0] for row in rows}) > 1 else None
+
+    def _page(self, motions: int) -> Page:
+        from dynkit.continuation.viewing import page_of
+
+        if not self.branches:
+            raise ValueError("network must have a branch to be shown; got none")
+        title = f"Network of {len(self)} branches, {len(self.bifurcations)} bifurcations"
+        known = all(branch._problem is not None for branch in self.branches)
+        return page_of(title, self.branches, self._common if known else None, motions)
 
     def dataset(self) -> Dataset:
         """Return the points of all branches, in their order, as a dataset.

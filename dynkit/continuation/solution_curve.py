@@ -112,7 +112,8 @@ class SolutionCurve(Saved):
 
     def _identity(self) -> dict[str, str]:
         """Return the entries of a store for the system with the parameters of the first point."""
-        return store.identity_of(self.system.replace(**self._first()))
+        system = self.system.replace(**self._first())
+        return {"system": store.kind_of(system), **store.identity_of(system)}
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the curve to a store (HDF5). After a failure the old file remains.

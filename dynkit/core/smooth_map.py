@@ -216,6 +216,13 @@ class SmoothMap(Family, ABC):
         """Return the coordinates (n,) of states (n, d), by name; diagrams of orbits draw them."""
         return {f"state[{i}]": column for i, column in enumerate(states.T)}
 
+    def _path(self, state: Array, samples: int) -> tuple[Array, Array] | None:  # noqa: ARG002
+        """Return times (m,) and states (m, k) of the flow up to the image; None for a map.
+
+        There are this number of samples, or one fewer.
+        """
+        return None
+
     def seen_of(self, other: Any, states: Array) -> Array:  # noqa: ARG002
         """Return the states (k, d) on this map of a periodic orbit of another map, states (n, d).
 

@@ -14,6 +14,7 @@ from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, one_of
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitLabel
+from dynkit.viewer.series import Series, series_of_states
 
 
 class _Ending(Enum):
@@ -103,6 +104,13 @@ class Attractor(Tabled, ABC):
     def label_within(self, budget: int) -> OrbitLabel:  # noqa: ARG002
         """Return the label from at most this number of states besides the kept ones."""
         return self.label
+
+    def _series(self) -> Series:
+        """Return the motion as pages for the browser show it: one period where it has one."""
+        n = self.label.iterates
+        if n is None or n > len(self.states):
+            return series_of_states(self.system, self.states)
+        return series_of_states(self.system, self.states[-n:], periodic=True)
 
     @property
     def _kept(self) -> int:

@@ -153,6 +153,14 @@ class PoincareMap(Map):
             found.append(self.section.reduce(at))
         return np.array(found).reshape(-1, self.dimension)
 
+    def _path(self, state: Array, samples: int) -> tuple[Array, Array]:
+        hit, at = self.crossing(state), self._lifted(state)
+        times = np.linspace(0.0, hit.time, samples)
+        rows = [at]
+        for step in np.diff(times[:-1]).tolist():
+            rows.append(self.flow.advance(rows[-1], step))
+        return times, np.array([*rows, hit.state])
+
     def crossing(self, state: Array) -> Crossing:
         """Return time and full state, (d,), of the next crossing from a point of the section.
 

@@ -14,6 +14,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.reprs import Tabled
 from dynkit.core.validation import Array, read_only
 from dynkit.orbits.spectrum import Spectrum
+from dynkit.viewer.series import Series
 
 NOISE = 1e-13
 """Largest error of calls in the scaled equations: Newton's method ends at this level."""
@@ -222,6 +223,10 @@ class ProblemSolution(Tabled, ABC):
     @abstractmethod
     def observable(self, name: str) -> Array:
         """Return one of the observables, (n,)."""
+
+    def _series(self) -> Series | None:
+        """Return the motion as pages for the browser show it; None for one that rests."""
+        return None
 
 
 class KeptSolution(ProblemSolution):

@@ -18,6 +18,7 @@ from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.orbits.spectrum import Spectrum
+from dynkit.viewer.series import Series, series_of_states
 
 
 class PeriodicProblem(Problem):
@@ -203,6 +204,9 @@ class PeriodicOrbit(ProblemSolution):
     @abstractmethod
     def problem(self, *names: str) -> PeriodicProblem:
         """Return the equations of the orbit, with the named parameters free."""
+
+    def _series(self) -> Series:
+        return series_of_states(self.system, self.states, periodic=True)
 
     @property
     def observables(self) -> Sequence[str]:

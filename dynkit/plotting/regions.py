@@ -46,6 +46,27 @@ def shades(count: int) -> list[tuple[float, float, float]]:
     return [colours[i // 2 + half * (i % 2)] for i in range(count)]
 
 
+def css_of(regions: Sequence[Region]) -> list[tuple[str, str]]:
+    """Return names and opaque colours in CSS, for pages, which have no hatching.
+
+    Regions that differ only in hatching get greys that differ.
+
+    Examples
+    --------
+    >>> css_of([Region("chaotic", (0.0, 0.0, 0.0)), Region("at rest"), Region("unsettled")])
+    [('chaotic', '#000000'), ('at rest', '#f2f2f2'), ('unsettled', '#bfbfbf')]
+    """
+    from matplotlib.colors import to_hex
+
+    plain = [r for r in regions if r.colour is None or r.hatch]
+    greys = np.linspace(0.95, 0.55, max(len(plain), 3))
+    found = []
+    for region in regions:
+        grey = float(greys[plain.index(region)]) if region in plain else None
+        found.append((region.name, to_hex(region.colour if grey is None else (grey,) * 3)))
+    return found
+
+
 def draw_regions(
     ax: Axes | None,
     axes_values: tuple[Array, Array],

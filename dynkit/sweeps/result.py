@@ -18,6 +18,8 @@ from dynkit.engine.points import Rows
 from dynkit.labels.label import OrbitLabel
 from dynkit.sweeps.plan import KIND, Plan, Values
 from dynkit.sweeps.swept import Swept
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Sweep(Swept):
+class Sweep(Viewed, Swept):
     """The motions at values of a parameter; made by `dynkit.sweep`.
 
     It holds the observables that were asked for and one state per value. `attractor`, `label` and
@@ -207,6 +209,11 @@ class Sweep(Swept):
         name = self.observables[0]
         titles = [in_words(title) for title in (self.parameter, name)]
         return draw_diagram(ax, self.values, self.observable(name), titles)
+
+    def _page(self, motions: int) -> Page:
+        from dynkit.sweeps.viewing import page_of
+
+        return page_of(self, motions)
 
     def dataset(self) -> Dataset:
         """Return the observables as a dataset over the parameter and ``state``, the kept states.

@@ -79,9 +79,9 @@ EACH_FULL_READER = pytest.mark.parametrize(
 NOT_NEEDED = {
     "sweep": ("dynkit",),
     "Sweep": ("dynkit",),
-    "Branch": ("dynkit",),
-    "BifurcationCurve": ("dynkit",),
-    "Network": ("dynkit",),
+    "Branch": ("dynkit", "system"),
+    "BifurcationCurve": ("dynkit", "system"),
+    "Network": ("dynkit", "system"),
 }
 
 

@@ -37,6 +37,9 @@ from tests.testing.test_problems import rest
 
 SYSTEM = "a system: a call is as wrong as its `accuracy`, a motion as its record or attractor says"
 OPTION = "an option: what the user says"
+PAGE = (
+    "a drawing of results, or a part of it; its motions are samples of theirs, to single precision"
+)
 VALUE = "a value inside a result, whose error and cost it shares"
 ELEMENT = "what acts on a system, whose motions say it"
 EQUATIONS = "equations and what they are made of; their solutions are the results"
@@ -105,6 +108,9 @@ NO_RESULTS = {
     "ImpactMethod": OPTION,
     "PoincareSection": OPTION,
     "Stroboscope": OPTION,
+    "Page": PAGE,
+    "Cells": PAGE,
+    "Series": PAGE,
     "Basin": VALUE,
     "Cost": VALUE,
     "Ending": VALUE,

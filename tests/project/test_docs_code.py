@@ -119,6 +119,7 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
             f"{HOW_TO}{name}.md"
             for name in (
                 "keep-results",
+                "look-in-the-browser",
                 "make-a-structure",
                 "add-stops-and-friction",
                 "write-your-own-map-or-flow",

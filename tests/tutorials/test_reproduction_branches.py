@@ -112,6 +112,7 @@ def test_item_writes_its_figure(item: tuple[Section, Path]) -> None:
     section, folder = item
     assert section.figures == ["figure-4-branches"]
     assert sorted(path.name for path in folder.iterdir()) == [
+        "figure-4-branches.html",
         "figure-4-branches.png",
         "figure-4-branches.svg",
     ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit import explore
+from dynkit import explore, view
 from dynkit.analysis import BifurcationDiagram
 from dynkit.plotting.figures import new_figure, print_style, save_figure
 from dynkit.systems import ImpactOrbit
@@ -31,6 +31,8 @@ IMPACTS, PERIODS = 2, 7
 _STARTS = 7
 # Motions of the sweep are compared at every so many values, after so many impacts more.
 _EVERY, _LONGER = 5, 20_000
+# Time series in the page of the sweep, and of the branches.
+_MOTIONS = 120
 # The same motion, where the branch is right to rounding and the motion has settled.
 _SAME = 1e-9
 _DOTS = {**DOTS, "color": "0.62"}
@@ -47,6 +49,9 @@ def figure_4_branches(workshop: Workshop) -> Section:
     with watch.time("drawing"):
         figure = _figure(sweep, network)
         save_figure(figure, workshop.folder / "figure-4-branches", 300.0)
+    page = "figure-4-branches.html"
+    with watch.time("page"):
+        view(sweep, network, out=workshop.folder / page, motions=_MOTIONS, show=False)
     with watch.time("comparison"):
         compared = compare(network, sweep)
     return Section(
@@ -56,6 +61,7 @@ def figure_4_branches(workshop: Workshop) -> Section:
         _findings(network, compared),
         ["figure-4-branches"],
         watch.seconds,
+        page,
     )
 
 

@@ -10,7 +10,7 @@ from string import Template
 
 from dynkit.data.atomic_files import whole
 from tutorials.cusumano_bai_1993.markdown import inline, to_html, to_table
-from tutorials.cusumano_bai_1993.section import Section
+from tutorials.cusumano_bai_1993.section import LOOK, Section
 
 
 def write_page(
@@ -72,7 +72,8 @@ def _section(section: Section, folder: Path) -> str:
     )
     said = f'<dl class="said">{said}</dl>' if said else ""
     kind = "beside drawn" if figures else "beside"
-    drawn = f"<div>{figures}</div>" if figures else ""
+    link = f'<p><a href="{escape(section.page)}">{LOOK}</a></p>' if section.page else ""
+    drawn = f"<div>{figures}{link}</div>" if figures else ""
     return (
         f'<section id="{section.item}"><h2>{inline(section.title)}</h2>'
         f'<div class="{kind}">{drawn}<div>{said}{to_html(section.text)}</div></div></section>'

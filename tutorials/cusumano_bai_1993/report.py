@@ -11,7 +11,7 @@ from pathlib import Path
 from dynkit import __version__
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.page import write_page, write_text
-from tutorials.cusumano_bai_1993.section import Section, table
+from tutorials.cusumano_bai_1993.section import LOOK, Section, table
 
 _TITLE = "Cusumano & Bai (1993), reproduced"
 _OPENING = """\
@@ -56,7 +56,8 @@ def _written(section: Section) -> str:
     figures = [
         f"![{section.title}]({name}.png)\n\n[as SVG]({name}.svg)" for name in section.figures
     ]
-    return "\n\n".join([f"## {section.title}", *figures, section.text])
+    page = [f"[{LOOK}]({section.page})"] if section.page else []
+    return "\n\n".join([f"## {section.title}", *figures, *page, section.text])
 
 
 def _parts(section: Section) -> str:

@@ -43,6 +43,8 @@ class Section:
         Names of the figures' files, without endings.
     seconds : mapping of str to float
         What each part of the work took.
+    page : str
+        Name of a page beside the report, with the same figure to move through; or empty.
     """
 
     item: str
@@ -51,11 +53,16 @@ class Section:
     findings: Sequence[Finding]
     figures: Sequence[str] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
+    page: str = ""
 
     @property
     def total(self) -> float:
         """Seconds in all."""
         return sum(self.seconds.values())
+
+
+LOOK = "Move through this figure in the browser: orbits, their multipliers and motions"
+"""Text of the link to the page of a section."""
 
 
 def sentences(*parts: str) -> str:

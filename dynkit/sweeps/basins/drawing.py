@@ -35,15 +35,9 @@ def draw_basins(
     """Draw basins of starts; see `Basins.plot`."""
     if numbers.ndim == 1:
         return _draw_fractions(basins, numbers, ax)
-    names = [f"{basin.number}: {basin.label}" for basin in basins]
-    colours = shades(len(names))
-    regions = [Region(name, colour) for name, colour in zip(names, colours, strict=True)]
-    cells = numbers.copy()
-    for number, region in _others().items():
-        cells[numbers == number] = len(regions)
-        regions.append(region)
-    (first, x), (second, y) = (_axis(starts, axis) for axis in (0, 1))
-    axes = draw_regions(ax, (x, y), (_name(first, 0), _name(second, 1)), cells, regions)
+    (first, x), (second, y) = (axis_of(starts, axis) for axis in (0, 1))
+    names = name_of(first, 0), name_of(second, 1)
+    axes = draw_regions(ax, (x, y), names, *regions_of(basins, numbers))
     size = starts.shape[-1]
     for basin in basins:
         if first >= 0 and second >= 0 and size == basin.states.shape[1] == 2:
@@ -54,7 +48,21 @@ def draw_basins(
     return axes
 
 
-def _axis(starts: Array, axis: int) -> tuple[int, Array]:
+def regions_of(
+    basins: Sequence[Basin], numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], list[Region]]:
+    """Return the number of each start's region, (k1, k2), and the regions."""
+    names = [f"{basin.number}: {basin.label}" for basin in basins]
+    colours = shades(len(names))
+    regions = [Region(name, colour) for name, colour in zip(names, colours, strict=True)]
+    cells = numbers.copy()
+    for number, region in _others().items():
+        cells[numbers == number] = len(regions)
+        regions.append(region)
+    return cells, regions
+
+
+def axis_of(starts: Array, axis: int) -> tuple[int, Array]:
     """Return the coordinate that changes along this axis only, and its values.
 
     Of several such coordinates it is the first that ascends or descends, else the first. Without
@@ -71,7 +79,8 @@ def _axis(starts: Array, axis: int) -> tuple[int, Array]:
     return (steady + found + [(-1, np.arange(len(other), dtype=np.float64))])[0]
 
 
-def _name(coordinate: int, axis: int) -> str:
+def name_of(coordinate: int, axis: int) -> str:
+    """Return the name of an axis with a coordinate, or with indices where that is -1."""
     return f"start[{coordinate}]" if coordinate >= 0 else f"starts, axis {axis}"
 
 

@@ -14,11 +14,13 @@ from dynkit.core.reprs import Facts, largest, system_repr, table
 from dynkit.core.validation import Array, index_in
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved, read_result, write_result
-from dynkit.data.store import identity_of, refuse_other_system, understood
+from dynkit.data.store import identity_of, kind_of, refuse_other_system, understood
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.sweeps.basins.basin import Basin
 from dynkit.sweeps.basins.classification import OTHER_ENDS, Look, look_at
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Basins(Saved):
+class Basins(Viewed, Saved):
     """The attractor of each start, and the basins of attraction; made by `dynkit.basins`.
 
     Parameters
@@ -147,6 +149,11 @@ class Basins(Saved):
 
         return draw_basins(self.basins, self.starts, self.numbers, ax)
 
+    def _page(self, motions: int) -> Page:
+        from dynkit.sweeps.basins.viewing import page_of
+
+        return page_of(self, motions)
+
     def dataset(self) -> Dataset:
         """Return the numbers of the starts' attractors, and the attractors, as a dataset.
 
@@ -184,7 +191,8 @@ class Basins(Saved):
         """
         if self._look is None:
             raise ValueError("system must be given to Basins.load to store them again; got None")
-        write_result(path, self, identity_of(self._look.system) | self._look.entries)
+        system = {"system": kind_of(self._look.system), **identity_of(self._look.system)}
+        write_result(path, self, system | self._look.entries)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Basins:

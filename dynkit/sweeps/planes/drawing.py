@@ -27,6 +27,14 @@ def draw_map(
     ax: Axes | None,
 ) -> Axes:
     """Draw the kinds of motion; see `ParameterMap.plot`."""
+    (one, first), (other, second) = values.items()
+    return draw_regions(ax, (first, second), (one, other), *regions_of(names, where_is))
+
+
+def regions_of(
+    names: NDArray[np.str_], where_is: Callable[[OrbitKind], NDArray[np.bool_]]
+) -> tuple[NDArray[np.int64], list[Region]]:
+    """Return the number of each pair's region, (k1, k2), and the regions."""
     cells = np.zeros(names.shape, dtype=np.int64)
     periodic = where_is(OrbitKind.PERIODIC)
     labels, counts = np.unique(names[periodic], return_counts=True)
@@ -48,8 +56,7 @@ def draw_map(
     for where, region in others:
         cells[where] = len(regions)
         regions.append(region)
-    (one, first), (other, second) = values.items()
-    return draw_regions(ax, (first, second), (one, other), cells, regions)
+    return cells, regions
 
 
 def _numbers(name: str) -> tuple[list[int], int, str]:

@@ -25,6 +25,8 @@ from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Grid, Plan
 from dynkit.sweeps.swept import Swept
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class ParameterMap(Swept):
+class ParameterMap(Viewed, Swept):
     """The kinds of motion at all pairs of values of two parameters, made by `parameter_map`.
 
     Arrays are (k1, k2), read-only: row i belongs to value i of the first parameter, column j to
@@ -273,6 +275,11 @@ class ParameterMap(Swept):
         from dynkit.sweeps.planes.drawing import draw_map
 
         return draw_map(self.values, self.names, self.where, ax)
+
+    def _page(self, motions: int) -> Page:
+        from dynkit.sweeps.planes.viewing import page_of
+
+        return page_of(self, motions)
 
     def dataset(self) -> Dataset:
         """Return labels and observables as a dataset over the two parameters."""

@@ -13,7 +13,9 @@ from dynkit.core.validation import Array, finite_array
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.records.viewing import series_of
 from dynkit.systems.impact.simulation.state import TWO_PI
+from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -256,6 +258,11 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         position, velocity : (j, N) arrays
         """
         return self._solution.sample(finite_array("times", times, (None,)) % self.period)
+
+    def _series(self) -> Series:
+        begin, ends = float(self.phases[0]), [] if self.sticks else [self.period]
+        impacts = np.append(self.bounces[:, 0], ends)
+        return series_of(self.system, self.sample, begin, self.period, impacts)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw one period of the contact coordinate, the stops dashed, the impacts as dots.

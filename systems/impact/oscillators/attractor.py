@@ -20,12 +20,15 @@ from dynkit.labels.labelling import Window, label_orbit, settled_label, with_mul
 from dynkit.orbits.harmonics import harmonics_needed
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, displacement, draw_points
 from dynkit.systems.impact.records.cycles import period_of
+from dynkit.systems.impact.records.drawing import shown_until
 from dynkit.systems.impact.records.event_counts import event_counts
 from dynkit.systems.impact.records.record import ImpactRecord, batch_size, twin_errors
+from dynkit.systems.impact.records.viewing import PERIODS, series_of
 from dynkit.systems.impact.simulation.runs import course_from
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 from dynkit.systems.impact.variational.tangents import growth, returned
+from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -232,6 +235,15 @@ class ImpactAttractor(Attractor):
         asked = finite_array("times", times, (None,))
         record = self.record_until(float(asked.max(initial=0.0)))
         return np.concatenate(record.sample(asked), axis=1)
+
+    def _series(self) -> Series:
+        turn = TWO_PI / self._system.frequency
+        end = self.label.period or PERIODS * turn
+        record = self.record_until(end)
+        if record.ending is not Ending.COUNT_REACHED:
+            end = min(end, shown_until(turn, record.time, record.ending))
+        impacts = np.empty(0) if self._system._strobed else record.time
+        return series_of(self._system, record.sample, record.start.phase, end, impacts)
 
     def record_until(self, latest: float) -> ImpactRecord:
         """Return the record of the kept impacts, extended to reach a given time.

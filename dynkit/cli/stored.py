@@ -1,0 +1,183 @@
+"""Results of stores, with the system that a store describes in words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import dynkit.systems
+from dynkit.cli.options import ELEMENTS, LAWS
+from dynkit.continuation.branch import Branch
+from dynkit.continuation.network import Network
+from dynkit.core.no_motion import NoMotion
+from dynkit.data import store
+from dynkit.dynamics.equilibrium import equilibrium
+from dynkit.dynamics.flow import Flow
+from dynkit.dynamics.map import Map
+from dynkit.orbits.equations import ProblemSolution
+from dynkit.orbits.newton import NoConvergence
+from dynkit.orbits.periodic_orbit import periodic_orbit
+from dynkit.sweeps.basins.result import Basins
+from dynkit.sweeps.plan import KIND as SWEEP
+from dynkit.sweeps.planes.plan import KIND as PLANE
+from dynkit.sweeps.planes.result import ParameterMap
+from dynkit.sweeps.result import Sweep
+from dynkit.systems.impact.impact_map import ImpactMap
+from dynkit.systems.impact.simulation.driven_structure import OF_TABLE
+
+_KINDS: Mapping[str, Any] = {SWEEP: Sweep, PLANE: ParameterMap}
+_SAVED: Mapping[str, Any] = {kind.__name__: kind for kind in (Branch, Network, Basins)}
+_LARGEST = 1 << 31
+_MADE: Mapping[str, Callable[..., Any]] = {**ELEMENTS, **LAWS}
+_WORDS = {"None": None, "True": True, "False": False}
+_TOKEN = re.compile(r"""\s*('[^']*'|"[^"]*"|[()=,]|[^\s()=,'"]+)""")
+
+
+def loaded(path: str) -> Any:
+    """Return the result of a store, with its system where the store describes it.
+
+    Raises
+    ------
+    ValueError
+        When the file is missing, too large, damaged, or no store of a result that is shown.
+    """
+    file = store.place(path)
+    if file.is_file() and file.stat().st_size > _LARGEST:
+        size = file.stat().st_size / 1e9
+        raise ValueError(f"results must be at most 2 GB; got {size:.1f} GB in {file}")
+    archive = store.read(file)
+    kind = archive.entries.get("kind", "")
+    if kind not in _KINDS and kind not in _SAVED:
+        raise ValueError(
+            "results must be a store of a sweep, a map of two parameters, a branch, a network or "
+            f"basins; got {kind or 'no kind'} in {file}"
+        )
+    system = _system(file, archive)
+    if kind in _KINDS:
+        return _KINDS[kind].load(file, system)
+    if kind == "Basins":
+        return Basins.load(file, system)
+    found: Any = _SAVED[kind].load(file)
+    if system is None:
+        return found
+    if kind == "Branch":
+        orbit = _orbit(found, system)
+        return found if orbit is None else _with_orbit(found, file, orbit)
+    orbits = [_orbit(branch, system) for branch in found.branches]
+    return Network.load(file, [orbit for orbit in orbits if orbit is not None])
+
+
+def _with_orbit(branch: Branch, file: Any, orbit: ProblemSolution) -> Branch:
+    try:
+        return Branch.load(file, orbit)
+    except ValueError:  # the label is the same, but not the equations
+        return branch
+
+
+def _orbit(branch: Branch, system: Any) -> ProblemSolution | None:
+    """Return an orbit of a branch, solved for from its unknowns; None where that fails."""
+    place = len(branch) // 2
+    x, value = branch.unknowns[place], float(branch.parameter[place])
+    try:
+        here = system.replace(**{branch.name: value})
+        if isinstance(here, Flow):
+            return equilibrium(here, x)
+        if not isinstance(here, ImpactMap):
+            return periodic_orbit(here, x.reshape(-1, here.dimension))
+        impacts, _, periods = branch.label[2:-1].partition(",")
+        if impacts.isdigit() and not here.elements:
+            found: ProblemSolution = here.periodic_orbit(
+                phases=x[: int(impacts)], periods=int(periods)
+            )
+        else:
+            found = here.attractor().periodic_orbit()
+    except (NoConvergence, NoMotion, NotImplementedError, ValueError):
+        return None
+    return found if found.label == branch.label else None
+
+
+def _system(file: Any, archive: store.Archive) -> Map | Any:
+    """Return the system that the entries of a store describe; None where they do not."""
+    entries = archive.entries
+    name = entries.get("system", "").rpartition(".")[2]
+    kind = getattr(dynkit.systems, name) if name in dir(dynkit.systems) else None
+    if kind is None or f"{kind.__module__}.{kind.__qualname__}" != entries["system"]:
+        return None
+    known = {key.removeprefix("system."): text for key, text in entries.items() if "." in key}
+    fields = [each.name for each in getattr(kind, "__dataclass_fields__", {}).values() if each.init]
+    try:
+        made = {field: _again(value_of(known[field])) for field in fields if field in known}
+        if made.get("elements"):
+            made = {field: value for field, value in made.items() if field not in OF_TABLE}
+        elif "elements" in made:
+            del made["elements"]
+        system = kind(**made)
+        store.refuse_other_system(file, archive, system)
+    except (TypeError, ValueError):
+        return None
+    return system
+
+
+def _again(value: Any) -> Any:
+    """Return a value with the elements and laws that texts in it describe."""
+    if isinstance(value, tuple):
+        return tuple(map(_again, value))
+    described = isinstance(value, str) and value.partition("(")[0] in _MADE
+    return value_of(value) if described else value
+
+
+def value_of(text: str) -> Any:
+    """Return the value of a text: a number, a text, a tuple, or an element with its arguments.
+
+    Raises
+    ------
+    ValueError
+        When it is anything else.
+
+    Examples
+    --------
+    >>> value_of("(1.5, 'above', (inf,))"), value_of("HardStop(2, offset=0.5)").offset
+    ((1.5, 'above', (inf,)), 0.5)
+    """
+    tokens = _TOKEN.findall(text)
+    value = _read(tokens)
+    if tokens:
+        raise ValueError(f"text must be one value; got {text!r}")
+    return value
+
+
+def _read(tokens: list[str]) -> Any:
+    """Take a value from the front of a list of tokens, in place."""
+    if not tokens:
+        raise ValueError("text must be a value; got its beginning")
+    token = tokens.pop(0)
+    if token[0] in "'\"":
+        return token[1:-1]
+    if token == "(":
+        return _arguments(tokens)[0]
+    if tokens and tokens[0] == "(" and token in _MADE:
+        del tokens[0]
+        positional, named = _arguments(tokens)
+        return _MADE[token](*positional, **named)
+    if token in _WORDS:
+        return _WORDS[token]
+    return int(token) if re.fullmatch(r"[-+]?\d+", token) else float(token)
+
+
+def _arguments(tokens: list[str]) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    """Take values up to the closing bracket from the front of a list of tokens, in place."""
+    positional, named = list[Any](), dict[str, Any]()
+    while tokens and tokens[0] != ")":
+        if tokens[1:2] == ["="]:
+            name = tokens.pop(0)
+            del tokens[0]
+            named[name] = _read(tokens)
+        else:
+            positional.append(_read(tokens))
+        if tokens[:1] == [","]:
+            del tokens[0]
+    if not tokens:
+        raise ValueError("text must close its brackets; got its end")
+    del tokens[0]
+    return tuple(positional), named
