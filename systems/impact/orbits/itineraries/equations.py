@@ -286,7 +286,10 @@ class ItineraryEquations(ImpactProblem):
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
         s = self.at(x, p)
-        return factors(s) if isinstance(s, ResponseSolution) else s.factors
+        if isinstance(s, ResponseSolution):
+            return factors(s)
+        grazes = self.sticks and not s.impulses.all()
+        return None if grazes or not s.factors[0].size else s.factors
 
     @property
     def sticks(self) -> bool:
@@ -294,9 +297,11 @@ class ItineraryEquations(ImpactProblem):
 
     @property
     def section_returns(self) -> int:
+        """Number of returns to the section in a period."""
         return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
 
     def counts(self) -> dict[str, float]:
+        """How often what happens in a period, by element: see `OrbitLabel.counts`."""
         return counts_of(self.oscillator, self.itinerary)
 
     def returns(self, x: Array, p: Array) -> Any:
