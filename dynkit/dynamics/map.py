@@ -189,7 +189,7 @@ class Map(SmoothMap):
         ----------
         starts : (k, `start_size`) array
         orbits : sequence of Attractor
-            Periodic motions, of which each keeps one period.
+            One or more periodic motions: P(n,m) keep n states, P(inf,m) more than a period.
         transient : int
             Largest number of states of a motion.
         near : float

@@ -26,7 +26,7 @@ PLAY = PlayOscillator(
 )
 CASES: dict[str, tuple[ImpactOscillator, float, dict[str, Any]]] = {
     "one mass, P(1,1)": (SINGLE, 1.4, {"transient": 200, "keep": 50}),
-    "one mass, P(1,1) and P(1,3)": (
+    "one mass, P(1,2) and rest": (
         SingleImpactOscillator(frequency=3.4, restitution=0.8, stop=0.2),
         1.4,
         {"transient": 200, "keep": 50},
@@ -98,6 +98,37 @@ def test_an_arrived_motion_has_the_bits_of_its_single_simulation(name: str) -> N
         distance = np.linalg.norm(system.difference(orbit.states, states[place]), axis=1).min()
         assert distance < 1e-8 * np.linalg.norm(orbit.states, axis=1).max()
     assert np.isnan(states[numbers < 0]).all()
+
+
+def test_motions_that_chatter_arrive_at_an_orbit_that_sticks() -> None:
+    system, size, _ = CASES["one mass, chatter"]
+    motion = system.attractor()
+    assert motion.label.name == "P(inf,1)"
+    orbit = system.attractor(start=motion.final, transient=0, keep=100)
+    starts = random_starts(system, size, 40)
+    starts = starts[starts[:, 0] > 0.1]
+    arrived = system.arrivals(starts, [orbit], 200, 1e-9)
+    assert arrived is not None
+    numbers, states, cost = arrived
+    assert (numbers == 0).all()
+    period = system.simulate(impacts=100, start=motion.final)
+    impacts = int((period.time <= 2.0 * np.pi / system.frequency).sum())
+    assert cost.counts["contacts"] >= len(starts)  # each has stuck
+    assert cost.counts["impacts"] < 5 * impacts * len(starts)
+    for start, state in zip(starts, states, strict=True):
+        record = system.simulate(impacts=200, start=system.state_from(start))
+        assert (record.states == state).all(axis=1).any()
+
+
+def test_an_orbit_that_does_not_recur_is_not_compared() -> None:
+    system, size, _ = CASES["one mass, chatter"]
+    period = system.simulate(impacts=100, start=system.attractor().final)
+    impacts = int((period.time <= 2.0 * np.pi / system.frequency).sum())
+    orbit = system.attractor(transient=700, keep=impacts - 1)
+    assert len(orbit.record.sticking) == 1
+    arrived = system.arrivals(random_starts(system, size, 20), [orbit], 200, 1e-9)
+    assert arrived is not None
+    assert (arrived[0] == -1).all()
 
 
 def test_most_starts_are_simulated_in_calls_of_many_and_only_until_they_arrive(

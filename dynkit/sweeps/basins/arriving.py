@@ -45,7 +45,7 @@ class Arriving:
 
     @cached_property
     def _orbits(self) -> list[Attractor]:
-        """One period of each known orbit."""
+        """The states of each known orbit."""
         system, finals = self.look.system, self.known.arrays["final"]
         sizes = [orbit_size(label_at(self.known, k)) for k in range(len(finals))]
         return [
@@ -151,6 +151,6 @@ class Starts(Points):
 
 
 def _attracts(rows: Rows, place: int) -> bool:
-    """Whether a motion is on a stable P(n,m)."""
+    """Whether a motion is on a stable P(n,m) or P(inf,m)."""
     label = label_at(rows, place)
-    return label.kind is OrbitKind.PERIODIC and bool(label.stable)
+    return label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING) and bool(label.stable)

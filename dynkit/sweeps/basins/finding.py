@@ -50,9 +50,10 @@ def basins(
     Motions at rest are separated by the reasons of their endings.
 
     Of 1000 or more starts of an impact oscillator, a sample as large as the square root of their
-    number is simulated first. Any other motion ends as soon as it is within 1e-8 of a stable P(n,m)
-    of the sample, relative to the size of the orbit, and again a period later. The first start of
-    each basin is simulated to the end, and so is every motion that does not arrive in this way.
+    number is simulated first. Any other motion ends as soon as it is within 1e-8 of a stable
+    periodic orbit of the sample, relative to the size of the orbit, and again a period later. The
+    first start of each basin is simulated to the end, and so is every motion that does not arrive
+    in this way.
 
     A start on an unstable orbit stays there and is a basin of its own, whose label says
     ``unstable``. Motions near an unstable orbit are simulated for 20,000 more states, in which

@@ -38,7 +38,7 @@ class Ensemble:
     ----------
     system : ImpactMap
     records : sequence of ImpactRecord
-        One period of each orbit.
+        One period of each orbit, or more of an orbit that sticks.
     """
 
     system: ImpactMap
@@ -56,10 +56,10 @@ class Ensemble:
 
         system, n = self.system, len(starts)
         numbers, found = np.full(n, -1), np.full((n, system.dimension), np.nan)
-        if not n or not self.records:
+        if not n:
             return numbers, found, Cost(0.0)
         free, tables = system._free, system._automaton.tables
-        orbits, slots = self._orbits(), tables.ladders.step.shape[3]
+        orbits, slots = self._orbits(near), tables.ladders.step.shape[3]
         turns, states, flies = self._begun(starts)
         (able,) = np.nonzero(flies)
         members: Any = Members(
@@ -69,7 +69,7 @@ class Ensemble:
             np.zeros((len(able), 4), np.intp),
             self._log(len(able)),
         )
-        noted = self._log(max(STRIDE, int(orbits.period.max())))
+        noted = self._log(max(STRIDE, int(orbits.period.max(initial=0))))
         buffers = self._buffers(noted, slots)
         contact = system._automaton.table[: len(tables.event), 3] == EventKind.CONTACT
         limits = band_factor(free.layout.slots), MOST_CELLS, cells_of_a_call(slots)
@@ -111,12 +111,12 @@ class Ensemble:
             np.zeros(2 + REGISTERS),
         )
 
-    def _orbits(self) -> Any:
-        """The impacts of the orbits, for the kernel."""
+    def _orbits(self, near: float) -> Any:
+        """The impacts of one period of each orbit, for the kernel."""
         from dynkit.systems.impact.simulation.ensemble_kernels import Orbits
 
-        logs = [record._run.log for record in self.records]
-        sizes = [max(float(abs(log.states).max()), float(log.speed.max())) for log in logs]
+        logs = [_one_period(record, near) for record in self.records]
+        sizes = [_size(log) for log in logs]
         periods = np.array([len(log.time) for log in logs])
         return Orbits(
             np.concatenate([log.guard for log in logs]),
@@ -149,3 +149,24 @@ class Ensemble:
             q = np.array([free.coordinates(a, b, *turn) for a, b, turn in rows])
         able &= np.isfinite(q).all(axis=(1, 2)) & ((q * q).sum(axis=(1, 2)) < 1e100)
         return turns, free.states(q, *turns.T), able
+
+
+def _size(log: Impacts) -> float:
+    """The largest number of the states and speeds."""
+    return max(float(abs(log.states).max(initial=0.0)), float(log.speed.max(initial=0.0)))
+
+
+def _one_period(record: ImpactRecord, near: float) -> Impacts:
+    """The impacts of one period: all of P(n,m); of an orbit that sticks those until it recurs.
+
+    Such an orbit is followed from its fastest impact, as the last bounces of a chatter are alike.
+    Where it does not recur within the record, there are none.
+    """
+    log: Impacts = record._run.log
+    if not len(record.sticking):
+        return log
+    first = int(np.argmax(log.speed[: max(len(log.speed) // 2, 1)]))
+    gaps = abs(log.states[first + 1 :] - log.states[first]).max(axis=(1, 2))
+    gaps = np.maximum(gaps, abs(log.speed[first + 1 :] - log.speed[first]))
+    again = np.flatnonzero(gaps <= near * _size(log))
+    return log.part(first, first + 1 + int(again[0]) if len(again) else first)
