@@ -14,6 +14,7 @@ from dynkit.systems import (
     HardStop,
     ImpactChain,
     ImpactOscillator,
+    Jenkins,
     PlayOscillator,
     SingleImpactOscillator,
     SoftStop,
@@ -54,6 +55,32 @@ CASES: dict[str, tuple[ImpactOscillator, float, dict[str, Any]]] = {
             ],
         ),
         0.3,
+        {"transient": 300},
+    ),
+    "two hard stops": (
+        ImpactChain(
+            masses=2,
+            frequency=0.9,
+            damping=0.3,
+            elements=[
+                HardStop(1, amplitude=0.1, restitution=0.6),
+                HardStop((0, 1), offset=-0.2, restitution=0.5),
+            ],
+        ),
+        0.4,
+        {"transient": 300},
+    ),
+    "friction": (
+        ImpactChain(
+            masses=2,
+            frequency=1.5,
+            damping=0.1,
+            elements=[
+                HardStop(1, amplitude=0.3, restitution=0.6),
+                DryFriction(0, force=0.02, static=0.03),
+            ],
+        ),
+        0.4,
         {"transient": 300},
     ),
 }
@@ -165,12 +192,12 @@ def test_basins_do_not_depend_on_the_executor_or_the_chunks() -> None:
     assert dict(found.cost.counts) == dict(again.cost.counts)
 
 
-def test_a_machine_with_friction_or_several_stops_has_whole_motions() -> None:
-    several = ImpactChain(
-        masses=2, frequency=0.9, elements=[HardStop(1, amplitude=0.1), HardStop(0, offset=-0.5)]
-    )
-    rubbed = ImpactChain(
-        masses=2, frequency=0.9, elements=[HardStop(1, amplitude=0.1), DryFriction(0, force=0.01)]
-    )
-    for system in (several, rubbed):
+def test_sliders_and_preloads_have_whole_motions() -> None:
+    """Positions and velocities alone do not say how they begin."""
+    stop = HardStop(1, amplitude=0.1)
+    for other in (
+        Jenkins(0, stiffness=1.0, force=0.01),
+        SoftStop(0, offset=-0.3, stiffness=5.0, preload=0.1),
+    ):
+        system = ImpactChain(masses=2, frequency=0.9, elements=[stop, other])
         assert system.arrivals(np.empty((0, 5)), (), 0, 1e-9) is None

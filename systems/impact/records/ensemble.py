@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _SWITCHES = 64
 """Switches between two comparisons with the orbits; a motion with more is not followed."""
 _CLEAR = 2.0**-40
-"""A start is in flight where its gaps exceed this part of their terms."""
+"""A start is in flight where its gaps exceed this part of their terms, and slips where rates do."""
 
 
 @final
@@ -47,8 +47,9 @@ class Ensemble:
     @staticmethod
     def serves(system: ImpactMap) -> bool:
         """Whether positions, velocities and phase determine flights, and slots hold them all."""
-        own = system._motion is None and not system._strobed and not system._holding
-        return own and not system._sliders and system._free.layout.table >= 0
+        own = system._motion is None and not system._strobed and not system._sliders
+        rests = any(regime.holds for element in system._soft for regime in element.regimes)
+        return own and not rests and system._free.layout.table >= 0
 
     def arrivals(self, starts: Array, most: int, near: float) -> Arrivals:
         """Arrivals of starts (n, 2N + 1): see `dynkit.dynamics.map.Map.arrivals`."""
@@ -82,7 +83,10 @@ class Ensemble:
         numbers[here] = members.number[there]
         time, speed, guard, reached, none = members.last
         last = Impacts(time[there], speed[there], guard[there], reached[there], none)
-        found[here] = ImpactRecord(system, self.records[0]._run.holding(last)).states
+        automaton = system._automaton  # a later orbit may have entered modes that the first did not
+        regimes, guards = tuple(automaton.regimes), automaton.table
+        run = replace(self.records[0]._run.holding(last), regimes=regimes, guards=guards)
+        found[here] = ImpactRecord(system, run).states
         names = "impacts", "cells", "contacts", "touches"
         counts = dict(zip(names, members.counts.sum(axis=0).tolist(), strict=True))
         return numbers, found, Cost(0.0, counts)
@@ -128,7 +132,7 @@ class Ensemble:
         )
 
     def _begun(self, starts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Sines and cosines (n, 2), states (n, 2, slots), and whether starts are in flight (n,).
+        """Sines and cosines (n, 2), states (n, 2, slots), and whether starts fly and slip (n,).
 
         The bits are those of `ImpactMap.state`.
         """
@@ -141,6 +145,12 @@ class Ensemble:
             table = stop.swing(*turns.T) + stop.offset
             size = abs(x) @ abs(row) + stop.amplitude + abs(stop.offset)
             able &= stop.sign * (x @ row - table) > _CLEAR * size
+        for element in system._soft:
+            if any(regime.sticks for regime in element.regimes):
+                row = element.row(n)
+                speed = element.drift + element.swing_rate(system.frequency, *turns.T)
+                size = abs(row).sum() * abs(v).max(axis=1) + abs(speed)
+                able &= abs(v @ row - speed) > _CLEAR * size
         free = system._free
         if n == 1:
             q = free.coordinates(x, v, *turns.T)
