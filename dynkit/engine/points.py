@@ -18,7 +18,7 @@ Columns: TypeAlias = Mapping[str, tuple[str, tuple[int | None, ...]]]
 
 # Least number of chunks when there are enough points, points of a chunk from there on, and most
 # chunks: each takes an executor some time.
-_FEW, _SIZE, _MANY = 256, 32, 4096
+_FEW, _SIZE, _MANY = 256, 32, 2048
 
 MOST_POINTS = 10_000_000
 """The findings at this many points take a gigabyte; at a millisecond each they take three hours."""

@@ -44,6 +44,7 @@ CASES: dict[str, tuple[ImpactOscillator, float, dict[str, Any]]] = {
         {"transient": 100, "keep": 40},
     ),
     "two masses": (ImpactChain(masses=2, frequency=1.5, damping=0.3), 1.0, {"transient": 300}),
+    "ten masses, two P(2,3)": (ImpactChain(frequency=0.8), 0.5, {"transient": 700}),
     "a soft stop": (
         ImpactChain(
             masses=2,
