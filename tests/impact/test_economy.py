@@ -17,7 +17,7 @@ from dynkit.core.validation import Array
 from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
 from dynkit.systems.impact.modes import structure
-from dynkit.systems.impact.modes.bases import Basis, CoupledModes, NormalModes
+from dynkit.systems.impact.modes.bases import Basis, CoupledModes, NormalModes, row_by_row
 from dynkit.systems.impact.modes.steady_response import Forced
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
@@ -98,6 +98,17 @@ def test_contact_at_another_frequency_takes_no_modes_anew(
         monkeypatch.setattr(basis, "coordinates", counted)
     make_ready(system.replace(frequency=0.7))
     assert max(rows) <= 3  # sine and cosine of the table, and the rest
+
+
+@pytest.mark.parametrize("size", [1, 2, 10, 37])
+@pytest.mark.parametrize("shape", [(), (1,), (15,), (16,), (33,), (5, 7)])
+def test_products_row_by_row_are_sums_in_order(size: int, shape: tuple[int, ...]) -> None:
+    random = np.random.default_rng(size)
+    matrix = random.normal(size=(size, size + 2)) * 10.0 ** random.integers(-9, 9, (size, size + 2))
+    rows = random.normal(size=(*shape, 2, size + 2))[..., 0, :]
+    rows[..., 0] = -0.0
+    sums = np.add.accumulate(rows[..., None, :] * matrix, axis=-1)[..., -1]
+    assert row_by_row(rows, matrix).tobytes() == np.ascontiguousarray(sums).tobytes()
 
 
 @pytest.mark.parametrize("damping", [0.1, (0.1, 0.2, 0.05, 0.1)])
