@@ -1,13 +1,21 @@
 """Maps: dynamical systems in discrete time."""
 
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import SmoothMap, generic_direction
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map_attractor import MapAttractor
+
+Arrivals: TypeAlias = tuple[NDArray[np.intp], Array, Cost]
+"""Numbers of orbits (k,), states (k, d), and counted work: see `Map.arrivals`."""
 
 
 class Map(SmoothMap):
@@ -53,6 +61,11 @@ class Map(SmoothMap):
         state of this map.
     13. ``displaced(motion, size)``, the last state of a motion, displaced in a direction without
         symmetry.
+
+    A map may implement, for basins of very many starts:
+
+    14. ``arrivals(starts, orbits, transient, near)``, when there is a faster simulation of many
+        starts that ends at known periodic orbits.
 
     Stores and executors also require that the fields (`identity`) are numbers, strings, arrays, or
     tuples of them, that the class can be imported from a file, and that instances can be pickled.
@@ -159,3 +172,36 @@ class Map(SmoothMap):
         states: Array = motion.states
         largest = float(abs(states).max()) or 1.0
         return np.asarray(states[-1] + size * largest * generic_direction(self.dimension))
+
+    def arrivals(
+        self,
+        starts: Array,  # noqa: ARG002
+        orbits: Sequence[Attractor],  # noqa: ARG002
+        transient: int,  # noqa: ARG002
+        near: float,  # noqa: ARG002
+    ) -> Arrivals | None:
+        """Simulate many starts until they arrive at known periodic orbits.
+
+        A motion has arrived when a state of it is near a state of the orbit, and the state a period
+        later is near the same state.
+
+        Parameters
+        ----------
+        starts : (k, `start_size`) array
+        orbits : sequence of Attractor
+            One or more periodic motions: P(n,m) keep n states, P(inf,m) more than a period.
+        transient : int
+            Largest number of states of a motion.
+        near : float
+            Largest distance from the orbit, in relation to the size of its states.
+
+        Returns
+        -------
+        orbit : (k,) array of int
+            Number of the orbit at which each motion has arrived; -1 for none.
+        states : (k, d) array
+            The last states; NaN where a motion has arrived at no orbit.
+        cost : Cost
+            Counted work. In place of all three, None when the map has no such simulation.
+        """
+        return None

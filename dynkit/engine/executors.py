@@ -5,9 +5,10 @@ from __future__ import annotations
 import pickle
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from functools import lru_cache
+from queue import SimpleQueue
 from typing import Any, Generic, TypeVar, cast, final
 
 _Task = TypeVar("_Task")
@@ -69,16 +70,22 @@ def finished(
         return
     packed = pack(work)
     waiting: dict[Future[Outcome[_Result]], int] = {}
+    ended: SimpleQueue[Future[Outcome[_Result]]] = SimpleQueue()
     sent = 0
     errors: dict[int, Exception] = {}
     try:
         while True:
             while not errors and sent < len(tasks) and len(waiting) < IN_FLIGHT:
-                waiting[submit(executor, packed, tasks[sent])] = sent
+                future = submit(executor, packed, tasks[sent])
+                waiting[future] = sent
+                future.add_done_callback(ended.put)
                 sent += 1
             if not waiting:
                 break
-            ready, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            ready = [ended.get()]
+            while not ended.empty():
+                ready.append(ended.get())
+            ready = [future for future in ready if future in waiting]  # others were cancelled
             for number, future in sorted((waiting.pop(future), future) for future in ready):
                 outcome = outcome_of(future)
                 if outcome.error is None:

@@ -16,8 +16,9 @@ Anything: TypeAlias = NDArray[Any]
 Columns: TypeAlias = Mapping[str, tuple[str, tuple[int | None, ...]]]
 """For each array, by name: NumPy's kind letter, and the shape of a row; None for any length."""
 
-# Most points of a chunk, and least number of chunks when there are enough points.
-_MOST, _CHUNKS = 32, 256
+# Least number of chunks when there are enough points, points of a chunk from there on, and most
+# chunks: each takes an executor some time.
+_FEW, _SIZE, _MANY = 256, 32, 2048
 
 MOST_POINTS = 10_000_000
 """The findings at this many points take a gigabyte; at a millisecond each they take three hours."""
@@ -107,7 +108,7 @@ def chunks_of(count: int, *, chained: bool = False) -> list[tuple[int, int]]:
     >>> chunks_of(3), len(chunks_of(40_000)), chunks_of(40_000)[-1]
     ([(0, 1), (1, 2), (2, 3)], 1250, (39968, 40000))
     """
-    size = 1 if chained else min(max(count // _CHUNKS, 1), _MOST)
+    size = 1 if chained else max(1, min(count // _FEW, _SIZE), count // _MANY)
     return [(first, min(first + size, count)) for first in range(0, count, size)]
 
 

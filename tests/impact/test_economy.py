@@ -17,13 +17,15 @@ from dynkit.core.validation import Array
 from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
 from dynkit.systems.impact.modes import structure
-from dynkit.systems.impact.modes.bases import Basis, CoupledModes, NormalModes
+from dynkit.systems.impact.modes.bases import Basis, CoupledModes, NormalModes, row_by_row
 from dynkit.systems.impact.modes.steady_response import Forced
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.oscillators.play import PlayOscillator
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation import runs
+from dynkit.systems.impact.simulation.automaton import Automaton
 from dynkit.systems.impact.simulation.runs import Course
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts
 from dynkit.systems.impact.variational import tangents
@@ -100,6 +102,17 @@ def test_contact_at_another_frequency_takes_no_modes_anew(
     assert max(rows) <= 3  # sine and cosine of the table, and the rest
 
 
+@pytest.mark.parametrize("size", [1, 2, 10, 37])
+@pytest.mark.parametrize("shape", [(), (1,), (15,), (16,), (33,), (5, 7)])
+def test_products_row_by_row_are_sums_in_order(size: int, shape: tuple[int, ...]) -> None:
+    random = np.random.default_rng(size)
+    matrix = random.normal(size=(size, size + 2)) * 10.0 ** random.integers(-9, 9, (size, size + 2))
+    rows = random.normal(size=(*shape, 2, size + 2))[..., 0, :]
+    rows[..., 0] = -0.0
+    sums = np.add.accumulate(rows[..., None, :] * matrix, axis=-1)[..., -1]
+    assert row_by_row(rows, matrix).tobytes() == np.ascontiguousarray(sums).tobytes()
+
+
 @pytest.mark.parametrize("damping", [0.1, (0.1, 0.2, 0.05, 0.1)])
 def test_a_sweep_in_frequency_builds_the_structure_once(
     damping: Any, monkeypatch: pytest.MonkeyPatch
@@ -125,6 +138,36 @@ def test_a_sweep_in_frequency_builds_the_structure_once(
     assert found.cost.counts["contacts"] > 0
     # free flight and contact, each a structure, and the free motion that labels ask for
     assert calls == {"Structure": 2, "basis_of": 2, "steps": 3, "_arranged": 3}
+
+
+@pytest.mark.parametrize(
+    "machine",
+    [
+        ImpactChain(masses=4, frequency=0.4),
+        PlayOscillator(frequency=1.38, play=1.0, spring=1.0, damping=0.1, force=1.0, amplitude=0.0),
+    ],
+)
+def test_a_sweep_in_restitution_builds_each_mode_once(
+    machine: ImpactOscillator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built, plain = [0], Automaton._build
+
+    def counted(*arguments: Any) -> None:
+        built[0] += 1
+        plain(*arguments)
+
+    monkeypatch.setattr(Automaton, "_build", counted)
+    values = np.linspace(0.0, 0.6, 13)
+    given: dict[str, Any] = {"transient": 50, "keep": 60}
+    machine._structure.automata.clear()
+    found = sweep(machine, "restitution", values, follow=False, progress=False, **given)
+    assert found.cost.counts["contacts"] > 0
+    assert built[0] <= 1 + len(machine._stops)  # free flight, and contact with each stop
+    for k, value in enumerate(values):
+        machine._structure.automata.clear()
+        alone = machine.replace(restitution=value).attractor(**given)
+        kept = found.observable("relative_velocity")[k, : found.counts[k]]
+        assert np.array_equal(kept, alone.record.relative_velocity)  # the same bits
 
 
 @pytest.mark.parametrize("arms", [3, 20])
@@ -260,6 +303,7 @@ def test_a_run_has_one_work_space_for_all_modes_that_it_finds(
 
     monkeypatch.setattr(runs, "workspace", counted)
     chain = ImpactChain(masses=4, restitution=0.3, frequency=0.4)
+    chain._structure.automata.clear()  # another oscillator may have entered contact
     for more in (1, 0):  # the first motion enters contact, and has room for its states made
         spaces.clear()
         assert len(chain.simulate(impacts=100).sticking)

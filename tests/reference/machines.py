@@ -59,7 +59,7 @@ class Machine:
 
     def __init__(self, system: Any) -> None:
         with ctx.workprec(BITS):
-            elements = system._automaton._elements
+            elements = system._elements
             self.size = n = system.degrees_of_freedom
             self.frequency = arb(float(system.frequency))
             joints = [k for k, e in enumerate(elements) if e.slider]

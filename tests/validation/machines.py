@@ -68,7 +68,7 @@ def compared(system: Any, start: Any, truth: Any = None) -> Comparison:
         sine, cosine = start._turn.tolist()
         z = machine.start(start.position, start.velocity, start.sliders, sine, cosine)
         end = _end(record)
-        marks = cycled_by(system._automaton._elements) if system._cycled else None
+        marks = cycled_by(system._elements) if system._cycled else None
         events, out.ended = machine.motion(
             z,
             end + SHORT,

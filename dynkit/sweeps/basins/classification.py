@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -12,11 +12,10 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Diverged, NoCrossing, NoMotion, Refused
 from dynkit.core.validation import Array
-from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.points import Anything, Columns, Findings, Points, Rows
-from dynkit.labels.columns import COLUMNS, empty_columns, put_label
+from dynkit.engine.points import Anything, Rows
+from dynkit.labels.columns import empty_columns, put_label
 from dynkit.labels.label import OrbitKind, OrbitLabel
 
 UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE, NO_MOTION = -1, -2, -3, -4, -5
@@ -209,40 +208,3 @@ def _packed_size(system: Map, rows: Array) -> int:
         except Refused as refusal:
             last = refusal
     raise ValueError(f"starts must hold a state of the system; got none ({last})")
-
-
-@final
-class Starts(Points):
-    """All starts, (n, s), as points of the engine."""
-
-    def __init__(self, look: Look, starts: Array) -> None:
-        self._look = look
-        self._starts = starts
-
-    def __len__(self) -> int:
-        return len(self._starts)
-
-    @property
-    def work(self) -> Callable[[Array], Rows]:
-        return self._look
-
-    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
-        return self._starts[first:last]
-
-    @property
-    def entries(self) -> Mapping[str, str]:
-        return {
-            "kind": "basins of attraction",
-            "system": kind_of(self._look.system),
-            **identity_of(self._look.system),
-            **self._look.entries,
-        }
-
-    @property
-    def columns(self) -> Columns:
-        state, packed = self._look.sizes
-        return {**COLUMNS, "rest": ("f", ()), "state": ("f", (state,)), "final": ("f", (packed,))}
-
-    @property
-    def inputs(self) -> Mapping[str, Anything]:
-        return {"starts": self._starts}

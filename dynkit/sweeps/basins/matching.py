@@ -21,16 +21,19 @@ from dynkit.sweeps.basins.classification import UNSETTLED, Look, orbit_size
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# Orbits are equal when a state of one is within _NEAR of the other, relative to starts and states,
+# Orbits are equal when a state of one is within NEAR of the other, relative to starts and states,
 # plus _ERRORS times the distances of both motions from their orbits. A motion further than _MOST
 # from its orbit is unsettled.
-_NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
+NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
 
 # States of a chaotic or quasi-periodic attractor; further states that give the scale of distances;
 # states of another motion to compare.
 _REFERENCE, _OWN, _SAMPLE = 2000, 512, 64
 # Largest median distance of another motion on the same attractor, relative to that scale.
 _FACTOR = 3.0
+
+# Numbers of the differences that are computed together.
+_TOGETHER = 1 << 16
 
 
 @final
@@ -45,7 +48,7 @@ class Found:
 
 
 def group_starts(
-    look: Look, rows: Rows, shape: tuple[int, ...], executor: Executor | None
+    look: Look, rows: Rows, starts: Array, shape: tuple[int, ...], executor: Executor | None
 ) -> tuple[NDArray[np.int64], tuple[Basin, ...]]:
     """Return the number of each start's attractor, and the basins in the order of the starts.
 
@@ -53,7 +56,7 @@ def group_starts(
     """
     chaos, rows = _filled(OrbitKind.CHAOTIC, look, rows, executor)
     curves, rows = _filled(OrbitKind.QUASI_PERIODIC, look, rows, executor)
-    groups = [*chaos, *curves, *_orbits(look, rows), *_rests(rows)]
+    groups = [*chaos, *curves, *orbits_in(look, rows, starts), *_rests(rows)]
     kinds: NDArray[np.int64] = rows.arrays["kind"]
     numbers = np.where(kinds < 0, kinds, UNSETTLED)
     groups.sort(key=lambda group: group[0].place)
@@ -83,31 +86,47 @@ def label_at(rows: Rows, place: int) -> OrbitLabel:
     return label_in(rows.arrays, place, kinds)
 
 
-def _orbits(look: Look, rows: Rows) -> Iterator[_Group]:
-    states, rests = rows.arrays["state"], rows.arrays["rest"]
+def orbits_in(look: Look, rows: Rows, starts: Array) -> Iterator[_Group]:
+    """Yield periodic and sticking orbits with their members, from the rows of some starts (n, s).
+
+    The first member of an orbit that has ended early, without a final state, is simulated again.
+    """
     left = _places(rows, OrbitKind.PERIODIC, OrbitKind.STICKING)
     while len(left):
         first = int(left[0])
+        if np.isnan(rows.arrays["final"][first]).any():
+            rows = _changed(rows, {first: look(starts[[first]])})
+        states, rests = rows.arrays["state"], rows.arrays["rest"]
         label = label_at(rows, first)
+        if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING):
+            left = left[1:]  # rounding has led it elsewhere: unsettled
+            continue
         start = look.system.unpack_state(rows.arrays["final"][first])
         orbit, _ = look.states_after(start, orbit_size(label))
-        size = max(float(np.linalg.norm(orbit, axis=1).max()), look.scale)
+        size = size_of(look, orbit)
         if not rests[first] <= _MOST * size:
             left = left[1:]  # too far from its orbit: unsettled
             continue
-        allowed = _NEAR * size + _ERRORS * (rests[left] + rests[first])
-        same = _nearest(look, orbit, states[left]) <= np.minimum(allowed, _MOST * size)
+        allowed = NEAR * size + _ERRORS * (rests[left] + rests[first])
+        same = nearest(look, orbit, states[left]) <= np.minimum(allowed, _MOST * size)
         same[0] = True
         yield Found(first, label, rows.texts["ending"][first], orbit), left[same]
         left = left[~same]
 
 
-def _nearest(look: Look, reference: Array, states: Array) -> Array:
+def size_of(look: Look, orbit: Array) -> float:
+    """Return the largest norm of the states (n, d), or the largest number of all starts."""
+    return max(float(np.linalg.norm(orbit, axis=1).max()), look.scale)
+
+
+def nearest(look: Look, reference: Array, states: Array) -> Array:
     """Return the distance (k,) of each state (k, d) to the nearest of the reference (n, d)."""
-    difference = look.system.difference
-    return np.array(
-        [np.linalg.norm(difference(reference, state), axis=1).min() for state in states]
-    )
+    difference, found = look.system.difference, np.empty(len(states))
+    size = max(1, _TOGETHER // reference.size)
+    for low in range(0, len(states), size):
+        gaps = difference(reference, states[low : low + size, None])
+        found[low : low + size] = np.linalg.norm(gaps, axis=2).min(axis=1)
+    return found
 
 
 def _filled(
@@ -127,7 +146,7 @@ def _filled(
             continue
         states = motion.states
         reference, own = states[:_REFERENCE], states[_REFERENCE:]
-        limit = _FACTOR * float(np.median(_nearest(look, reference, own)))
+        limit = _FACTOR * float(np.median(nearest(look, reference, own)))
         same = _medians(look, reference, finals[left], executor) <= limit
         same[0] = True
         found = Found(first, label_at(rows, first), rows.texts["ending"][first], reference)
@@ -165,7 +184,7 @@ class _Compared:
         medians = []
         for packed in finals:
             states, _ = self.look.states_after(self.look.system.unpack_state(packed), _SAMPLE)
-            medians.append(float(np.median(_nearest(self.look, self.reference, states))))
+            medians.append(float(np.median(nearest(self.look, self.reference, states))))
         return np.array(medians)
 
 

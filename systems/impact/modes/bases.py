@@ -16,9 +16,6 @@ from dynkit.exponential.modes import Pairs
 from dynkit.systems.impact.modes.block_schur import Blocks, real_blocks
 from dynkit.systems.structure.modes import Derivation, Modes
 
-_CACHED = 2**14
-"""Numbers that are summed at a time, chosen to fit into the processor's cache."""
-
 
 def row_by_row(rows: Array, matrix: Array) -> Array:
     """Products (..., m) of each row (..., n) with a matrix (m, n).
@@ -26,17 +23,12 @@ def row_by_row(rows: Array, matrix: Array) -> Array:
     The bits of a product do not depend on the other rows, unlike with BLAS, whose order of
     summation depends on their number.
     """
-    if rows.ndim == 1:  # `accumulate` sums one after the other, too
-        return np.asarray(np.add.accumulate(matrix.T * rows[:, None])[-1])
-    most = max(1, _CACHED // max(1, len(matrix)))
-    if rows.ndim == 2 and len(rows) > most:
-        parts = [rows[first : first + most] for first in range(0, len(rows), most)]
-        columns = np.asfortranarray(matrix)
-        return np.concatenate([row_by_row(part, columns) for part in parts])
-    out = rows[..., :1] * matrix[:, 0]
-    for j in range(1, matrix.shape[1]):
-        out += rows[..., j, None] * matrix[:, j]
-    return np.asarray(out)
+    from dynkit.systems.impact.modes.row_kernels import fill_products
+
+    flat = np.ascontiguousarray(rows).reshape(-1, rows.shape[-1])
+    out = np.empty((len(flat), len(matrix)))
+    fill_products(flat, np.ascontiguousarray(matrix.T), out)
+    return out.reshape(*rows.shape[:-1], len(matrix))
 
 
 class Basis(ABC):

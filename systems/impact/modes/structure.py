@@ -58,6 +58,7 @@ class Structure:
         self._beside: dict[int, Structure] = {}
         self.stuck: dict[bytes, Structure] = {}
         self.seen: dict[Any, Any] = {}
+        self.automata: dict[Any, Any] = {}
 
     @cached_property
     def free(self) -> Basis:
@@ -91,7 +92,7 @@ class Structure:
     def with_basis(self, basis: Basis) -> Structure:
         """The same structure with another basis."""
         other = copy.copy(self)
-        other.free, other._contacts, other.seen = basis, {}, {}
+        other.free, other._contacts, other.seen, other.automata = basis, {}, {}, {}
         return other
 
     def stiffened(self, springs: Sequence[tuple[Array, float, float]]) -> Structure:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from dynkit.core.validation import (
+    Array,
     boolean,
     non_negative_integer,
     positive_integer,
     within_memory,
 )
+from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map import Arrivals
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 from dynkit.systems.impact.records.record import ImpactRecord
@@ -174,6 +177,16 @@ class ImpactOscillator(ImpactMap):
         before = self._run(state, skipped, store=False) if skipped else None
         kept = self._run(before.final if before else state, count, store=True)
         return ImpactAttractor(self, skipped, ImpactRecord(self, kept), before)
+
+    def arrivals(
+        self, starts: Array, orbits: Sequence[Attractor], transient: int, near: float
+    ) -> Arrivals | None:
+        from dynkit.systems.impact.records.ensemble import Ensemble
+
+        if not Ensemble.serves(self):
+            return None
+        records = [cast("ImpactAttractor", orbit).record for orbit in orbits]
+        return Ensemble(self, records).arrivals(starts, transient, near)
 
     def _attractor_of(self, record: ImpactRecord) -> ImpactAttractor:
         return ImpactAttractor(self, 0, record, None)

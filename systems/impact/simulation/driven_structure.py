@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from dynkit.systems.impact.modes.structure import (
 )
 from dynkit.systems.impact.simulation.automaton import Automaton, cycled_by, halts
 from dynkit.systems.impact.simulation.crossed import Crossed
+from dynkit.systems.impact.simulation.rebounding import Rebounding
 from dynkit.systems.structure.energies import NotQuadraticError
 from dynkit.systems.structure.equations import (
     derivation_of,
@@ -337,6 +338,8 @@ class DrivenStructure(LagrangianStructure):
     def _automaton(self) -> Any:
         if self._motion is not None:
             return self._taylor_automaton()
+        if not self.elements and not isinstance(self.restitution, ImpactLaw):
+            return Rebounding(self._alike, self.restitution)
         tolerance, given = self.chatter_tolerance, self._elements
         named = dict(zip(names_of(self.elements), self.elements, strict=True))
         normal = {
@@ -345,6 +348,23 @@ class DrivenStructure(LagrangianStructure):
             if e.leans_on
         }
         return Automaton(self._structure, self._excitation, given, tolerance, normal)
+
+    @property
+    def _alike(self) -> Automaton:
+        """The automaton of all oscillators that differ in the restitution of the table alone.
+
+        The structure keeps that of the last frequency, forces and table.
+        """
+        stops = tuple(replace(stop, restitution=1.0) for stop in self._stops)
+        forces = self.harmonic_forces, self.constant_forces
+        key = (self.frequency, *forces, self.chatter_tolerance, stops)
+        known = self._structure.automata
+        found = known.get(key)
+        if found is None:
+            given = self._structure, self._excitation, stops, self.chatter_tolerance
+            known.clear()
+            found = known[key] = Automaton(*given, {})
+        return cast("Automaton", found)
 
     def _taylor_automaton(self) -> Any:
         from dynkit.systems.impact.modes.taylor_scene import Scene

@@ -1,0 +1,156 @@
+"""Starts as points of the engine: most of them arrive at orbits that a sample of them has found."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+from dynkit.data.store import identity_of, kind_of
+from dynkit.dynamics.attractor import Attractor
+from dynkit.engine.executors import finished
+from dynkit.engine.points import Anything, Columns, Findings, Points, Rows, chunks_of
+from dynkit.labels.columns import COLUMNS
+from dynkit.labels.label import OrbitKind
+from dynkit.sweeps.basins.classification import Look, orbit_size
+from dynkit.sweeps.basins.matching import NEAR, label_at, nearest, orbits_in, size_of
+
+# Fewest starts of which a sample is simulated first, as a kernel is compiled for some seconds once.
+# A motion that has arrived is ten times as near to an orbit as motions on the same attractor are.
+_MANY, _ARRIVED = 1000, 0.1 * NEAR
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Arriving:
+    """Function from starts (n, s) to their rows; motions that arrive at known orbits end early.
+
+    Parameters
+    ----------
+    look : Look
+    known : Rows
+        Rows of motions on the known orbits.
+    """
+
+    look: Look
+    known: Rows
+
+    @cached_property
+    def _orbits(self) -> list[Attractor]:
+        """The states of each known orbit."""
+        system, finals = self.look.system, self.known.arrays["final"]
+        sizes = [orbit_size(label_at(self.known, k)) for k in range(len(finals))]
+        return [
+            system.attractor(start=system.unpack_state(final), transient=0, keep=size)
+            for final, size in zip(finals, sizes, strict=True)
+        ]
+
+    def __call__(self, starts: Array) -> Rows:
+        """Return the rows of some starts; those that have arrived have no final state."""
+        began, look = time.perf_counter(), self.look
+        arrivals = look.system.arrivals(starts, self._orbits, look.transient, _ARRIVED)
+        assert arrivals is not None
+        orbits, states, cost = arrivals
+        rest, known = np.full(len(starts), np.inf), self.known.arrays
+        for number, orbit in enumerate(self._orbits):
+            here = np.flatnonzero(orbits == number)
+            found = nearest(look, orbit.states, states[here])
+            rest[here] = np.where(found <= NEAR * size_of(look, orbit.states), found, np.inf)
+        (others,) = np.nonzero(np.isinf(rest))
+        later, (there,) = look(starts[others]), np.nonzero(np.isfinite(rest))
+        which = orbits[there]
+        arrays = {name: np.empty((len(starts), *a.shape[1:]), a.dtype) for name, a in known.items()}
+        for name, array in arrays.items():
+            array[others], array[there] = later.arrays[name], known[name][which]
+        arrays["final"][there] = np.nan
+        arrays["state"][there], arrays["rest"][there] = states[there], rest[there]
+        endings = [""] * len(starts)
+        for place, ending in zip(others.tolist(), later.texts["ending"], strict=True):
+            endings[place] = ending
+        for place, number in zip(there.tolist(), which.tolist(), strict=True):
+            endings[place] = self.known.texts["ending"][number]
+        seconds = time.perf_counter() - began - later.cost.seconds
+        return Rows(arrays, {"ending": endings}, later.cost + cost + Cost(seconds))
+
+
+@final
+@dataclass(eq=False)
+class Starts(Points):
+    """All starts, (n, s), as points of the engine.
+
+    A sample of the starts, as many as the square root of their number, is simulated first. All
+    others are compared with its stable periodic orbits.
+
+    Attributes
+    ----------
+    sampling : Cost
+        Cost of the sample.
+    """
+
+    look: Look
+    starts: Array
+    executor: Executor | None
+    sampling: Cost = field(init=False, default_factory=lambda: Cost(0.0))
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @cached_property
+    def work(self) -> Callable[[Array], Rows]:
+        look, count = self.look, len(self)
+        able = look.system.arrivals(self.starts[:0], (), 0, _ARRIVED) is not None
+        if count < _MANY or not able:
+            return look
+        places = np.random.default_rng(count).choice(count, math.isqrt(count), replace=False)
+        sample = self.starts[np.sort(places)]
+        rows = self._sampled(sample)
+        self.sampling = rows.cost
+        firsts = [found.place for found, _ in orbits_in(look, rows, sample)]
+        known = np.array([k for k in firsts if _attracts(rows, k)], dtype=np.intp)
+        if not len(known):
+            return look
+        arrays = {name: array[known] for name, array in rows.arrays.items()}
+        endings = [rows.texts["ending"][k] for k in known.tolist()]
+        return Arriving(look, Rows(arrays, {"ending": endings}, Cost(0.0)))
+
+    def _sampled(self, sample: Array) -> Rows:
+        chunks, findings = chunks_of(len(sample)), Findings(len(sample))
+        tasks = [sample[slice(*chunk)] for chunk in chunks]
+        for number, rows in finished(self.look, tasks, self.executor):
+            findings.add(np.arange(*chunks[number]), rows)
+        return findings.rows()
+
+    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
+        return self.starts[first:last]
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        return {
+            "kind": "basins of attraction",
+            "system": kind_of(self.look.system),
+            **identity_of(self.look.system),
+            **self.look.entries,
+        }
+
+    @property
+    def columns(self) -> Columns:
+        state, packed = self.look.sizes
+        return {**COLUMNS, "rest": ("f", ()), "state": ("f", (state,)), "final": ("f", (packed,))}
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        return {"starts": self.starts}
+
+
+def _attracts(rows: Rows, place: int) -> bool:
+    """Whether a motion is on a stable P(n,m) or P(inf,m)."""
+    label = label_at(rows, place)
+    return label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING) and bool(label.stable)

@@ -1,0 +1,182 @@
+"""Many starts of one oscillator, simulated until they arrive at known periodic orbits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.cost import Cost
+from dynkit.core.validation import Array
+from dynkit.dynamics.map import Arrivals
+from dynkit.exponential.propagators import cells_of_a_call, workspace
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.elements.law_kernels import REGISTERS
+from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.runs import MOST_CELLS, band_factor
+from dynkit.systems.impact.simulation.trajectory import Impacts
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+
+_SWITCHES = 64
+"""Switches between two comparisons with the orbits; a motion with more is not followed."""
+_CLEAR = 2.0**-40
+"""A start is in flight where its gaps exceed this part of their terms, and slips where rates do."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Periodic orbits of one oscillator, and what their comparison with many motions needs.
+
+    Parameters
+    ----------
+    system : ImpactMap
+    records : sequence of ImpactRecord
+        One period of each orbit, or more of an orbit that sticks.
+    """
+
+    system: ImpactMap
+    records: Sequence[ImpactRecord]
+
+    @staticmethod
+    def serves(system: ImpactMap) -> bool:
+        """Whether positions, velocities and phase determine flights, and slots hold them all."""
+        own = system._motion is None and not system._strobed and not system._sliders
+        rests = any(regime.holds for element in system._soft for regime in element.regimes)
+        return own and not rests and system._free.layout.table >= 0
+
+    def arrivals(self, starts: Array, most: int, near: float) -> Arrivals:
+        """Arrivals of starts (n, 2N + 1): see `dynkit.dynamics.map.Map.arrivals`."""
+        from dynkit.systems.impact.simulation.ensemble_kernels import STRIDE, Members, arrive
+
+        system, n = self.system, len(starts)
+        numbers, found = np.full(n, -1), np.full((n, system.dimension), np.nan)
+        if not n:
+            return numbers, found, Cost(0.0)
+        free, tables = system._free, system._automaton.tables
+        orbits, slots = self._orbits(near), tables.ladders.step.shape[3]
+        turns, states, flies = self._begun(starts)
+        (able,) = np.nonzero(flies)
+        members: Any = Members(
+            np.ascontiguousarray(states[able]),
+            turns[able],
+            np.full(len(able), -1),
+            np.zeros((len(able), 4), np.intp),
+            self._log(len(able)),
+        )
+        noted = self._log(max(STRIDE, int(orbits.period.max(initial=0))))
+        buffers = self._buffers(noted, slots)
+        contact = system._automaton.table[: len(tables.event), 3] == EventKind.CONTACT
+        limits = band_factor(free.layout.slots), MOST_CELLS, cells_of_a_call(slots)
+        first = 0
+        while first < len(able):
+            first = arrive(tables, orbits, contact, near, most, *limits, first, members, *buffers)
+
+        (there,) = np.nonzero(members.number >= 0)
+        here = able[there]
+        numbers[here] = members.number[there]
+        time, speed, guard, reached, none = members.last
+        last = Impacts(time[there], speed[there], guard[there], reached[there], none)
+        automaton = system._automaton  # a later orbit may have entered modes that the first did not
+        regimes, guards = tuple(automaton.regimes), automaton.table
+        run = replace(self.records[0]._run.holding(last), regimes=regimes, guards=guards)
+        found[here] = ImpactRecord(system, run).states
+        names = "impacts", "cells", "contacts", "touches"
+        counts = dict(zip(names, members.counts.sum(axis=0).tolist(), strict=True))
+        return numbers, found, Cost(0.0, counts)
+
+    def _log(self, rows: int) -> Any:
+        """An empty log of impacts."""
+        from dynkit.systems.impact.simulation.log_kernels import Impacts as Log
+
+        (time, speed), shape = np.zeros((2, rows)), (rows, 2, self.system._free.layout.slots)
+        return Log(time, speed, np.zeros(rows, np.intp), np.zeros(shape), np.zeros((0, 2)))
+
+    def _buffers(self, impacts: Any, slots: int) -> Any:
+        """Buffers of a run, one of which is a log of impacts."""
+        from dynkit.systems.impact.simulation.clock_kernels import CLOCK
+        from dynkit.systems.impact.simulation.log_kernels import Switches
+
+        time, rest, speed = np.zeros((3, _SWITCHES))
+        before, guard = np.zeros((2, _SWITCHES), np.intp)
+        return (
+            np.zeros(CLOCK),
+            np.zeros((len(self.system._elements), 4)),
+            impacts,
+            Switches(time, rest, speed, before, guard, np.zeros((_SWITCHES, 2, slots))),
+            workspace(slots),
+            np.zeros(5, dtype=np.int64),
+            np.zeros(2 + REGISTERS),
+        )
+
+    def _orbits(self, near: float) -> Any:
+        """The impacts of one period of each orbit, for the kernel."""
+        from dynkit.systems.impact.simulation.ensemble_kernels import Orbits
+
+        logs = [_one_period(record, near) for record in self.records]
+        sizes = [_size(log) for log in logs]
+        periods = np.array([len(log.time) for log in logs])
+        return Orbits(
+            np.concatenate([log.guard for log in logs]),
+            np.concatenate([log.speed for log in logs]),
+            np.concatenate([log.states for log in logs]),
+            np.repeat(sizes, periods),
+            np.repeat(np.arange(len(logs)), periods),
+            np.repeat(periods, periods),
+        )
+
+    def _begun(self, starts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Sines and cosines (n, 2), states (n, 2, slots), and whether starts fly and slip (n,).
+
+        The bits are those of `ImpactMap.state`.
+        """
+        system, n = self.system, self.system.degrees_of_freedom
+        x, v, angles = starts[:, :n], starts[:, n : 2 * n], starts[:, -1].tolist()
+        turns = np.array([list(map(math.sin, angles)), list(map(math.cos, angles))]).T.copy()
+        able = np.ones(len(starts), dtype=bool)
+        for stop, contact in zip(system._stops, system._contacts, strict=True):
+            row = contact.row[:n]
+            table = stop.swing(*turns.T) + stop.offset
+            size = abs(x) @ abs(row) + stop.amplitude + abs(stop.offset)
+            able &= stop.sign * (x @ row - table) > _CLEAR * size
+        for element in system._soft:
+            if any(regime.sticks for regime in element.regimes):
+                row = element.row(n)
+                speed = element.drift + element.swing_rate(system.frequency, *turns.T)
+                size = abs(row).sum() * abs(v).max(axis=1) + abs(speed)
+                able &= abs(v @ row - speed) > _CLEAR * size
+        free = system._free
+        if n == 1:
+            q = free.coordinates(x, v, *turns.T)
+        else:  # one by one: a product of matrices sums in an order that depends on their number
+            rows = zip(x, v, turns, strict=True)
+            q = np.array([free.coordinates(a, b, *turn) for a, b, turn in rows])
+        able &= np.isfinite(q).all(axis=(1, 2)) & ((q * q).sum(axis=(1, 2)) < 1e100)
+        return turns, free.states(q, *turns.T), able
+
+
+def _size(log: Impacts) -> float:
+    """The largest number of the states and speeds."""
+    return max(float(abs(log.states).max(initial=0.0)), float(log.speed.max(initial=0.0)))
+
+
+def _one_period(record: ImpactRecord, near: float) -> Impacts:
+    """The impacts of one period: all of P(n,m); of an orbit that sticks those until it recurs.
+
+    Such an orbit is followed from its fastest impact, as the last bounces of a chatter are alike.
+    Where it does not recur within the record, there are none.
+    """
+    log: Impacts = record._run.log
+    if not len(record.sticking):
+        return log
+    first = int(np.argmax(log.speed[: max(len(log.speed) // 2, 1)]))
+    gaps = abs(log.states[first + 1 :] - log.states[first]).max(axis=(1, 2))
+    gaps = np.maximum(gaps, abs(log.speed[first + 1 :] - log.speed[first]))
+    again = np.flatnonzero(gaps <= near * _size(log))
+    return log.part(first, first + 1 + int(again[0]) if len(again) else first)
