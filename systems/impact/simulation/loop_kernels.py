@@ -436,6 +436,8 @@ def run(
             if tables.order[best] == 1:
                 own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
             appear(tables, m, target, left)
+            # Others that switched at the same time do so in another mode.
+            try_again(tables, tables.partner[best], left, y)
             enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
             if tables.marks[best]:
                 if store:
