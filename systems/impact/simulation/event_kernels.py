@@ -259,8 +259,11 @@ def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
     for k in range(tables.first[m], tables.first[m + 1]):
         own = left[tables.element[k]]
         begins = k == tables.first[m] or tables.element[k - 1] != tables.element[k]
-        slips = begins and tables.event[k] in (SWITCH, HALT)
-        if slips and own[MOTION] == SWITCHED and own[ORDER] == 1.0:
+        if not begins or tables.event[k] not in (SWITCH, HALT) or own[MOTION] != SWITCHED:
+            continue
+        if own[ORDER] == 0.0:  # a force is another one
+            own[MOTION] = FLIGHT
+        elif own[ORDER] == 1.0:
             guard = ladder_at(tables.ladders, k)
             own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
             if own[SPEED] <= 0.0:
