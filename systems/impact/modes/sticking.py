@@ -128,7 +128,8 @@ def _solved(structure: Structure, forces: DoubleDouble) -> Array:
     Refined, as soft structures multiply the rounding of a solution by their condition number.
     """
     stiffness = structure.stiffness
-    back = np.linalg.pinv(stiffness, len(stiffness) * 2.0**-52)
+    even = np.array_equal(stiffness, stiffness.T)
+    back = np.linalg.pinv(stiffness, len(stiffness) * 2.0**-52, hermitian=even)
     found: Array = back @ forces.high
     for _ in range(_REFINEMENTS):
         missed = add(forces, negative(structure.forces("stiffness", found)))
