@@ -19,7 +19,7 @@ RESONANT = 1e-3
 """Relative distance of a mode's rate from the forcing frequency below which the mode is driven step
 by step: its steady response would be so large that the rest of the motion lost digits."""
 
-_TWINS = 8.0
+DISTURBANCE = 8.0
 """Disturbance of numbers by which `ImpactRecord.error` is estimated, in units of 2^-52: steady
 responses that lose more than this factor by cancellation are refined."""
 
@@ -169,7 +169,7 @@ class Forced:
         terms = w * w + abs(determinant) + w * abs(trace)
         resonant = distance < RESONANT * terms
         product = abs(g[0] * g[3]) + abs(g[1] * g[2])
-        lossy = distance < terms / _TWINS, abs(determinant) < product / _TWINS
+        lossy = distance < terms / DISTURBANCE, abs(determinant) < product / DISTURBANCE
         response = np.zeros_like(push)
         chained = np.unique(pairs.links[0])
         alone = np.ones(pairs.count, dtype=bool)
